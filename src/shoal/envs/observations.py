@@ -80,7 +80,7 @@ def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDA
 def rewards_of(
     classified: NDArray[Any], moves: NDArray[Any], done: NDArray[np.bool_], options: SwarmEnvOptions
 ) -> NDArray[np.float64]:
-    """Return the reward of each world for one step of its environment.
+    """Return the reward of each world for one step.
 
     The reward is the number of newly classified cells times ``classified_reward``, minus ``move_price`` for each sent command. In
     the step that completes the task, the reward increases by ``final_bonus``.

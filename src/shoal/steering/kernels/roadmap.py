@@ -102,12 +102,12 @@ def farthest(delta, direction, back, most, model, tried, step):
 
 @kernel
 def widen(delta, back, directions, most, model, gain, records, nodes, count):
-    """Append to ``nodes`` the extreme position differences that cycles can reach from ``delta``; return the new number of nodes.
+    """Find position differences that cycles can reach from ``delta``, and append the extreme ones to ``nodes``.
 
-    A position difference is extreme if it is longer than all earlier nodes in about the same direction. If ``back`` is true, the
-    kernel instead adds position differences from which cycles can reach ``delta``. In this case, a position difference is extreme
-    if it is shorter than all earlier nodes in about the same direction. ``records`` holds the most extreme length in each range of
-    directions.
+    ``delta`` is a position difference, too. The result is the new number of nodes. A position difference is extreme if it is longer
+    than all earlier nodes in about the same direction. If ``back`` is true, the kernel instead adds position differences from which
+    cycles can reach ``delta``. In this case, a position difference is extreme if it is shorter than all earlier nodes in about the
+    same direction. ``records`` holds the most extreme length in each range of directions.
     """
     step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
     size = np.sqrt(dot(delta, delta))

@@ -307,6 +307,6 @@ def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, wor
 
 @kernel
 def step_all(states, moves, world):
-    """Make one move in each of many simulated worlds, in place. All particles of a world receive the move of their world."""
+    """Make one move in each of many simulated worlds, in place. ``moves[k]`` is the move of all particles of world k."""
     for s in range(states.shape[0]):
         step(states[s], moves[s], world)

@@ -53,8 +53,7 @@ def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:
 def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
     """Yield copies of ``chain``, each with one contact on another side of the polygon.
 
-    The contact was at an end of its side in ``chain``. In the copy, the contact is on the side that lies ``step`` sides further
-    around the polygon, beyond this end.
+    In ``chain``, the contact is at an end of its side. In the copy, the contact is on the ``step``-th side beyond this end.
 
     The attribute ``length`` of each yielded chain is still the length of ``chain``.
     """
