@@ -7,7 +7,7 @@ The function `run` runs a problem of any part (swarm, steering or search) and re
 >>> episode.status.done, bool(episode.verify())
 (True, True)
 
-The statement ``import shoal`` takes little time, because Shoal loads a part of the library only when a public name of this part is used.
+The statement ``import shoal`` takes little time, because Shoal loads each part of the library only when it is used.
 """
 
 from __future__ import annotations
