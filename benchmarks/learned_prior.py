@@ -20,7 +20,7 @@ from shoal.swarm import GridWorkspace, make_policy
 from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.kernels.prediction.learned_prior import KINDS, MOST_ODDS, ODDS, RADIUS, SHIFT, SPAN, learned_chance
+from shoal.swarm.kernels.prediction.learned_prior import KINDS, MOST_ODDS, ODDS, RADIUS, SHIFT, SPAN, learn_bias, learned_chance
 from shoal.swarm.kernels.prediction.occupancy_prior import LEARNED, around, learn, steps_of, weigh
 from shoal.swarm.maps.generators import vessels
 from shoal.swarm.policies.planners.learned_weights import CHANCES, TURNS, WEIGHTS
@@ -225,15 +225,17 @@ def foretold(name, n, trial):
     fresh = new_prior(world.layout, lattices=LEARNED - 1, learned=True)
     ended = False
     while not ended:
-        before, trace = field.known.copy(), Trace.empty(1)
+        before, bias, trace = field.known.copy(), learned.bias[0], Trace.empty(1)
         ended = game.play_on(trace, 1)[1] != 0
         step, side = steps_of(prior.rows, prior.width, trace.commands[0])
+        learned.bias[0] = bias  # each cell is foretold before its outcome is learned
         for word in np.flatnonzero(field.known & ~before):
             new = int(field.known[word] & ~before[word])
             for bit in (bit for bit in range(64) if new >> bit & 1):
                 cell, free = np.int64(64 * word + bit), bool(int(field.open[word]) >> bit & 1)
                 weights = fresh.weights.copy()
                 fresh.told[LEARNED] = learned_chance(learned, field.open, before, cell, np.int64(trace.commands[0]))
+                learn_bias(learned, fresh.told[LEARNED], free)
                 learn(fresh, around(field.open, before, cell, step, side), cell, free)
                 rows.append((*fresh.told, weights @ fresh.told, free))
                 weigh(fresh, free)

@@ -200,7 +200,9 @@ def test_experience(shape):
         learnt.before[:] = field.known
         state = states(layout, learnt.before, field.open)
         steps.step(field, command, 0, True)
+        bias = network.bias[0]
         occupancy_prior.learn_from_command(field, learnt, network, command)
+        learnt_bias, network.bias[0] = network.bias[0], bias
         for i, word in enumerate(field.known & ~learnt.before):
             for bit in range(64):
                 if int(word) >> bit & 1:
@@ -209,7 +211,11 @@ def test_experience(shape):
                     told = 0.5
                     if len(shape) == 2:
                         told = learned_prior.learned_chance(network, field.open, learnt.before, np.int64(64 * i + bit), command)
-                    plainly.learn(around, row, column, bool(has(field.open, field.width, row, column)), told)
+                    free = bool(has(field.open, field.width, row, column))
+                    plainly.learn(around, row, column, free, told)
+                    network.bias[0] += free - told if len(shape) == 2 else 0
+        assert network.bias[0] == learnt_bias
+        assert (learnt_bias != 0) == (len(shape) == 2)
     assert learnt.weights == pytest.approx(plainly.weights)
     assert plainly.tallies["all"][0] > 0
     assert learnt.tallies[0].tolist() == list(plainly.tallies["all"])
@@ -315,9 +321,11 @@ def test_network(shape):
                 hidden = np.maximum(seen @ stored["first"].astype(int) + stored["first_bias"], 0)
                 hidden = np.maximum(stored["second"].astype(int) @ hidden + stored["second_bias"], 0) >> learned_prior.SHIFT
                 odds = (learned_prior.ODDS * int(stored["last"] @ hidden + stored["last_bias"][0])) >> (2 * learned_prior.SHIFT)
-                likely = stored["chances"][np.clip(odds + learned_prior.ODDS * learned_prior.MOST_ODDS, 0, 255)] / 65536
+                odds = int(np.clip(odds + learned_prior.ODDS * learned_prior.MOST_ODDS, 0, 255))
                 cell = np.int64(64 * layout.words[1] * row + column)
-                for _ in range(2):  # the second time it is remembered
+                for bias in (0.0, 0.49, -20.6):  # from the second time on, the window is remembered
+                    planner.learned.bias[0] = bias
+                    likely = stored["chances"][np.clip(odds + round(bias), 0, 255)] / 65536
                     assert learned_prior.learned_chance(planner.learned, field.open, field.known, cell, np.int64(command)) == likely
 
 

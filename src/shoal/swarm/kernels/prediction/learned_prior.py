@@ -5,6 +5,10 @@ window around a cell. A particle can enter this cell from any of the neighbourin
 that the particle always enters the cell at the window's centre from below. The kernel keeps the network's result for a cell until a
 cell in the window becomes known.
 
+The training does not know how many of the cells that an episode will classify are free. This share depends on the map and on the
+number of particles. The kernel therefore adds a bias to the log-odds of the network, and learns the bias during the episode
+(`learn_bias`).
+
 The page docs/concepts/prediction.md explains the learned prior.
 """
 
@@ -45,7 +49,8 @@ class LearnedPrior(NamedTuple):
     used: NDArray[np.int64]  # (SPAN * SPAN,): indices of the rows of ``first`` for the known cells of the window
     sums: NDArray[np.int16]  # (hidden,); with the trained weights, every sum fits into 16 bits, and every result into 32 bits
     marks: NDArray[np.uint64]  # for each cell: hash of the window at the last evaluation
-    told: NDArray[np.uint8]  # for each cell: index of the result in ``chances``
+    told: NDArray[np.uint8]  # for each cell: index of the network's result in ``chances``, without the bias
+    bias: NDArray[np.float64]  # (1,): bias of the log-odds in the current episode, in units of 1 / ODDS
     width: int  # words per row
 
 
@@ -134,10 +139,20 @@ def log_odds(learned, command):
 
 @in_place_kernel
 def learned_chance(learned, opened, known, cell, command):
-    """Return the network's probability that a cell is free. A particle would enter the cell with the command ``command``."""
+    """Return the probability that a cell is free. A particle would enter the cell with the command ``command``."""
     mark = look(learned, opened, known, cell, command)
     if learned.marks[cell] != mark:
         learned.marks[cell] = mark
         at = log_odds(learned, command) + ODDS * MOST_ODDS
         learned.told[cell] = np.uint8(min(max(at, np.int64(0)), np.int64(2 * ODDS * MOST_ODDS - 1)))
-    return learned.chances[learned.told[cell]]
+    at = np.int64(learned.told[cell]) + np.int64(np.floor(learned.bias[0] + 0.5))
+    return learned.chances[min(max(at, np.int64(0)), np.int64(2 * ODDS * MOST_ODDS - 1))]
+
+
+@in_place_kernel
+def learn_bias(learned, chance, free):
+    """Add the error of a probability to the bias: one step of stochastic gradient descent on the log loss, with the rate 1 / ODDS.
+
+    ``chance`` is the probability from `learned_chance` that a cell is free, and ``free`` is the outcome.
+    """
+    learned.bias[0] += (1.0 if free else 0.0) - chance

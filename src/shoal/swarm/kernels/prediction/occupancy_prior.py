@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
-from shoal.swarm.kernels.prediction.learned_prior import learned_chance
+from shoal.swarm.kernels.prediction.learned_prior import learn_bias, learned_chance
 
 MODELS = 4
 LEARNED = MODELS  # index of the learned expert, after the count experts
@@ -187,6 +187,7 @@ def learn_from_command(field, prior, learned, command):
             cell, free = 64 * i + lowest(new), field.open[i] & new & (~new + ONE) != ZERO
             if prior.weights[LEARNED] > 0.0:
                 prior.told[LEARNED] = learned_chance(learned, field.open, before, cell, command)
+                learn_bias(learned, prior.told[LEARNED], free)
             learn(prior, around(field.open, before, cell, step, side), cell, free)
             weigh(prior, free)
             new &= new - ONE

@@ -37,5 +37,6 @@ def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
         sums=np.zeros(len(weights()["first_bias"]), dtype=np.int16),
         marks=np.zeros(size, dtype=np.uint64),
         told=np.zeros(size, dtype=np.uint8),
+        bias=np.zeros(1),
         width=width,
     )
