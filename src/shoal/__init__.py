@@ -10,28 +10,9 @@ The function `run` runs a problem of any part (swarm, steering or search) and re
 The statement ``import shoal`` takes little time, because Shoal loads each part of the library only when it is used.
 """
 
-from __future__ import annotations
-
-import sys
-
-if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
-    # `python -m shoal` puts the current folder first on the search path, where a file could replace a module of Python.
-    del sys.path[0]
-# Only a command handles signals from here on. Worker processes have the same arguments but do not.
-if sys.argv and (sys.argv[0] == "-m" or sys.argv[0].endswith("/shoal")) and "multiprocessing" not in sys.modules:
-    import _signal  # type: ignore[import-not-found]  # signal takes some milliseconds, in which Ctrl-C would be told as a traceback
-
-    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
-        _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
-    from shoal.core.interruption import begin
-
-    begin()
-
-from typing import TYPE_CHECKING
-
-from shoal.core.registry import loaded_on_use
-from shoal.core.version import __version__
-
+# No import of a module of Python's: `python -m shoal` puts the current folder first on the search path, where a file could
+# replace it, until `shoal.__main__` runs.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from shoal.core.episode import Episode, Status, Verification
     from shoal.core.errors import InvalidInputError, MissingExtraError, OutputError, RigError, ShoalError, UnknownNameError
@@ -43,6 +24,7 @@ if TYPE_CHECKING:
     from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import read_map, write_map
     from shoal.swarm.maps.open import open_map
+    from shoal.core.version import __version__
     from shoal.views import figure, film
 
 _HOMES = {
@@ -50,6 +32,7 @@ _HOMES = {
     "core.errors": ("InvalidInputError", "MissingExtraError", "OutputError", "RigError", "ShoalError", "UnknownNameError"),
     "core.parts": ("load", "load_problem", "run"),
     "core.problem": ("Problem",),
+    "core.version": ("__version__",),
     "lab": ("run_trials",),
     "search": ("SearchProblem", "open_region"),
     "steering": ("SteeringProblem", "open_workspace"),
@@ -89,7 +72,10 @@ __all__ = [
 ]
 
 
-__getattr__ = loaded_on_use(__name__, _HOMES)
+def __getattr__(name: str) -> object:
+    from shoal.core.registry import loaded_on_use
+
+    return loaded_on_use(__name__, _HOMES)(name)
 
 
 def __dir__() -> list[str]:

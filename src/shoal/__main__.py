@@ -1,14 +1,24 @@
 """Entry point of Shoal's command line: the command ``shoal``, and ``python -m shoal``."""
 
-from __future__ import annotations
+import sys
 
-from typing import NoReturn
+if __name__ == "__main__" and not sys.flags.safe_path:
+    # `python -m shoal` puts the current folder first on the search path, where a file could replace a module of Python.
+    del sys.path[0]
 
-from shoal.core.interruption import begin
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import NoReturn
 
 
-def main() -> NoReturn:
+def main() -> "NoReturn":
     """Run one command of Shoal, and exit with the command's exit code. After Ctrl-C, print one line and stop."""
+    import _signal  # type: ignore[import-not-found]  # signal takes some milliseconds, in which Ctrl-C would print a traceback
+
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+        _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
+    from shoal.core.interruption import begin
+
     begin()
     from shoal.cli import main as command
 

@@ -1,7 +1,8 @@
-"""Atomic writing of output files: Shoal writes each output file under a temporary name and then renames it."""
+"""Files that Shoal writes: output files appear whole or not at all, and files of caches carry a checksum."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import secrets
@@ -85,6 +86,40 @@ def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None =
     OutputError
     """
     write_text(path, json.dumps(value, indent=indent, allow_nan=False) + "\n")
+
+
+_CHECKSUM = 32  # bytes
+
+
+def with_checksum(content: bytes) -> bytes:
+    """Return the content of a cache file, with a checksum before it."""
+    return hashlib.blake2b(content, digest_size=_CHECKSUM).digest() + content
+
+
+def without_checksum(stored: bytes) -> bytes:
+    """Return the content of a cache file that `with_checksum` made.
+
+    A cache holds machine code and results: a file in which even one bit has changed must not be used.
+
+    Raises
+    ------
+    ValueError
+        If the content does not have the checksum before it.
+
+    Examples
+    --------
+    >>> stored = with_checksum(b"code")
+    >>> without_checksum(stored)
+    b'code'
+    >>> without_checksum(stored[:-1] + b"d")
+    Traceback (most recent call last):
+    ...
+    ValueError: damaged
+    """
+    content = stored[_CHECKSUM:]
+    if with_checksum(content) != stored:
+        raise ValueError("damaged")
+    return content
 
 
 def users_cache() -> Path:

@@ -1,14 +1,15 @@
 """Archives of lowered kernels, one for each folder ``kernels``. Lowered means translated to LLVM code, but not optimized.
 
 Type inference and translation to LLVM code take three quarters of the compilation time, and do not depend on the processor. LLVM
-optimizes the lowered code for the user's processor. Shoal uses an archive only if the sources of the kernels, the version of Numba
-and the platform have not changed since ``make kernels`` wrote the archive. Without a usable archive, Shoal compiles a kernel from
+optimizes the lowered code for the user's processor. Shoal uses an archive only if the sources of the kernels, the versions of
+Python and Numba, and the platform have not changed since ``make kernels`` wrote the archive. Without a usable archive, Shoal compiles a kernel from
 its source at the kernel's first call. The file docs/adr/0013-kernels-lowered-ahead.md contains the measurements of the compilation
 time.
 """
 
 from __future__ import annotations
 
+import sys
 import zipfile
 from functools import cache
 from pathlib import Path
@@ -25,8 +26,9 @@ noted: dict[Path, dict[str, bytes]] | None = None
 
 
 def _fitting(part: Path) -> bytes:
-    versions = f"numba {numba.__version__} llvmlite {llvmlite.__version__} {binding.get_process_triple()}"
-    return f"{stamp(part).hex()} {versions}".encode()
+    # Lowered code calls Python's C interface, whose objects have another layout in each version of Python.
+    versions = f"{sys.implementation.cache_tag} numba {numba.__version__} llvmlite {llvmlite.__version__}"
+    return f"{stamp(part).hex()} {versions} {binding.get_process_triple()}".encode()
 
 
 @cache
@@ -35,7 +37,7 @@ def _opened(part: Path) -> zipfile.ZipFile | None:
 
 
 def fits(part: Path) -> bool:
-    """Return whether the archive in a folder ``kernels`` matches the folder's sources, this version of Numba and this platform."""
+    """Return whether the archive in a folder ``kernels`` matches the folder's sources, these versions and this platform."""
     archive = _opened(part)
     return archive is not None and archive.comment == _fitting(part)
 

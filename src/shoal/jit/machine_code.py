@@ -26,6 +26,7 @@ import numpy as np
 from llvmlite import binding
 
 from shoal.core.dataclass import dataclass
+from shoal.core.files import with_checksum, without_checksum
 from shoal.core.notices import tell_once
 from shoal.jit.folders import folder_of, kernel_name, part_of, stamp
 
@@ -95,9 +96,9 @@ def compiled_form(kinds: Any) -> Any:
 
 def load_machine_code(function: Callable[..., Any], kinds: Any) -> Any:
     """Load a kernel's machine code for given argument types from the cache, or return None if Numba must compile the kernel."""
-    with suppress(Exception):  # no file, or a damaged file, for which pickle may raise any error
+    with suppress(Exception):  # no file, a damaged one, or one that this version of Python cannot read
         file = _file_of(function, kinds)
-        content = b"" if file is None else file.read_bytes()
+        content = b"" if file is None else without_checksum(file.read_bytes())
         if content[:16] == stamp(part_of(function)):
             return _linker().link(pickle.loads(content[16:]), function)
     return None
@@ -111,7 +112,7 @@ def save_machine_code(function: Callable[..., Any], kinds: Any, stored: bytes) -
     temporary = file.with_suffix(f".{os.getpid()}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(stamp(part_of(function)) + stored)
+        temporary.write_bytes(with_checksum(stamp(part_of(function)) + stored))
         temporary.replace(file)
     except OSError as error:
         tell_once(f"compiled kernels cannot be kept in {file.parent}: {error.strerror or error}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import OutputError
-from shoal.core.files import atomic, users_cache
+from shoal.core.files import atomic, users_cache, with_checksum, without_checksum
 from shoal.swarm.maps.generators.catalogue import GENERATORS
 from shoal.swarm.maps.generators.names import generate
 
@@ -25,17 +26,17 @@ def generate_cached(spec: str) -> NDArray[np.bool_]:
     name = spec.partition(":")[0]
     if name not in GENERATORS or not GENERATORS.get(name).slow:
         return generate(spec)
-    path = users_cache() / f"maps-{_fingerprint()}" / f"{hashlib.sha256(spec.encode()).hexdigest()[:16]}.npy"
+    path = users_cache() / f"maps-{_fingerprint()}" / f"{hashlib.sha256(spec.encode()).hexdigest()[:16]}.map"
     try:
-        kept = np.load(path, allow_pickle=False)
-        if kept.dtype == np.bool_ and kept.ndim in {2, 3}:
-            return np.ascontiguousarray(kept)
-    except (OSError, ValueError, EOFError):
+        return np.ascontiguousarray(np.load(io.BytesIO(without_checksum(path.read_bytes())), allow_pickle=False))
+    except (OSError, ValueError):
         pass  # missing or damaged: generate the map again
     free = generate(spec)
     try:
         with atomic(path) as temporary:
-            np.save(temporary, free)
+            content = io.BytesIO()
+            np.save(content, free)
+            temporary.write_bytes(with_checksum(content.getvalue()))
     except OutputError:
         pass
     return free
