@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from shoal.core.errors import InvalidInputError, MissingExtraError, OutputError, RigError, ShoalError, UnknownNameError
     from shoal.core.parts import load, load_problem, run
     from shoal.core.problem import Problem
+    from shoal.core.version import __version__
     from shoal.lab import run_trials
     from shoal.search import SearchProblem, open_region
     from shoal.steering import SteeringProblem, open_workspace
     from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import read_map, write_map
     from shoal.swarm.maps.open import open_map
-    from shoal.core.version import __version__
     from shoal.views import figure, film
 
 _HOMES = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import shutil
 import signal
@@ -20,7 +21,7 @@ from numba import typeof
 
 from shoal.core import notices
 from shoal.jit import COMPILING, folders, lowered
-from shoal.jit.machine_code import compiled_form, kinds_of_arguments
+from shoal.jit.machine_code import compiled_form, kinds_of_arguments, load_machine_code
 
 SOURCE = Path(__file__).with_name("small_kernels.py")
 NOBODY = 65534
@@ -61,12 +62,18 @@ def played(script, *kinds, **more):
     return results, compiled, [line for line in err.splitlines() if line != COMPILING]
 
 
-def imported(script):
-    """Return what the kernels give in this process, as if it had begun anew, and whether they were compiled."""
+def imported_module(script):
+    """Return the module of the kernels, imported as if this process had begun anew."""
     for function in (folders.stamp, lowered._opened, folders.folder_of):
         function.cache_clear()
     module = importlib.util.module_from_spec(importlib.util.spec_from_file_location(script.stem, script))
     module.__spec__.loader.exec_module(module)
+    return module
+
+
+def imported(script):
+    """Return what the kernels give in this process, and whether they were compiled."""
+    module = imported_module(script)
     result = module.total(np.arange(4))
     return int(result), "compiled" if sum(module.total.entry.stats.cache_misses.values()) else "loaded"
 
@@ -175,6 +182,49 @@ def test_damaged_files_are_replaced(script):
     for damage in (b"", b"\x80", b"garbage" * 99, whole.read_bytes()[:99], whole.read_bytes()[:-99]):
         whole.write_bytes(damage)
         assert [imported(script), imported(script)] == [(12, "compiled"), (12, "loaded")]
+
+
+def test_a_flipped_bit_is_never_run(script):
+    """Of 1,000 random places: machine code with a wrong bit may give wrong results, or end the process."""
+    imported(script)
+    (file,) = (script.parent / "__pycache__").glob("*.kernel")
+    whole = file.read_bytes()
+    kernel = imported_module(script).total
+    kinds = kinds_of_arguments((np.arange(4),))
+    assert load_machine_code(kernel.__wrapped__, kinds) is not None
+    rng = np.random.default_rng(1)
+    for place in rng.integers(len(whole) * 8, size=1000):
+        damaged = bytearray(whole)
+        damaged[place // 8] ^= 1 << place % 8
+        file.write_bytes(damaged)
+        assert load_machine_code(kernel.__wrapped__, kinds) is None, place
+    assert [imported(script), imported(script)] == [(12, "compiled"), (12, "loaded")]
+    assert len(file.read_bytes()) == len(whole)
+
+
+def test_a_damaged_cache_of_a_whole_command(tmp_path):
+    """Five wrong bits in each file: the next command compiles, says nothing else, and gives the same moves."""
+    words = [sys.executable, "-m", "shoal", "map", "rectangle:6x6", "-n", "3", "--policy", "closest-frontier", "--json"]
+    environment = {**os.environ, "SHOAL_CACHE": str(tmp_path)}
+    environment["PYTHONPATH"] = str(Path(folders.__file__).parents[2])
+
+    def moves():
+        ended = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+        assert ended.returncode == 0, ended.stderr
+        assert not [line for line in ended.stderr.splitlines() if line != COMPILING]
+        return json.loads(ended.stdout)["moves"]
+
+    before, rng = moves(), np.random.default_rng(2)
+    files = sorted(tmp_path.rglob("*.kernel"))
+    assert files
+    kept = {file: file.read_bytes() for file in files}
+    for file, content in kept.items():
+        damaged = bytearray(content)
+        for place in rng.integers(len(content) * 8, size=5):
+            damaged[place // 8] ^= 1 << place % 8
+        file.write_bytes(damaged)
+    assert moves() == before
+    assert {file: len(file.read_bytes()) for file in files} == {file: len(content) for file, content in kept.items()}
 
 
 def test_a_full_disk_costs_time_and_one_line(script, told, tmp_path, monkeypatch):

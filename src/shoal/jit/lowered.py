@@ -2,9 +2,9 @@
 
 Type inference and translation to LLVM code take three quarters of the compilation time, and do not depend on the processor. LLVM
 optimizes the lowered code for the user's processor. Shoal uses an archive only if the sources of the kernels, the versions of
-Python and Numba, and the platform have not changed since ``make kernels`` wrote the archive. Without a usable archive, Shoal compiles a kernel from
-its source at the kernel's first call. The file docs/adr/0013-kernels-lowered-ahead.md contains the measurements of the compilation
-time.
+Python and Numba, and the platform have not changed since ``make kernels`` wrote the archive. Without a usable archive, Shoal
+compiles a kernel from its source at the kernel's first call. The file docs/adr/0013-kernels-lowered-ahead.md contains the
+measurements of the compilation time.
 """
 
 from __future__ import annotations

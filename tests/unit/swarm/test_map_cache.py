@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
 
+from shoal.core.files import without_checksum
 from shoal.swarm.maps.generators import cache, generate, generate_cached
 
 
@@ -16,22 +19,28 @@ def cache_folder(tmp_path, monkeypatch):
 
 def test_kept_and_read_back(cache_folder, monkeypatch):
     first = generate_cached("vessels:300:4")
-    (kept,) = cache_folder.rglob("*.npy")
+    (kept,) = cache_folder.rglob("*.map")
     monkeypatch.setattr(cache, "generate", lambda spec: pytest.fail("generated twice"))
     np.testing.assert_array_equal(generate_cached("vessels:300:4"), first)
-    np.testing.assert_array_equal(np.load(kept), generate("vessels:300:4"))
+    stored = np.load(io.BytesIO(without_checksum(kept.read_bytes())))
+    np.testing.assert_array_equal(stored, generate("vessels:300:4"))
 
 
 def test_a_damaged_file_is_made_again(cache_folder):
     generate_cached("vessels:300:4")
-    (kept,) = cache_folder.rglob("*.npy")
-    kept.write_bytes(b"\x93NUMPY")
-    np.testing.assert_array_equal(generate_cached("vessels:300:4"), generate("vessels:300:4"))
+    (kept,) = cache_folder.rglob("*.map")
+    whole = kept.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 1  # one cell of the map: everything else about the file is right
+    for damaged in (b"\x93NUMPY", bytes(flipped), whole[:-1], b""):
+        kept.write_bytes(damaged)
+        np.testing.assert_array_equal(generate_cached("vessels:300:4"), generate("vessels:300:4"))
+        assert kept.read_bytes() == whole
 
 
 def test_quick_maps_are_not_kept(cache_folder):
     generate_cached("line:9")
-    assert not list(cache_folder.rglob("*.npy"))
+    assert not list(cache_folder.rglob("*.map"))
 
 
 def test_a_folder_that_cannot_be_written_does_no_harm(cache_folder, monkeypatch):
