@@ -11,13 +11,14 @@ export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
 # Else every process would compile every module that it imports to byte code again, which takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo kernels lint test test-wheel check bench soak docs clean
+.PHONY: help install demo kernels lint test test-wheel versions check bench soak docs clean
 
 help:
 	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write a film, a player and figures to ./demo'
 	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
+	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
 	@echo 'make kernels  after a change of kernels: lower them ahead of time'
 	@echo 'make bench    measure speed against the plain reference, in one run'
@@ -89,6 +90,10 @@ test-wheel: $(VENV)/.dev-installed
 	  $(BIN)/python -m venv $$folder/environment; cd $$folder; \
 	  environment/bin/python -m pip --disable-pip-version-check -q install "$$wheel[imaging]" pytest hypothesis; \
 	  environment/bin/python -m pytest -q $(WHEEL_SAMPLE)
+
+# Only here do versions other than those of the lock run.
+versions: $(VENV)/.dev-installed
+	@$(BIN)/python -m tests.versions
 
 lint: $(VENV)/.dev-installed
 	@$(BIN)/python -m pip check -q

@@ -1,4 +1,7 @@
-"""Weights of the learned occupancy prior, a neural network trained on maps, in the form that kernels expect."""
+"""Weights of the learned occupancy prior, a neural network trained on maps, in the form that kernels expect.
+
+The file of weights is under the licence of Shoal (MIT): only maps that Shoal generated were used for the training.
+"""
 
 from __future__ import annotations
 
