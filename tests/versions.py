@@ -19,7 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 EXTRAS = ("imaging", "serial", "studio", "lab", "cluster", "volumes", "envs")
-TOOLS = ("pytest", "hypothesis", "gpxpy", "lxml")
+TOOLS = ("pytest", "hypothesis", "gpxpy", "lxml", "pymavlink", "bokeh-sampledata")
 # Tests that use each dependency at least once, without the browser and without measurements of types or pages.
 SAMPLE = (
     "tests/golden", "tests/unit/envs", "tests/unit/test_lab.py", "tests/unit/test_sweep.py", "tests/unit/test_cluster.py",

@@ -217,7 +217,8 @@ class CellDistances:
         for some, values in zip((rows, cols, lengths), zip(*links, strict=True), strict=False):
             some.append(np.array(values))
         one, other, away = np.concatenate(rows), np.concatenate(cols), np.concatenate(lengths)
-        ends = (np.concatenate([one, other]), np.concatenate([other, one]))
+        # SciPy's graph search before 1.15 takes no other indices.
+        ends = (np.concatenate([one, other]).astype(np.int32), np.concatenate([other, one]).astype(np.int32))
         return coo_array((np.concatenate([away, away]), ends), shape=(self._n, self._n)).tocsr()
 
 
