@@ -154,11 +154,15 @@ def test_zones_beside_the_region(tmp_path):
         assert open_region(path, no_go=zone).area_m2 == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_region_on_two_utm_zones_on_request(tmp_path):
-    path = saved(tmp_path, "a.geojson", polygon([(x - 2.51, y) for x, y in FIELD]))
-    with pytest.raises(InvalidInputError, match=r"one UTM zone.*on both sides of 6°, in zones 31 and 32"):
-        open_region(path)
-    assert open_region(path, across_zones=True).area_m2 == pytest.approx(geodesic_area(FIELD), rel=1e-6)
+def test_a_region_on_two_utm_zones_needs_no_option_because_nothing_is_lost(tmp_path):
+    across = [(x - 2.51, y) for x, y in FIELD]
+    assert min(x for x, _ in across) < 6 < max(x for x, _ in across)
+    region = open_region(saved(tmp_path, "a.geojson", polygon(across)))
+    assert region.area_m2 == pytest.approx(geodesic_area(FIELD), rel=1e-6)
+    assert 0 < region.scale_error < 1e-8
+    assert Geod(ellps="WGS84").line_length(*np.transpose(across)) == pytest.approx(region.area.length, rel=1e-6)
+    wide = open_region([(5.0, 47.0), (7.0, 47.0), (7.0, 47.4), (5.0, 47.4)], geographic=True)
+    assert 5e-5 < wide.scale_error < 1.2e-4  # measured, and within what the page on regions says for 100 km
 
 
 def test_the_frame_keeps_lengths():
