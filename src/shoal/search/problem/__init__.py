@@ -89,8 +89,8 @@ class SearchProblem(Problem):
 
     region: Any = option(
         help="Region: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
-        ".geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile), .plan (QGroundControl), .poly, .fen or .waypoints (Mission "
-        "Planner) or .csv (metres).",
+        ".geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile), .plan (QGroundControl), .poly, .fen, .waypoints or .txt "
+        "(Mission Planner) or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
     robots: int = option(4, help="Number of robots.", least=1, most=MOST_ROBOTS)

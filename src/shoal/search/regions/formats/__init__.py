@@ -13,8 +13,8 @@
 
 - ``.plan``: a plan of QGroundControl. From a plan, the reader takes the survey polygons or the inclusions of the fence. The
   exclusions of the fence are no-go zones.
-- ``.poly .fen .waypoints``: a polygon or a fence of Mission Planner, with a latitude and a longitude in each line, or a fence as
-  items of a mission. Exclusions of the fence are no-go zones.
+- ``.poly .fen .waypoints .txt``: a polygon or a fence of Mission Planner, with a latitude and a longitude in each line, or a
+  fence as items of a mission. Exclusions of the fence are no-go zones.
 
 The encoding of a KML file is the encoding that its first line declares. Other text files are in UTF-8.
 
@@ -57,6 +57,7 @@ _READERS: dict[str, Callable[[Path, Reading], RegionOutlines]] = {
     ".poly": read_polygon_file,
     ".fen": read_polygon_file,
     ".waypoints": read_polygon_file,
+    ".txt": read_polygon_file,
 }
 
 
