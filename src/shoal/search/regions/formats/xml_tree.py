@@ -69,7 +69,7 @@ _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?encoding\s*=\s*["']([A-Za-z][A-Za-
 def decode_xml(raw: bytes, *, where: str) -> str:
     """Decode an XML file by its byte order mark or by the encoding that it declares, such as UTF-16 or ISO-8859-1.
 
-    Without both, the encoding is UTF-8 (XML 1.0, appendix F).
+    Without both, the encoding is UTF-8 (XML 1.0, appendix F). A file of ASCII characters is read whatever it declares.
 
     Raises
     ------
@@ -84,11 +84,12 @@ def decode_xml(raw: bytes, *, where: str) -> str:
             known = codecs.lookup(encoding).name
             "".encode(known)  # refuses codecs between bytes and bytes, such as zlib
         except (LookupError, ValueError):
-            raise InvalidInputError(f"{where}: expected a known encoding of XML, got {encoding[:40]!r}") from None
-        if known in ("utf-8", "ascii"):
+            if not raw.isascii():
+                raise InvalidInputError(f"{where}: expected a known encoding of XML, got {encoding[:40]!r}") from None
+            known = "ascii"
+        # A declaration that can be read in single bytes is wrong if it says UTF-16; programs that write it write UTF-8.
+        if known in ("utf-8", "ascii") or known.startswith(("utf-16", "utf-32")):
             return decode_text(raw, where=where)
-        if known.startswith(("utf-16", "utf-32")):  # declared in single bytes, so the file is in none of these
-            raise InvalidInputError(f"{where}: expected text in {encoding}, as the file declares, got another encoding")
     try:
         text = raw.decode(encoding)
     except UnicodeError as error:
