@@ -26,12 +26,14 @@ OPTION = re.compile(r"(?<![`\w-])--[a-z][a-z-]*")
 TYPES = {int: "whole number", float: "number", bool: "true or false", str: "text"}
 INTRO = """# Commands
 
-Shoal's commands print results on stdout, and messages and progress on stderr. A command ends with one of four exit codes:
+Shoal's commands print results on stdout, and messages and progress on stderr. A command ends with one of five exit codes:
 
 - Exit code 0 means that the command succeeded.
 - Exit code 1 means that a check failed or a task was not completed, as the help of the command states.
 - Exit code 2 means that the input is wrong, or that Shoal could not write a result. After wrong input or a failed
   write, a command prints an error message of one sentence on stderr, and leaves no incomplete file.
+- Exit code 70 means an error in Shoal itself, or in a policy, planner or tour that you wrote. The command prints the
+  traceback on stderr.
 - Exit code 130 means that the user interrupted the command.
 
 Each command has the option `--help`, in short `-h`, which prints the help of the command. The command `shoal --version` prints the

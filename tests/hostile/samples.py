@@ -149,7 +149,12 @@ def _regions(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
     collection = {"type": "FeatureCollection", "features": [feature], "crs": {"properties": {"name": "EPSG:4326"}}}
     return layered | {
         "region geojson": (open_region, [{"a.geojson": json.dumps(one).encode()} for one in (polygon, collection)]),
-        "region kml": (open_region, [{"a.kml": kml}]),
+        "region kml": (open_region, [{"a.kml": kml}, {"a.kml": kml.decode().encode("utf-16")}]),
+        "region plan": (open_region, [{"a.plan": _plan(survey=True)}, {"a.plan": _plan(survey=False)}]),
+        "region poly": (open_region, [{"a.poly": _latitudes}]),
+        "region fen": (open_region, [{"a.fen": b"47.4005 8.5005\n" + _latitudes}]),
+        "region waypoints": (open_region, [{"a.waypoints": _fence_items}]),
+        "region txt": (open_region, [{"a.txt": _fence_items}]),
         "region zip": (open_region, [{"a.zip": zipped}]),
         "region kmz": (open_region, [{"a.kmz": _zipped({"doc.kml": kml})}]),
         "region csv": (open_region, [{"a.csv": b"x_m,y_m,ring\n0,0,1\n90,0,1\n90,60,1\n\n20,20,2\n30,20,2\n30,30,2\n"}]),
@@ -307,6 +312,29 @@ def _array(values: object) -> bytes:
     buffer = io.BytesIO()
     np.save(buffer, np.asarray(values))
     return buffer.getvalue()
+
+
+_latitudes = b"#saved by Mission Planner 1.3.80\n47.4 8.5\n47.4 8.501\n47.401 8.501\n47.401 8.5\n"
+_fence_items = b"QGC WPL 110\n" + b"".join(
+    b"%d\t0\t0\t%d\t%d\t0\t0\t0\t%.4f\t%.4f\t0\t1\n" % (k, command, count, latitude, longitude)
+    for k, (command, count, latitude, longitude) in enumerate(
+        [(5000, 0, 47.4002, 8.5002)]
+        + [(5001, 4, *corner) for corner in ((47.4, 8.5), (47.4, 8.501), (47.401, 8.501), (47.401, 8.5))]
+        + [(5002, 3, *corner) for corner in ((47.4004, 8.5004), (47.4004, 8.5006), (47.4006, 8.5004))]
+        + [(5004, 9, 47.4008, 8.5008)]
+    )
+)
+
+
+def _plan(*, survey: bool) -> bytes:
+    """Return a plan of QGroundControl: a survey, or a fence that includes a polygon and excludes a polygon and a circle."""
+    square = [[47.4, 8.5], [47.4, 8.501], [47.401, 8.501], [47.401, 8.5]]
+    inner = [[47.4004, 8.5004], [47.4004, 8.5006], [47.4006, 8.5004]]
+    circle = {"circle": {"center": [47.4008, 8.5008], "radius": 9.0}, "inclusion": False, "version": 1}
+    polygons = [{"inclusion": inclusion, "polygon": ring, "version": 1} for inclusion, ring in ((True, square), (False, inner))]
+    items = [{"type": "ComplexItem", "complexItemType": "survey", "polygon": square}] if survey else []
+    fence = {"circles": [circle], "polygons": polygons[survey:], "version": 2}
+    return json.dumps({"fileType": "Plan", "geoFence": fence, "mission": {"items": items}, "version": 1}).encode()
 
 
 def _zipped(members: dict[str, bytes]) -> bytes:

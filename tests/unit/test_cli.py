@@ -231,6 +231,20 @@ def test_a_refused_run_leaves_no_folder(tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
+def test_an_internal_error_has_an_exit_code_of_its_own(monkeypatch, capsys):
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr("shoal.lab.Store", broken)
+    assert run(["sweep", "status", "results.sqlite"]) == 70
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "Traceback" in printed.err
+    assert printed.err.splitlines()[-1] == "shoal: internal error: ZeroDivisionError: division by zero"
+    assert run(["--help"]) == 0
+    assert "70 an error in Shoal itself" in " ".join(capsys.readouterr().out.split())
+
+
 def test_help_lists_all_commands(capsys):
     """One whose module became a folder once took the whole list away."""
     assert run(["--help"]) == 0

@@ -70,6 +70,36 @@ def test_damaged_stores_get_one_sentence(damage, tmp_path, capsys):
     assert code != 0, "the check must see it"
 
 
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        ("UPDATE points SET axes = '[2]'", "expected points that differ, got two points with the axis values '[2]'"),
+        ("UPDATE points SET axes = '[7]' WHERE number = 1", "expected the 2 points of the sweep's axes, got 2 points"),
+        ("UPDATE points SET number = 1 - number", "expected the 2 points of the sweep's axes"),
+        ("DELETE FROM points WHERE number = 1", "expected the 2 points of the sweep's axes, got 1 points"),
+    ],
+)
+def test_points_that_are_not_those_of_the_axes_are_refused_by_every_command(damage, words, tmp_path, capsys):
+    path = changed_store(tmp_path, damage)
+    spec = tmp_path / "s.toml"
+    spec.write_text('name = "s"\n[problem]\nkind = "swarm"\nmap = "line:9"\n[axes]\nparticles = [2, 9]\n')
+    for arguments in (
+        ["summary", path],
+        ["status", path],
+        ["plot", path, "--out", tmp_path / "a.png"],
+        ["export", path, "--out", tmp_path / "a.csv"],
+        ["merge", path, "--out", tmp_path / "merged"],
+        ["run", spec, "--store", path, "--workers", 0],
+    ):
+        capsys.readouterr()
+        assert command(["sweep", *map(str, arguments)]) == 2, arguments
+        assert words in capsys.readouterr().err
+    assert not {"a.png", "a.csv", "merged"} & {file.name for file in tmp_path.iterdir()}
+    assert command(["sweep", "check", str(path)]) == 1
+    with Store(path) as store, pytest.raises(InvalidInputError, match="points"):
+        next(store.rows("s"))
+
+
 def test_a_store_with_a_view_is_refused_and_one_that_claims_many_trials_is_read(tmp_path, capsys):
     endless = "CREATE VIEW trials AS WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n) SELECT k FROM n"
     path = changed_store(tmp_path, "UPDATE sweeps SET trials = 1000000000000000000")

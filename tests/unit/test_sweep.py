@@ -17,6 +17,7 @@ import pytest
 import shoal
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
+from shoal.core.version import digest_of_folder
 from shoal.lab import Store, Sweep, run_sweep, sweep_of
 from shoal.lab.statistics import number_text
 from shoal.lab.storage.export import export, frame
@@ -340,6 +341,18 @@ def test_workers_with_other_versions_are_refused():
         check_versions(worker_versions() | {"numpy": "1.0"}, worker="w")
     with pytest.raises(InvalidInputError, match="code none instead of"):
         check_versions({name: value for name, value in worker_versions().items() if name != "code"}, worker="w")
+
+
+@pytest.mark.parametrize(
+    "changed", ["core/a.py", "jit/a.py", "papers/a.py", "papers/b.json", "swarm/deep/a.npz", "parts.py", "cli/a.py"]
+)
+def test_the_digest_of_the_code_covers_all_on_which_results_depend(changed, tmp_path):
+    for name in ("core/a.py", "jit/a.py", "papers/a.py", "papers/b.json", "swarm/deep/a.npz", "parts.py", "cli/a.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("a = 1")
+    before = digest_of_folder(tmp_path)
+    (tmp_path / changed).write_text("a = 2")
+    assert (digest_of_folder(tmp_path) == before) == changed.startswith("cli")
 
 
 def test_going_on_with_another_version_is_told(tmp_path, monkeypatch, capsys):

@@ -6,6 +6,7 @@ import gc
 import io
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import NoReturn
@@ -20,12 +21,15 @@ from shoal.core.notices import listeners
 from shoal.core.registry import look_in
 
 INTERRUPTED = 130
+INTERNAL = 70
+"""Exit code after an error in Shoal itself (EX_SOFTWARE of sysexits.h), so that 1 always means a finding."""
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command of Shoal and return its exit code.
 
-    The exit code is 0 for success, 1 for a failed check, 2 for bad input or output, and 130 after an interruption.
+    The exit code is 0 for success, 1 for a failed check, 2 for bad input or output, 70 for an error in Shoal itself, and 130 after
+    an interruption.
     """
     command = typer.main.get_command(app)
     if say not in listeners:
@@ -55,6 +59,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _refuse(f"cannot read or write {error.filename or 'the standard output'}: {error.strerror or error}")
     except MemoryError:
         return _refuse("out of memory: the map or the episode is too large for this machine")
+    except Exception as error:  # a mistake in Shoal, or in a policy, planner or tour that the user wrote
+        say(traceback.format_exc().rstrip())
+        say(f"shoal: internal error: {type(error).__name__}: {' '.join(str(error).split())[:200]}")
+        return INTERNAL
     return 0
 
 

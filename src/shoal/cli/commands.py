@@ -162,4 +162,8 @@ def _print_version(wanted: bool) -> None:
 def _shoal(
     version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)] = False,
 ) -> None:
-    """Plan, simulate and measure how groups of simple robots explore a space completely."""
+    """Plan, simulate and measure how groups of simple robots explore a space completely.
+
+    Exit codes: 0 success, 1 a failed check or a task that was not completed, 2 wrong input or output, 70 an error in Shoal itself,
+    130 interrupted.
+    """

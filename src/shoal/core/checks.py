@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import re
+import tomllib
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from math import inf, isfinite
@@ -32,6 +33,18 @@ LARGEST_WKT = 20_000_000
 
 DEEPEST = 50
 """Maximum nesting depth of lists and objects in a JSON or TOML file."""
+
+_LARGEST_VALUES = 600_000_000
+_JSON_MEMORY = {"{": 240, "[": 88, ",": 16}
+"""Memory in bytes that Python needs for each object, list and further value, besides numbers and texts."""
+
+_DEEPEST_KEY = 10  # parts of a TOML key, such as problem.vehicle.name
+_MOST_KEYS = 100_000
+_MOST_VALUES = 500_000  # the parser needs about five seconds for a million
+_TOML_TEXTS = re.compile(
+    r'''"""(?s:.*?)"""|\'{3}(?s:.*?)\'{3}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*'''
+)  # texts and comments, which may contain any number of dots
+_TOML_DEEP_KEY = re.compile(rf"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+){{{_DEEPEST_KEY}}}")
 
 
 def check_integer(value: Any, *, what: str, least: float = -inf, most: float = inf) -> int:
@@ -207,24 +220,72 @@ def decode_text(raw: bytes, *, where: str) -> str:
 
 
 def parse_json(text: str, *, where: str) -> Any:
-    """Parse a JSON text. Refuse lists and objects that are nested more than `DEEPEST` levels deep.
+    """Parse a JSON text. Refuse lists and objects that are nested more than `DEEPEST` levels deep, and repeated names.
 
     Raises
     ------
     InvalidInputError
-        Raised if the text is not JSON. The error message contains the line and the column of the error.
+        Raised if the text is not JSON, or if parsing it could need more memory than `_LARGEST_VALUES` and twenty times the length
+        of the text. The error message contains the line and the column of the error.
     """
+    # Checked before parsing: a text of braces otherwise needs up to a hundred times its own length.
+    memory = sum(text.count(sign) * size for sign, size in _JSON_MEMORY.items())
+    if memory > max(_LARGEST_VALUES, 20 * len(text)):
+        raise InvalidInputError(f"{where}: expected JSON of at most {_LARGEST_VALUES} bytes in memory, got about {memory} bytes")
     try:
-        found = json.loads(text)
+        found = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where))
     except json.JSONDecodeError as error:
         raise InvalidInputError(
             f"{where}: expected JSON, got something else in line {error.lineno}, column {error.colno}: {error.msg.lower()}"
         ) from None
+    except InvalidInputError:
+        raise
     except (RecursionError, ValueError) as error:
         why = "lists and objects that are nested too deeply" if isinstance(error, RecursionError) else "a number of too many digits"
         raise InvalidInputError(f"{where}: expected JSON, got {why}") from None
     check_depth(found, where=where)
     return found
+
+
+def _once_each(pairs: list[tuple[str, Any]], where: str) -> dict[str, Any]:
+    """Return the fields of a JSON object. Refuse a repeated name, of which Python would silently keep the last value."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        seen: set[str] = set()
+        for name, value in pairs:
+            if name in seen:
+                raise InvalidInputError(f"{where}: expected each name once, got {shortened(name)} again, with {shortened(value)}")
+            seen.add(name)
+    return found
+
+
+def parse_toml(text: str, *, where: str) -> dict[str, Any]:
+    """Parse a TOML text. Refuse keys of too many parts, too many keys, and values that are nested more than `DEEPEST` levels deep.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the text is not TOML. The error message contains the line and the column of the error.
+    """
+    # Checked before parsing: the parser needs memory that grows with the square of the number of parts of a key.
+    bare = _TOML_TEXTS.sub(lambda text: "" if text[0].startswith("#") else "q", text)
+    deep = _TOML_DEEP_KEY.search(bare)
+    if deep:
+        raise InvalidInputError(f"{where}: expected keys of at most {_DEEPEST_KEY} parts, got {shortened(deep[0])}")
+    keys = bare.count("=") + bare.count("[")
+    if keys > _MOST_KEYS:
+        raise InvalidInputError(f"{where}: expected at most {_MOST_KEYS} keys, tables and lists, got {keys}")
+    if bare.count(",") > _MOST_VALUES:
+        raise InvalidInputError(f"{where}: expected at most {_MOST_VALUES} values in lists, got {bare.count(',')} or more")
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidInputError(f"{where}: expected TOML in UTF-8, with each key once, got something else: {error}") from None
+    except (RecursionError, ValueError) as error:
+        why = "values that are nested too deeply" if isinstance(error, RecursionError) else "a number of too many digits"
+        raise InvalidInputError(f"{where}: expected TOML, got {why}") from None
+    check_depth(data, where=where)
+    return data
 
 
 def read_polygon(text: str, *, where: str) -> Any:

@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import sys
 from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 __version__ = "0.1.0"
+
+_SHOWN = ("cli", "studio", "views")
+"""Parts of Shoal that show results and compute none."""
+
+_READ = (".py", ".npz", ".csv", ".json")
+"""Suffixes of the files on which results can depend: code, learned weights and published values."""
 
 
 @cache
@@ -25,15 +35,23 @@ def versions() -> dict[str, str]:
 
 @cache
 def code_digest() -> str:
-    """Return a digest of the source code in the packages ``swarm``, ``steering``, ``search`` and ``lab``.
+    """Return a digest of the code and the data of Shoal on which results can depend.
 
-    Two processes with equal digests and equal versions compute equal results.
+    The digest covers everything in the package ``shoal`` except `_SHOWN`, and archives of compiled kernels, which are made from
+    the same code. Two processes with equal digests and equal versions compute equal results.
     """
-    import hashlib  # both imports are slow
-    from pathlib import Path
+    from pathlib import Path  # slow to import
 
-    digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parent.parent
-    for folder in ("swarm", "steering", "search", "lab"):
-        for file in sorted((root / folder).rglob("*.py")):
-            digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
+    return digest_of_folder(Path(__file__).parent.parent)
+
+
+def digest_of_folder(root: Path) -> str:
+    """Return the digest of the code and the data in a copy of the package ``shoal``."""
+    import hashlib  # slow to import
+
+    digest = hashlib.blake2b(digest_size=8)
+    for file in sorted(root.rglob("*")):
+        part = file.relative_to(root)
+        if part.parts[0] not in _SHOWN and file.suffix in _READ and file.is_file():
+            digest.update(part.as_posix().encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()

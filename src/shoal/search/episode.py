@@ -289,7 +289,7 @@ class SearchEpisode(Episode):
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
         if problem.place_is_file() or problem.no_go:
-            changes |= {"region": problem.place, "no_go": (), "layer": None, "inner": None, "across_zones": False}
+            changes |= {"region": problem.place, "no_go": (), "layer": None, "inner": None, "hidden": None, "closed_lines": False}
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places
         if isinstance(problem.launch, str):

@@ -77,7 +77,7 @@ def test_faults_are_spelled(fault):
         ({"region": 7}, "region: expected a name, the path of a file or a SearchRegion, got 7"),
         ({"region": {"name": "x"}}, "region: expected name, area and frame"),
         ({"region": {"name": "x", "area": "POLYGON", "frame": None}}, "region: area: expected well-known text"),
-        ({"region": region_of(shapely.box(0, 0, 9, 9)), "across_zones": True}, "region: expected a name or a file"),
+        ({"region": region_of(shapely.box(0, 0, 9, 9)), "closed_lines": True}, "region: expected a name or a file"),
         ({"no_go": 5}, "no-go zone 1: expected a file, a Shapely polygon or points of shape (n, 2), got 5"),
         ({"no_go": ["a.json", [1, 2]]}, "no-go zone 2: expected a file, a Shapely polygon or points"),
         ({"targets": -1}, "targets: expected a whole number, 0 or more, got -1"),

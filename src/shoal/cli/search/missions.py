@@ -38,7 +38,8 @@ Region = Annotated[str, typer.Argument(metavar="REGION", help=help_of(_FIELDS["r
 NoGo = Annotated[list[str] | None, typer.Option("--no-go", metavar="FILE", help=help_of(_FIELDS["no_go"]))]
 Layer = Annotated[str | None, typer.Option("--layer", help=help_of(_FIELDS["layer"]))]
 Inner = Annotated[str | None, typer.Option("--inner", help=help_of(_FIELDS["inner"]))]
-AcrossZones = Annotated[bool, typer.Option("--across-zones", help=help_of(_FIELDS["across_zones"]))]
+Hidden = Annotated[str | None, typer.Option("--hidden", help=help_of(_FIELDS["hidden"]))]
+ClosedLines = Annotated[bool, typer.Option("--closed-lines", help=help_of(_FIELDS["closed_lines"]))]
 Margin = Annotated[float, typer.Option("--margin", metavar="METRES", help=help_of(_FIELDS["margin"]))]
 Footprint = Annotated[
     str | None,
@@ -142,7 +143,8 @@ def check(
     no_go: NoGo = None,
     layer: Layer = None,
     inner: Inner = None,
-    across_zones: AcrossZones = False,
+    hidden: Hidden = None,
+    closed_lines: ClosedLines = False,
     margin: Margin = 0.0,
     cap: Cap = None,
     autopilot: Autopilot = None,
@@ -172,7 +174,7 @@ def check(
     if out is not None:
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
-    searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, across_zones=across_zones)
+    searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, hidden=hidden, closed_lines=closed_lines)
     kept = MissionOptions(separation=parse_separation(separation), delay_tolerance=delay_tolerance).kept_apart
     flown = None if vehicle is None else vehicle_of(vehicle)
     if sides is None and flown is not None:

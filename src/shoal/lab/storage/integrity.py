@@ -27,6 +27,7 @@ def faults_of(store: Store) -> list[str]:
 def _faults_of(store: Store, name: str) -> Iterator[str]:
     try:
         stored = store.stored(name)
+        store.check_points(name)
         sweep = stored.sweep()
     except InvalidInputError as error:
         yield str(error)

@@ -48,6 +48,7 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
 def _take(merged: Store, opened: Store, name: str) -> None:
     """Copy all rows of a sweep into the merged store, except the rows that the merged store already contains."""
     stored, where = opened.stored(name), f"{opened.path}: sweep {name}"
+    opened.check_points(name)
     if name in merged.names:
         there = merged.stored(name)
         changed = [*differences(there.spec, stored.spec), *differences(there.inputs, stored.inputs, path="content")]

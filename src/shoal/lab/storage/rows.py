@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import product
+from math import prod
 from typing import Any
 
 from shoal.core.checks import parse_json, shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, errors_at
+from shoal.lab.sweeps.axes import MAX_POINTS, axis_values
 from shoal.lab.sweeps.sweep import Sweep, SweepForm, form_of, sweep_of
 
 
@@ -61,6 +65,35 @@ class StoredSweep:
                 f"{self.where}: expected {len(self.axes)} values at a point, one per axis, got {shortened(values)}"
             )
         return dict(zip(self.axes, values, strict=True))
+
+    def check_points(self, texts: Sequence[str]) -> None:
+        """Refuse stored points that are not the points of the sweep, in the order of the sweep.
+
+        Two points with the same axis values would otherwise share one mean in a summary. The check compares the axis values only,
+        so that it runs no third-party code; `shoal.lab.storage.integrity` also compares the digests of the problems.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        with errors_at(f"{self.where}: spec"):
+            axes = [axis_values(name, values) for name, values in self.form.axes.items()]
+        count = prod(len(values) for values in axes)
+        expected = [json.dumps(values) for values in product(*axes)] if count <= MAX_POINTS else []
+        if [*texts] == expected and len(set(texts)) == count:
+            return
+        hint = "restore a copy, or start a new store"
+        seen: set[str] = set()
+        for text in texts:
+            if text in seen:
+                raise InvalidInputError(
+                    f"{self.where}: expected points that differ, got two points with the axis values {shortened(text)}; {hint}"
+                )
+            seen.add(text)
+        raise InvalidInputError(
+            f"{self.where}: expected the {count} points of the sweep's axes, got {len(texts)} points, not all of which are equal "
+            f"to these; {hint}"
+        )
 
 
 def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:

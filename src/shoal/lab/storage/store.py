@@ -126,11 +126,28 @@ class Store:
         return self.stored(name).sweep()
 
     def points(self, name: str) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield the row number and the axis values of each point of a sweep, in the order of the points."""
+        """Yield the row number and the axis values of each point of a sweep, in the order of the points.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the stored points are not the points of the sweep.
+        """
         stored = self.stored(name)
-        query = "SELECT id, axes FROM points WHERE sweep = ? ORDER BY number"
-        for number, text in self.ask(query, stored.id):
+        rows = self.ask("SELECT id, axes FROM points WHERE sweep = ? ORDER BY number", stored.id)
+        stored.check_points([text for _, text in rows])
+        for number, text in rows:
             yield number, stored.values(text)
+
+    def check_points(self, name: str) -> None:
+        """Refuse a sweep whose stored points are not the points of its axes.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+        """
+        stored = self.stored(name)
+        stored.check_points([text for (text,) in self.ask("SELECT axes FROM points WHERE sweep = ? ORDER BY number", stored.id)])
 
     def add(self, sweep: Sweep, inputs: Mapping[str, str], *, extend: bool = False) -> None:
         """Add a sweep to the store. If the store has a sweep with an equal name, check that the two sweeps are equal.
@@ -161,6 +178,7 @@ class Store:
                 self._enter_points(sweep)
             return
         stored = self.stored(sweep.name)
+        self.check_points(sweep.name)
         then = stored.inputs
         changed = [*differences(stored.spec, json.loads(json.dumps(description)))]
         changed += differences({k: v for k, v in then.items() if k in inputs}, dict(inputs), path="content") if then else []
@@ -252,6 +270,7 @@ class Store:
     def status(self, name: str) -> SweepStatus:
         """Return the progress of a sweep, which another process may be running."""
         stored = self.stored(name)
+        self.check_points(name)
         number, total = stored.id, stored.trials * stored.n_points
         versions = self.versions(name)
         ((failed,),) = self.ask("SELECT count(*) FROM failures WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)

@@ -61,6 +61,8 @@ def axis_values(name: str, given: Any) -> tuple[Any, ...]:
         raise InvalidInputError(f"{where}: expected a list of values or a range, got {given!r:.80}")
     if not values:
         raise InvalidInputError(f"{where}: expected one value or more, got none")
+    if len(values) > MAX_POINTS:
+        raise InvalidInputError(f"{where}: expected at most {MAX_POINTS} values, got {len(values)}")
     for value in values:
         if isinstance(value, float) and not isfinite(value):
             raise InvalidInputError(f"{where}: expected finite numbers, got {value!r}")

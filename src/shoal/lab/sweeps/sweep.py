@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
@@ -16,7 +15,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
-from shoal.core.checks import check_depth, check_integer, read_text, validation_message
+from shoal.core.checks import check_integer, parse_toml, read_text, validation_message
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.problem import Problem
@@ -228,24 +227,6 @@ def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] |
         told = str(error).removeprefix(f"{where}: ")
         line = line_of(text, told)
         raise InvalidInputError(f"{where}, line {line}: {told}" if line else f"{where}: {told}") from None
-
-
-def parse_toml(text: str, *, where: str) -> dict[str, Any]:
-    """Return the fields that the text of a sweep file contains.
-
-    Raises
-    ------
-    InvalidInputError
-    """
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidInputError(f"{where}: expected TOML in UTF-8, got something else: {error}") from None
-    except (RecursionError, ValueError) as error:
-        why = "values that are nested too deeply" if isinstance(error, RecursionError) else "a number of too many digits"
-        raise InvalidInputError(f"{where}: expected TOML, got {why}") from None
-    check_depth(data, where=where)
-    return data
 
 
 def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:

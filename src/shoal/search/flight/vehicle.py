@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from math import atan, cos, degrees, inf, radians, sin, tan
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_choice, check_depth, parse_json, read_text, shortened, suggestion
+from shoal.core.checks import check_choice, parse_json, parse_toml, read_text, shortened, suggestion
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
@@ -326,14 +325,7 @@ def vehicle_of(value: Any) -> Vehicle:
 def _fields_of(path: Path) -> dict[str, Any]:
     """Return the fields in a vehicle file as a mapping from names to values."""
     text = read_text(path, what="vehicle file", most=LARGEST_VEHICLE)
-    if path.suffix.lower() == ".json":
-        data = parse_json(text, where=str(path))
-    else:
-        try:
-            data = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-            raise InvalidInputError(f"{path}: expected TOML, got something else: {shortened(str(error))}") from None
-        check_depth(data, where=str(path))
+    data = (parse_json if path.suffix.lower() == ".json" else parse_toml)(text, where=str(path))
     if not isinstance(data, dict):
         raise InvalidInputError(f"{path}: expected fields with values, got {shortened(data)}")
     return data

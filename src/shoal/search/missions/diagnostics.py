@@ -34,7 +34,11 @@ class Rule:
 
 
 RULES: dict[str, Rule] = {
-    "unreadable": Rule("error", "the file is not text in UTF-8, or not valid JSON, XML or a table", fatal=True),
+    "unreadable": Rule(
+        "error",
+        "the file is not text in its encoding (UTF-8, except in XML), or not valid JSON, XML or a table",
+        fatal=True,
+    ),
     "missing-key": Rule("error", "a key, column or element that the format needs is missing", fatal=True),
     "wrong-value": Rule("error", "a value has a wrong type, or is none of the allowed values", fatal=True),
     "wrong-header": Rule("error", "the first line is not `QGC WPL 110`", fatal=True),

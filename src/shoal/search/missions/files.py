@@ -24,6 +24,7 @@ from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl
 from shoal.search.missions.formats.fences import FENCE, RALLY, fence_text, rally_text, read_fence, read_rally
 from shoal.search.missions.mission import KINDS, Mission
 from shoal.search.missions.rules import check_coordinates
+from shoal.search.regions.formats.xml_tree import decode_xml
 from shoal.search.regions.limits import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
@@ -244,7 +245,11 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
     except OSError as error:
         raise InvalidInputError(f"{source}: expected a mission file, got the error: {error.strerror or error}") from None
     try:
-        text = content.decode("utf-8-sig")
+        is_xml = form.suffix in (".kml", ".gpx")
+        text = decode_xml(content, where="") if is_xml else content.decode("utf-8-sig")
+    except InvalidInputError as error:
+        sheet.add("unreadable", "", str(error).removeprefix(": "))
+        return sheet
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         sheet.add("unreadable", f"line {line}", f"expected text in UTF-8, got byte 0x{content[error.start]:02x}")

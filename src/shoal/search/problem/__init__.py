@@ -31,6 +31,7 @@ from shoal.search.problem.fields import (
     parse_numbers,
 )
 from shoal.search.regions.builder import INNER, open_region
+from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
@@ -45,6 +46,9 @@ FOOTPRINT = 10.0
 
 MOST_ROBOTS = 1000
 """Maximum number of robots in a search. An allocation needs memory for each pair of robots."""
+
+READING = ("layer", "inner", "hidden", "closed_lines")
+"""Fields that decide how files of regions and no-go zones are read."""
 
 LIVE_FAULTS = ("crash", "slow")
 TOURS = ("spanning-tree", "boustrophedon", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
@@ -85,7 +89,8 @@ class SearchProblem(Problem):
 
     region: Any = option(
         help="Region: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
-        ".geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile) or .csv (metres).",
+        ".geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile), .plan (QGroundControl), .poly, .fen, .waypoints or .txt "
+        "(Mission Planner) or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
     robots: int = option(4, help="Number of robots.", least=1, most=MOST_ROBOTS)
@@ -144,12 +149,19 @@ class SearchProblem(Problem):
     margin: float = option(
         0.0, help="Distance that all paths keep from the border of the region and from no-go zones.", unit="m", least=0
     )
-    layer: str | None = option(None, help="Name of a layer of a GeoPackage file, required if the file has several layers.")
+    layer: str | None = option(
+        None, help="Name of a layer of a GeoPackage file, required if the file has several layers; survey or fence for a plan of "
+        "QGroundControl, required if the plan has both.",
+    )  # fmt: skip
     inner: str | None = option(
         None, help="Meaning of an unmarked polygon inside another polygon. By default, Shoal refuses a file with "
         "an unmarked inner polygon.", choices=INNER,
     )  # fmt: skip
-    across_zones: bool = option(False, help="Accept a region that lies in two UTM zones.")
+    hidden: str | None = option(
+        None, help="Meaning of the polygons that a KML file hides (visibility 0). By default, Shoal refuses a file with a hidden "
+        "polygon.", choices=HIDDEN,
+    )  # fmt: skip
+    closed_lines: bool = option(False, help="Read closed lines in files as polygons.")
     vehicle: Vehicle | str | None = option(
         None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery limit) or a .toml or "
         ".json file; by default ideal, or with missions, multirotor. Changed fields may follow the name: rover,cruise_speed=2.",
@@ -222,10 +234,10 @@ class SearchProblem(Problem):
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (
-            self.no_go or self.layer is not None or self.inner is not None or self.across_zones
+            self.no_go or any(getattr(self, name) not in (None, False) for name in READING)
         ):
             raise InvalidInputError(
-                "region: expected a name or a file together with no_go, layer, inner or across_zones, got an opened region"
+                "region: expected a name or a file together with no_go, layer, inner, hidden or closed_lines, got an opened region"
             )
         if self.live is not None:
             if self.network != "perfect":
@@ -305,16 +317,15 @@ class SearchProblem(Problem):
         """Open the region of the problem, with its no-go zones and its margin."""
         if isinstance(self.region, SearchRegion):
             return with_margin(self.region, self.margin)
-        whole = open_region(
-            self.region, no_go=list(self.no_go) or None, layer=self.layer, inner=self.inner, across_zones=self.across_zones
-        )
+        reading = {name: getattr(self, name) for name in READING}
+        whole = open_region(self.region, no_go=list(self.no_go) or None, **reading)
         return with_margin(whole, self.margin)
 
     def place_key(self) -> str | None:
         """Return a text with the fields that define the region, or None if the region is a `SearchRegion`."""
         if isinstance(self.region, SearchRegion):
             return None
-        kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")
+        kept = ("region", "no_go", "margin", *READING)
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in kept)))
 
     def place_is_file(self) -> bool:
@@ -341,7 +352,7 @@ class SearchProblem(Problem):
             raise InvalidInputError(
                 f"region {region.name!r}{region.margin_text}: expected one part, because robots stay inside, got "
                 f"{len(region.parts)}; "
-                "use the option transit if robots may cross the space between parts, or search each part separately"
+                "use --transit if robots may cross the space between parts, or search each part separately"
             )
         if len(region.parts) > 1 and self.stepwise:
             raise InvalidInputError(

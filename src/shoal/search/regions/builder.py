@@ -14,6 +14,7 @@ from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.search.regions.builtin import builtin_region, is_builtin
 from shoal.search.regions.formats import read_outlines
+from shoal.search.regions.formats.reading import HIDDEN, Reading
 from shoal.search.regions.outline_checks import (
     Points,
     RegionOutline,
@@ -21,11 +22,12 @@ from shoal.search.regions.outline_checks import (
     Ring,
     check_degrees,
     check_metres,
+    check_overlaps,
     check_polygon,
     polygon_outlines,
     text_of,
 )
-from shoal.search.regions.projection import REACH, LocalFrame, utm_zone
+from shoal.search.regions.projection import REACH, LocalFrame
 from shoal.search.regions.region import SearchRegion, polygons_in, region_of
 
 INNER = ("no-go", "search")
@@ -40,8 +42,9 @@ def open_region(
     name: str | None = None,
     no_go: Any = None,
     layer: str | None = None,
-    across_zones: bool = False,
     inner: str | None = None,
+    hidden: str | None = None,
+    closed_lines: bool = False,
 ) -> SearchRegion:
     """Return the region that a name, a file or polygons describe.
 
@@ -51,8 +54,8 @@ def open_region(
         The region as a name, the path of a file, an array of corners of shape (n, 2), a Shapely polygon, or a sequence of polygons.
         The regions ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` and ``box:WIDTHxDEPTHxHEIGHT`` (a volume), with sizes in metres,
         have their lower left corner at the origin. The regions ``circle:RADIUS`` and ``ring:OUTERxINNER``, with radii in metres,
-        are centred on the origin. Files with the suffixes ``.geojson .json .kml .kmz .gpkg .shp .zip`` are in degrees or in a
-        projection that the file names. Files with the suffix ``.csv`` are in metres or degrees; see `shoal.search.regions.formats`.
+        are centred on the origin. Files are in degrees, or in a projection that the file names; files with
+        the suffix ``.csv`` are in metres or degrees. The formats are listed in `shoal.search.regions.formats`.
     holes : optional
         Holes of polygons given in Python: the corners of one hole, or a sequence of holes. Each hole must lie in a polygon.
     geographic : bool
@@ -63,12 +66,15 @@ def open_region(
         No-go zones in the unit of the region (degrees or metres): a region file, points of shape (n, 2), a Shapely polygon, or a
         sequence of zones. The file of the region itself may also contain no-go zones.
     layer : str, optional
-        Name of the layer to read from a GeoPackage. A GeoPackage with several layers requires a layer name.
-    across_zones : bool
-        Whether to accept a region that lies in two UTM zones. Shoal supports regions in two UTM zones, but other programs may not.
+        Name of the layer to read from a GeoPackage. A GeoPackage with several layers requires a layer name. For a plan of
+        QGroundControl, "survey" or "fence".
     inner : "no-go" or "search", optional
         Meaning of a polygon that lies mostly inside another polygon and is not marked as a no-go zone. By default, the function
         refuses a file with an unmarked inner polygon.
+    hidden : "use" or "skip", optional
+        Meaning of the polygons that a KML file hides (visibility 0). By default, the function refuses a file with a hidden polygon.
+    closed_lines : bool
+        Whether closed lines in files are polygons.
 
     Returns
     -------
@@ -90,9 +96,12 @@ def open_region(
     9800.0
     """
     extra = list_of(no_go)
+    if hidden is not None:
+        check_choice(hidden, what="--hidden", choices=HIDDEN)
+    reading = Reading(layer=layer, hidden=hidden, closed_lines=closed_lines)
     if not isinstance(source, str | os.PathLike):
         drawn = _drawn(source, list_of(holes), geographic=geographic)
-        return build_region(drawn, extra, name=name or "polygon", across_zones=across_zones, inner=inner)
+        return build_region(drawn, extra, name=name or "polygon", inner=inner, reading=reading)
     if holes is not None or geographic:
         raise InvalidInputError(
             f"region: expected polygons together with holes or geographic, got {source!r}, which contains these values"
@@ -102,13 +111,15 @@ def open_region(
         raise InvalidInputError(f"region: expected a name or the path of a file, got {source!r}")
     if is_builtin(text) and not os.path.exists(text):
         if layer is not None:
-            raise InvalidInputError(f"layer: expected it only with a GeoPackage, got {layer!r} with the region {text!r}")
-        return build_region(builtin_region(text), extra, name=name or text, across_zones=across_zones)
+            raise InvalidInputError(
+                f"--layer: expected a GeoPackage or a plan of QGroundControl, got {layer!r} with the region {text!r}"
+            )
+        return build_region(builtin_region(text), extra, name=name or text, reading=reading)
     if inner is not None:
-        check_choice(inner, what="inner", choices=INNER)
-    found = read_outlines(text, layer=layer)
+        check_choice(inner, what="--inner", choices=INNER)
+    found = read_outlines(text, reading)
     stem = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
-    return build_region(found, extra, name=name or stem, across_zones=across_zones, inner=inner)
+    return build_region(found, extra, name=name or stem, inner=inner, reading=reading)
 
 
 def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutlines:
@@ -131,7 +142,7 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
 
 
 def build_region(
-    found: RegionOutlines, extra: Sequence[Any], *, name: str, across_zones: bool, inner: str | None = None
+    found: RegionOutlines, extra: Sequence[Any], *, name: str, inner: str | None = None, reading: Reading | None = None
 ) -> SearchRegion:
     """Return the region that outlines describe. The area of the region does not contain its no-go zones.
 
@@ -143,8 +154,10 @@ def build_region(
         No-go zones besides those in ``found``, in the unit of the outlines: files, Shapely polygons, or points of shape (n, 2).
     name : str
         Name of the region.
-    across_zones, inner
-        The arguments ``across_zones`` and ``inner`` of `open_region`.
+    inner
+        The argument ``inner`` of `open_region`.
+    reading : Reading, optional
+        How to read files of no-go zones. A choice without an effect on the region and the zones is refused.
 
     Raises
     ------
@@ -156,24 +169,42 @@ def build_region(
     if not searched:
         raise InvalidInputError(f"{found.where}: expected a polygon to search, got only no-go zones")
     zones = [outline for outline in found.outlines if outline.no_go]
-    beside = [outline for k, zone in enumerate(extra) for outline in _zone(zone, f"no-go zone {k + 1}", found)]
+    reading = reading or Reading()
+    beside = [outline for k, zone in enumerate(extra) for outline in _zone(zone, f"no-go zone {k + 1}", found, reading)]
+    reading.check_effects([found.where, *(str(zone) for zone in extra if isinstance(zone, str | os.PathLike))])
     frame: LocalFrame | None = None
     if found.geographic:
         for ring in (ring for outline in (*searched, *zones, *beside) for ring in outline.rings):
             check_degrees(ring)
-        frame = _frame(searched, found.where, across_zones=across_zones)
+        frame = _frame(searched, found.where)
     wanted = [_polygon(outline, frame, closed=found.closed) for outline in searched]
     taken = [_polygon(outline, frame, closed=found.closed) for outline in zones]
     taken += [_polygon(outline, frame, closed=False) for outline in beside]
+    given_zones = len(taken)
+    different = _different(wanted)
+    wanted, searched = [wanted[k] for k in different], [searched[k] for k in different]
+    taken = [taken[k] for k in _different(taken)]
+    check_overlaps([*wanted, *taken], found.where)
     if inner != "search":
         inside = _inside_others(wanted, searched, refused=inner is None)
         taken += [polygon for k, polygon in enumerate(wanted) if k in inside]
+        given_zones += len(inside)
         wanted = [polygon for k, polygon in enumerate(wanted) if k not in inside]
     no_go = polygons_in(shapely.union_all(taken)) if taken else None
     with errors_at(found.where):
         whole = polygons_in(shapely.union_all(wanted))
-        region = region_of(whole, frame=frame, no_go=no_go, name=name, no_go_zones=len(taken))
+        region = region_of(whole, frame=frame, no_go=no_go, name=name, no_go_zones=given_zones)
         return replace(region, height=found.height)
+
+
+def _different(polygons: list[Any]) -> list[int]:
+    """Return the indices of the polygons, each without the polygons that are equal to it."""
+    import shapely
+
+    first: dict[bytes, int] = {}
+    for k, text in enumerate(shapely.to_wkb(shapely.normalize(polygons)) if polygons else ()):
+        first.setdefault(text, k)
+    return list(first.values())
 
 
 def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) -> Any:
@@ -211,7 +242,7 @@ def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refuse
     return inside
 
 
-def _frame(searched: list[RegionOutline], where: str, *, across_zones: bool) -> LocalFrame:
+def _frame(searched: list[RegionOutline], where: str) -> LocalFrame:
     points: Points = np.vstack([outline.shell.points for outline in searched])
     points = points[np.isfinite(points).all(axis=1)]  # the check of each ring reports coordinates that are not finite
     if len(points) == 0:
@@ -224,14 +255,6 @@ def _frame(searched: list[RegionOutline], where: str, *, across_zones: bool) -> 
     frame = LocalFrame.around(points)
     for outline in searched:
         _check_reach(outline.shell, frame)
-    # A region that only touches a border between zones lies in one zone.
-    zones = utm_zone(west), utm_zone(np.nextafter(east, west) if east > west else east)
-    if zones[0] != zones[1] and not across_zones:
-        raise InvalidInputError(
-            f"{where}: expected a region inside one UTM zone, got longitudes {west:.10g} to {east:.10g}, "
-            f"on both sides of {-180 + 6 * zones[0]}°, in zones {zones[0]} and {zones[1]} (the option across_zones accepts "
-            "such a region)"
-        )
     return frame
 
 
@@ -246,10 +269,10 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
     )
 
 
-def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
+def _zone(zone: Any, what: str, found: RegionOutlines, reading: Reading) -> list[RegionOutline]:
     """Return the outlines of a no-go zone that the user gives in addition to the region, in the unit of the region."""
     if isinstance(zone, str | os.PathLike):
-        read = read_outlines(zone, zones=True)
+        read = read_outlines(zone, reading, zones=True)
         if read.geographic != found.geographic:
             units = ["metres", "degrees"]
             raise InvalidInputError(

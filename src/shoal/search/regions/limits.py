@@ -24,7 +24,10 @@ MOST_POLYGONS = 10_000
 """Maximum number of polygons in a file, or of rings in a CSV file."""
 
 MOST_PAIRS = 200_000
-"""Maximum number of pairs of rings with overlapping bounding boxes in a CSV file."""
+"""Maximum number of pairs of polygons that meet, and of pairs of rings with overlapping bounding boxes in a CSV file."""
+
+MOST_CROSSINGS = 2_000_000
+"""Maximum number of pairs of sides of two polygons whose bounding boxes overlap, and which may therefore cross."""
 
 MOST_ELEMENTS = 300_000
 """Maximum number of elements in a KML file."""

@@ -94,6 +94,20 @@ class LocalFrame:
         self._check_near(array, array, " m")
         return np.stack(_transformer(self.proj).transform(array[:, 0], array[:, 1], direction="INVERSE"), axis=1)
 
+    def scale_error(self, lonlat: ArrayLike) -> float:
+        """Return the largest relative error of a length in the frame at points (longitude, latitude), as PROJ measures it.
+
+        Examples
+        --------
+        >>> f"{LocalFrame(6.0, 47.4).scale_error([(5.99, 47.4), (6.01, 47.4)]):.1e}"
+        '7.0e-09'
+        """
+        from pyproj import Proj
+
+        array = check_plane_points(lonlat, what="longitudes and latitudes")
+        scales = np.asarray(Proj(self.proj).get_factors(array[:, 0], array[:, 1]).meridional_scale)
+        return float(np.abs(scales - 1).max(initial=0.0))
+
     def written(self, points: ArrayLike) -> Points:
         """Return points in metres as a mission file contains them: with longitudes and latitudes rounded to `DECIMALS` decimals.
 
@@ -119,14 +133,3 @@ def _transformer(proj: str) -> Any:
     from pyproj import Transformer
 
     return Transformer.from_pipeline(proj)
-
-
-def utm_zone(longitude: float) -> int:
-    """Return the number of the UTM zone, from 1 to 60, of a longitude in degrees.
-
-    Examples
-    --------
-    >>> utm_zone(8.5), utm_zone(-180.0), utm_zone(180.0)
-    (32, 1, 60)
-    """
-    return min(60, int((longitude + 180.0) // 6) + 1)

@@ -76,6 +76,15 @@ class SearchRegion:
         return max(0.0, float(self.outline.area - self.area.area))
 
     @cached_property
+    def scale_error(self) -> float:
+        """Largest relative error of a length in the region's frame: 0 for a region without a position on Earth."""
+        import shapely
+
+        if self.frame is None:
+            return 0.0
+        return self.frame.scale_error(self.frame.to_degrees(shapely.get_coordinates(self.outline)))
+
+    @cached_property
     def parts(self) -> tuple[Any, ...]:
         """The connected polygons of the area where robots may be, from the largest to the smallest."""
         import shapely

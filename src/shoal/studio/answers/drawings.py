@@ -55,7 +55,7 @@ class Drawing:
         rings += [(zone, True, f"drawn zone {k}") for k, zone in enumerate(self.zones, start=1)]
         found = tuple(RegionOutline(Ring(points, where), no_go=no_go) for points, no_go, where in rings)
         outlines = RegionOutlines(found, "the drawing", geographic=self.frame is not None, closed=False)
-        region = build_region(outlines, list(problem.no_go), name="drawing", across_zones=problem.across_zones, inner=problem.inner)
+        region = build_region(outlines, list(problem.no_go), name="drawing", inner=problem.inner)
         return problem.at_place(with_margin(region, problem.margin))
 
     def write(self, folder: Folder, stem: str) -> str:

@@ -7,13 +7,13 @@ from dataclasses import asdict
 from typing import Any
 
 import shoal
-from shoal.core.checks import check_text
+from shoal.core.checks import check_text, parse_toml
 from shoal.core.errors import ShoalError
 from shoal.core.parts import PARTS
 from shoal.lab.storage.rows import StoredSweep
 from shoal.lab.storage.store import Store
 from shoal.lab.summaries import compare_along, first_measure, summarise
-from shoal.lab.sweeps.sweep import parse_toml, trial_seed
+from shoal.lab.sweeps.sweep import trial_seed
 from shoal.lab.sweeps.toml_writing import as_toml
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_seed

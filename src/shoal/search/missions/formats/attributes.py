@@ -109,9 +109,14 @@ def number_in(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> 
     value = found[name]
     if not isinstance(value, bool):
         try:
-            return float(value)
+            number = float(value)
         except (TypeError, ValueError, OverflowError):
             pass
+        else:
+            if name in MORE and not math.isfinite(number):
+                sheet.add("not-a-number", place, f"expected a finite number as {name!r}, got {number}")
+                return math.nan
+            return number
     sheet.add("wrong-value", place, f"expected a number as {name!r}, got {_short(value)}")
     return math.nan
 

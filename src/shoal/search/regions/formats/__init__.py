@@ -11,9 +11,17 @@
   reader ignores lines that begin with #. A new ring begins after a blank line, or when the value in a third column changes. A ring
   may repeat its first vertex at its end. A ring inside another ring is a hole, and a ring inside a hole is a part of the region.
 
+- ``.plan``: a plan of QGroundControl. From a plan, the reader takes the survey polygons or the inclusions of the fence. The
+  exclusions of the fence are no-go zones.
+- ``.poly .fen .waypoints .txt``: a polygon or a fence of Mission Planner, with a latitude and a longitude in each line, or a
+  fence as items of a mission. Exclusions of the fence are no-go zones.
+
+The encoding of a KML file is the encoding that its first line declares. Other text files are in UTF-8.
+
 A polygon is a no-go zone if it has a property such as ``no_go``, ``noFly`` or ``exclusion`` that is not false. The name or the kind
 of a polygon can mark the polygon as a no-go zone ("No-go: pond", "NFZ 3"). The name of a folder, a collection or a layer can mark
-all polygons in it as no-go zones. If a file contains a polygon, the reader ignores points and lines. The reader unites overlapping
+all polygons in it as no-go zones. If a file contains a polygon, the reader ignores points and lines, unless the
+user wants closed lines as polygons. The reader unites overlapping
 polygons. The module `shoal.search.regions.limits` lists the maximum sizes of files.
 """
 
@@ -27,14 +35,17 @@ from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.geojson import read_geojson
 from shoal.search.regions.formats.geopackage import read_geopackage
+from shoal.search.regions.formats.ground_control import read_plan, read_polygon_file
 from shoal.search.regions.formats.kml import read_kml, read_kmz
+from shoal.search.regions.formats.reading import Reading
 from shoal.search.regions.formats.shapefile import read_shapefile, read_zipped_shapefile
 from shoal.search.regions.formats.table import read_table
 from shoal.search.regions.limits import LARGEST_DATABASE, MOST_CORNERS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutlines
 
 _LAYERED = ".gpkg"
-_READERS: dict[str, Callable[[Path], RegionOutlines]] = {
+_PLAN = ".plan"
+_READERS: dict[str, Callable[[Path, Reading], RegionOutlines]] = {
     ".geojson": read_geojson,
     ".json": read_geojson,
     ".kml": read_kml,
@@ -42,19 +53,25 @@ _READERS: dict[str, Callable[[Path], RegionOutlines]] = {
     ".csv": read_table,
     ".shp": read_shapefile,
     ".zip": read_zipped_shapefile,
+    ".plan": read_plan,
+    ".poly": read_polygon_file,
+    ".fen": read_polygon_file,
+    ".waypoints": read_polygon_file,
+    ".txt": read_polygon_file,
 }
 
 
-def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None, zones: bool = False) -> RegionOutlines:
+def read_outlines(path: str | os.PathLike[str], reading: Reading | None = None, *, zones: bool = False) -> RegionOutlines:
     """Return the polygons in a region file.
 
     Parameters
     ----------
     path : path
-    layer : str, optional
-        Name of the layer to read from a GeoPackage.
+    reading : Reading, optional
+        The layer of a GeoPackage or a plan, and other choices of the user.
     zones : bool
-        Whether all polygons in the file are no-go zones. If true, the function reads all layers of a GeoPackage.
+        Whether all polygons in the file are no-go zones. If true, the function reads all layers of a GeoPackage, and only the
+        exclusions of a plan.
 
     Raises
     ------
@@ -62,7 +79,7 @@ def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None, zon
         If the file is missing, damaged, too large or of another format, or if it contains no polygon. The error message names the
         place of the mistake.
     """
-    source = Path(path)
+    source, reading = Path(path), reading or Reading()
     suffix = source.suffix.lower()
     if suffix not in _READERS and suffix != _LAYERED and not source.is_dir():
         known = " ".join((*_READERS, _LAYERED))
@@ -70,11 +87,15 @@ def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None, zon
     try:
         check_file(source, what="region file", most=LARGEST_DATABASE)
         if suffix == _LAYERED:
-            found = read_geopackage(source, layer=layer, every=zones)
-        elif layer is not None and (suffix, layer) != (".shp", source.stem):
-            raise InvalidInputError(f"layer: expected it only with a GeoPackage, got {layer!r} with {source}")
+            found = read_geopackage(source, reading, every=zones)
+        elif suffix == _PLAN:
+            found = read_plan(source, reading, zones=zones)
+        elif reading.layer is not None and not zones and (suffix, reading.layer) != (".shp", source.stem):
+            raise InvalidInputError(
+                f"--layer: expected a GeoPackage or a plan of QGroundControl, got {reading.layer!r} with {source}"
+            )
         else:
-            found = _READERS[suffix](source)
+            found = _READERS[suffix](source, reading)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     check_count(len(found.outlines), MOST_POLYGONS, where=str(source), what="polygons")

@@ -13,6 +13,7 @@ from shoal.core.checks import parse_json, read_text
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.marks import is_no_go, names_no_go
+from shoal.search.regions.formats.reading import Reading, only_lines_text
 from shoal.search.regions.limits import LARGEST_FILE
 from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring
 
@@ -20,7 +21,7 @@ _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
 _SYSTEM = re.compile(r"[\w:/.() -]{1,200}", re.ASCII)  # EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name without definition
 
 
-def read_geojson(path: Path) -> RegionOutlines:
+def read_geojson(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in a GeoJSON file.
 
     Raises
@@ -40,12 +41,15 @@ def read_geojson(path: Path) -> RegionOutlines:
                     raise InvalidInputError(f"{where}, polygon {k}: expected a list of rings, got {_short(rings)}")
                 found.append(_polygon(rings, f"{where}, polygon {k}", no_go))
         elif isinstance(kind, str) and kind in _OTHER:
-            passed.add(kind)
+            lines = [_points(line, where) for line in _lines(shape, where)] if reading.closed_lines else []
+            closed = [RegionOutline(Ring(points, where), (), no_go) for points in lines if reading.is_polygon(points)]
+            found += closed
+            passed |= set() if closed else {kind}
         else:
             got = "no type" if kind is None else f"the type {_short(kind)}"
             raise InvalidInputError(f"{where}: expected a GeoJSON Polygon, MultiPolygon, Feature or FeatureCollection, got {got}")
     if not found:
-        got = "only " + " and ".join(sorted(passed)) if passed else "none"
+        got = only_lines_text(passed, closed_lines=reading.closed_lines)
         raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
     name = _crs_name(data, str(path))
     if name is None:
@@ -104,6 +108,13 @@ def _geometries(data: Any, where: str, no_go: bool = False) -> Iterator[tuple[st
             yield from _geometries(geometry, f"{where}, geometry {k}", no_go)
     else:
         yield where, data, no_go
+
+
+def _lines(shape: dict[str, Any], where: str) -> list[Any]:
+    """Return the lines of a geometry that may have some."""
+    if shape["type"] == "MultiLineString":
+        return _list(shape, "coordinates", where)
+    return [shape.get("coordinates")] if shape["type"] == "LineString" else []
 
 
 def _list(data: dict[str, Any], key: str, where: str) -> list[Any]:

@@ -14,6 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.layers import layer_polygons
 from shoal.search.regions.formats.marks import can_mark, names_no_go
+from shoal.search.regions.formats.reading import Reading
 from shoal.search.regions.limits import LARGEST_DATABASE, LARGEST_FILE, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutlines
 
@@ -30,14 +31,14 @@ _LAYERS = """
 """
 
 
-def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> RegionOutlines:
+def read_geopackage(path: Path, reading: Reading, *, every: bool = False) -> RegionOutlines:
     """Return the polygons in one layer of a GeoPackage, and the polygons in all layers whose names mark no-go zones.
 
     Parameters
     ----------
     path : path
-    layer : str, optional
-        Name of the layer. A layer name is required if several layers could contain the region.
+    reading : Reading
+        The name of a layer is required if several layers could contain the region.
     every : bool
         Whether to read all layers, as for a file of no-go zones.
 
@@ -48,8 +49,8 @@ def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> Re
     check_file(path, what="region file", most=LARGEST_DATABASE)
     with _opened(path) as database:
         known = {str(row[0]): row for row in database.execute(_LAYERS)}
-        names = [*known] if every else _chosen(path, layer, [*known])
-        read = [_outlines(database, path, known, name, layer) for name in names]
+        names = [*known] if every else _chosen(path, reading.layer, [*known])
+        read = [_outlines(database, path, known, name, reading) for name in names]
     if len({one.geographic for one in read}) > 1:
         raise InvalidInputError(
             f"{path}: expected only layers with positions on Earth or only layers without, got both: {', '.join(names)[:80]}"
@@ -64,13 +65,13 @@ def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
     if layer is not None and layer not in names:
         raise InvalidInputError(f"{path}: expected one of the layers {', '.join(names)[:200]}, got {layer!r}")
     if layer is None and len(searched) != 1:
-        got = f"{len(searched)}: {', '.join(searched)[:200]}; choose by the option layer" if searched else "none"
+        got = f"{len(searched)}: {', '.join(searched)[:200]}; choose with --layer NAME" if searched else "none"
         raise InvalidInputError(f"{path}: expected one layer of shapes, got {got}")
     first = searched[0] if layer is None else layer
     return [first, *(name for name in zones if name != first)]
 
 
-def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], name: str, asked: str | None) -> RegionOutlines:
+def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], name: str, reading: Reading) -> RegionOutlines:
     """Return the polygons of one layer.
 
     If the name of a layer marks no-go zones, all its polygons are no-go zones, unless the user requested this layer as the region.
@@ -80,12 +81,18 @@ def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], n
     columns = [str(row[1]) for row in database.execute(f"PRAGMA table_info({_quoted(table)})")]
     marks = [name for name in columns if can_mark(name) and name != column]
     wanted = ", ".join(_quoted(name) for name in (column, *marks))
-    rows = database.execute(f"SELECT {wanted} FROM {_quoted(table)} LIMIT {MOST_POLYGONS + 1}").fetchall()
+    if str(column) not in columns:  # a generated column could compute gigabytes from nothing
+        raise InvalidInputError(f"{path}, layer {table!r}: expected a stored column {str(column)[:60]!r} of shapes, got none")
+    rows, size = [], 0
+    for row in database.execute(f"SELECT {wanted} FROM {_quoted(table)} LIMIT {MOST_POLYGONS + 1}"):
+        rows.append(row)
+        size += sum(len(value) for value in row if isinstance(value, bytes | str))
+        check_count(size, LARGEST_FILE, where=f"{path}, layer {table!r}", what="bytes of shapes")
     check_count(len(rows), MOST_POLYGONS, where=f"{path}, layer {table!r}", what="features")
     where = str(path) if len(known) == 1 else f"{path}, layer {table!r}"
     shapes = [_shape(blob, f"{where}: feature {number}") for number, (blob, *_) in enumerate(rows, start=1)]
     told = [dict(zip(marks, values, strict=True)) for _, *values in rows]
-    found = layer_polygons(zip(shapes, told, strict=True), where, no_go=names_no_go(table) and table != asked)
+    found = layer_polygons(zip(shapes, told, strict=True), where, reading, no_go=names_no_go(table) and table != reading.layer)
     who = str(organization or "none").upper()
     if who == "NONE":
         return RegionOutlines(found, str(path), geographic=False)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from shoal.core.checks import decode_text, read_text
+from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.marks import is_no_go, names_no_go
-from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
-from shoal.search.regions.limits import LARGEST_FILE, opened_zip
+from shoal.search.regions.formats.reading import Reading, only_lines_text
+from shoal.search.regions.formats.xml_tree import Element, XmlError, decode_xml, parse_xml
+from shoal.search.regions.limits import LARGEST_FILE, MOST_CORNERS, check_count, opened_zip
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring
 
-_OTHER = ("Point", "LineString", "Track")
+_LINES = ("LineString", "LinearRing")
+_OTHER = ("Point", "Track")
 _CONTAINERS = ("Document", "Folder")
+_FEATURES = (*_CONTAINERS, "Placemark")
 
 
-def read_kml(path: Path) -> RegionOutlines:
+def read_kml(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in a KML file.
 
     Raises
@@ -25,10 +30,11 @@ def read_kml(path: Path) -> RegionOutlines:
     InvalidInputError
         If the file is invalid. The error message names the line of the mistake.
     """
-    return _outlines(read_text(path, what="region file", most=LARGEST_FILE), str(path))
+    check_file(path, what="region file", most=LARGEST_FILE)
+    return _outlines(decode_xml(path.read_bytes(), where=str(path)), str(path), reading)
 
 
-def read_kmz(path: Path) -> RegionOutlines:
+def read_kmz(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in the first KML file of a KMZ archive.
 
     Raises
@@ -44,36 +50,71 @@ def read_kmz(path: Path) -> RegionOutlines:
     where = f"{path}: {inside[0].filename[:80]}"
     if len(raw) > LARGEST_FILE:
         raise InvalidInputError(f"{where}: expected at most {LARGEST_FILE} bytes, got more")
-    return _outlines(decode_text(raw, where=where), where)
+    return _outlines(decode_xml(raw, where=where), where, reading)
 
 
-def _outlines(text: str, where: str) -> RegionOutlines:
+def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
+    check_count(text.count(","), 3 * MOST_CORNERS, where=where, what="commas")  # at most two in a vertex, some in descriptions
     try:
         root = parse_xml(text, root="kml")
     except XmlError as error:
         raise InvalidInputError(f"{where}: line {error.line}: {error}") from None
-    zones = _zones(root)
-    found = [
-        _outline(polygon, f"{where}: polygon {number} (line {polygon.line})", where, no_go=id(polygon) in zones)
-        for number, polygon in enumerate(root.all("Polygon"), start=1)
-    ]
+    found: list[RegionOutline] = []
+    passed: set[str] = set()
+    skipped = 0
+    for number, (element, no_go, hidden) in enumerate(_shapes(root), start=1):
+        what = f"{where}: polygon {number} (line {element.line})"
+        if element.tag == "Polygon":
+            outline = _outline(element, what, where, no_go=no_go)
+        else:
+            ring = element.first("coordinates")
+            line = None if ring is None or not ring.text.strip() else _ring(ring, what, where)
+            if line is None or not reading.is_polygon(line.points):
+                passed.add(element.tag)
+                continue
+            outline = RegionOutline(line, (), no_go)
+        if hidden is not None:
+            if reading.hidden is None:
+                raise InvalidInputError(
+                    f"{what}: expected a visible polygon, got one that the file hides (visibility 0 in line {hidden}); choose with "
+                    "--hidden use or --hidden skip"
+                )
+            reading.effects.add("hidden")
+            if reading.hidden == "skip":
+                skipped += 1
+                continue
+        found.append(outline)
     if not found:
-        passed = {element.tag for element in root.walk() if element.tag in (*_OTHER, "LinearRing")}
-        got = "only " + " and ".join(sorted(passed)) if passed else "none"
+        passed |= {element.tag for element in root.walk() if element.tag in _OTHER}
+        got = f"{skipped} hidden ones" if skipped else only_lines_text(passed, closed_lines=reading.closed_lines)
         raise InvalidInputError(f"{where}: expected a Polygon, got {got}")
     return RegionOutlines(tuple(found), where, geographic=True)
 
 
-def _zones(root: Element) -> set[int]:
-    """Return the identities of the polygon elements that a placemark or a folder around the polygon marks as no-go zones."""
-    marked = [one for one in root.walk() if one.tag in _CONTAINERS and names_no_go(_child(one, "name"))]
-    marked += [one for one in root.all("Placemark") if _is_no_go(one)]
-    return {id(polygon) for one in marked for polygon in one.all("Polygon")}
+def _shapes(root: Element) -> Iterator[tuple[Element, bool, int | None]]:
+    """Yield each polygon and line, whether it is a no-go zone, and the line of a tag that hides it (None if it is visible).
+
+    A shape is a no-go zone if its placemark or a folder around it says so, and it is hidden if one of them is.
+    """
+    waiting: list[tuple[Element, bool, int | None]] = [(root, False, None)]
+    while waiting:
+        element, no_go, hidden = waiting.pop()
+        if element.tag in _CONTAINERS:
+            no_go = no_go or names_no_go(_child(element, "name"))
+        elif element.tag == "Placemark":
+            no_go = no_go or _is_no_go(element)
+        elif element.tag in ("Polygon", *_LINES):
+            yield element, no_go, hidden
+            continue
+        if element.tag in _FEATURES and (_child(element, "visibility") or "").strip().lower() in ("0", "false"):
+            hidden = element.line
+        waiting += [(child, no_go, hidden) for child in reversed(element.children)]
 
 
 def _is_no_go(placemark: Element) -> bool:
     told = {child: _child(placemark, child) for child in ("name", "description", "styleUrl")}
-    for one in placemark.walk():
+    extended = [one for child in placemark.children if child.tag == "ExtendedData" for one in child.walk()]
+    for one in extended:
         if one.tag in ("Data", "SimpleData"):
             value = one.first("value") if one.tag == "Data" else one
             told[one.attributes.get("name", "")] = "" if value is None else value.text
@@ -101,7 +142,9 @@ def _outline(polygon: Element, where: str, path: str, *, no_go: bool) -> RegionO
 
 
 def _ring(element: Element, where: str, path: str) -> Ring:
-    words = [(word, element.line + offset) for offset, row in enumerate(element.text.split("\n")) for word in row.split()]
+    rows = enumerate(element.text.split("\n"))
+    words = [*islice(((word, element.line + offset) for offset, row in rows for word in row.split()), MOST_CORNERS + 1)]
+    check_count(len(words), MOST_CORNERS, where=where, what="vertices")
     if not words:
         raise InvalidInputError(f"{where}: expected coordinates, got none")
     vertices = [_vertex(word, f"{path}: line {line}") for word, line in words]

@@ -11,6 +11,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.layers import layer_polygons
 from shoal.search.regions.formats.marks import can_mark
+from shoal.search.regions.formats.reading import Reading
 from shoal.search.regions.limits import LARGEST_FILE, MOST_POLYGONS, check_count, opened_zip
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines
 
@@ -22,7 +23,7 @@ PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
 """Suffixes of the files of a Shapefile that Shoal unpacks from a zip archive."""
 
 
-def read_zipped_shapefile(path: Path) -> RegionOutlines:
+def read_zipped_shapefile(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in the Shapefile of a zip archive, which must contain exactly one Shapefile.
 
     The function unpacks the files of the Shapefile under new names, so that no path in the archive can lead to another folder.
@@ -43,12 +44,12 @@ def read_zipped_shapefile(path: Path) -> RegionOutlines:
                 with archive.open(one) as file:
                     Path(place, f"shapes{suffix}").write_bytes(file.read(LARGEST_FILE + 1))
         try:
-            return read_shapefile(Path(place, "shapes.shp"), f"{path}: {stem[:80]}.shp")
+            return read_shapefile(Path(place, "shapes.shp"), reading, f"{path}: {stem[:80]}.shp")
         except InvalidInputError as error:
             raise InvalidInputError(str(error).replace(f"{place}/shapes", f"{path}: {stem[:80]}")) from None
 
 
-def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
+def read_shapefile(path: Path, reading: Reading, where: str = "") -> RegionOutlines:
     """Return the polygons in a Shapefile. In error messages, the text ``where`` replaces the path of the Shapefile.
 
     Raises
@@ -68,13 +69,13 @@ def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
             )
         for beside in there:
             check_file(beside, what="part of a Shapefile", most=LARGEST_FILE)
-    found, crs = _read(path, where)
+    found, crs = _read(path, where, reading)
     if not crs:
         raise InvalidInputError(f"{path.with_suffix('.prj')}: expected a known coordinate reference system, got another text")
     return to_degrees(found, where, crs)
 
 
-def _read(path: Path, where: str) -> tuple[tuple[RegionOutline, ...], str | None]:
+def _read(path: Path, where: str, reading: Reading) -> tuple[tuple[RegionOutline, ...], str | None]:
     """Return the polygons in a Shapefile, and the name of its coordinate reference system."""
     import pyogrio
     import shapely
@@ -96,4 +97,4 @@ def _read(path: Path, where: str) -> tuple[tuple[RegionOutline, ...], str | None
     told = (
         [dict(zip(meta["fields"], values, strict=True)) for values in zip(*columns, strict=True)] if marks else [{}] * len(shapes)
     )
-    return layer_polygons(zip(shapes, told, strict=True), where), meta["crs"]
+    return layer_polygons(zip(shapes, told, strict=True), where, reading), meta["crs"]

@@ -12,6 +12,7 @@ import numpy as np
 from shoal.core.checks import read_text
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.marks import names_no_go
+from shoal.search.regions.formats.reading import Reading
 from shoal.search.regions.limits import LARGEST_FILE, MOST_CORNERS, MOST_PAIRS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, check_metres, check_ring, text_of
 
@@ -39,7 +40,8 @@ class Vertex(NamedTuple):
 def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> tuple[list[Vertex | None], bool | None]:
     """Return the points in a CSV file, and whether their coordinates are in degrees.
 
-    Each blank line gives None instead of a point. If no heading of the file names the unit of the coordinates, the second result
+    One or more blank lines between points give None instead
+    of a point. If no heading of the file names the unit of the coordinates, the second result
     is None.
 
     Parameters
@@ -58,11 +60,13 @@ def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -
     rows: list[Vertex | None] = []
     order, label, degrees = [0, 1], 2, None
     wide: int | None = None
+    count = 0
     for number, line in enumerate(read_text(path, what=what, most=LARGEST_FILE).splitlines(), start=1):
         if line.lstrip().startswith("#"):
             continue
         if not line.strip(" ,;\t"):
-            rows.append(None)
+            if rows and rows[-1] is not None:
+                rows.append(None)
             continue
         try:
             words = [word.strip() for word in next(csv.reader([line], delimiter="," if "," in line else ";"))]
@@ -79,6 +83,8 @@ def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -
             got = ",".join(words[:2])[:60]
             raise InvalidInputError(f"{path}: line {number}: expected two numbers, x,y in metres, got {got!r}") from None
         rows.append(Vertex(x, y, words[label] if label < len(words) else None, number))
+        count += 1
+        check_count(count, MOST_CORNERS, where=str(path), what="points")
     return rows, degrees
 
 
@@ -95,7 +101,7 @@ def _named(words: list[str]) -> tuple[list[int], int, bool | None] | None:
     return order, others[0] if others else len(words), known[0][0][1]
 
 
-def read_table(path: Path) -> RegionOutlines:
+def read_table(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in a CSV file, in degrees if the heading names longitude and latitude, and in metres otherwise.
 
     Raises

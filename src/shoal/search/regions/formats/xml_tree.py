@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import codecs
+import re
 from collections.abc import Iterator
 from dataclasses import field
 from xml.parsers import expat
 
+from shoal.core.checks import decode_text
 from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS
 
 
@@ -50,6 +54,53 @@ class Element:
         return next((element for element in self.walk() if element.tag == tag), None)
 
 
+_BOMS = (  # the longer ones first: the mark of UTF-16 is the beginning of that of UTF-32
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+    (b"<\0?\0", "utf-16-le"),
+    (b"\0<\0?", "utf-16-be"),
+)
+_DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?encoding\s*=\s*["']([A-Za-z][A-Za-z0-9._-]{0,40})["']""")
+
+
+def decode_xml(raw: bytes, *, where: str) -> str:
+    """Decode an XML file by its byte order mark or by the encoding that it declares, such as UTF-16 or ISO-8859-1.
+
+    Without both, the encoding is UTF-8 (XML 1.0, appendix F). A file of ASCII characters is read whatever it declares.
+
+    Raises
+    ------
+    InvalidInputError
+        If the encoding is unknown, or if the bytes are not text in this encoding.
+    """
+    encoding = next((name for mark, name in _BOMS if raw.startswith(mark)), None)
+    if encoding is None:
+        declared = _DECLARED.match(raw.lstrip()[:400])
+        encoding = declared[1].decode() if declared else "utf-8"
+        try:
+            known = codecs.lookup(encoding).name
+            "".encode(known)  # refuses codecs between bytes and bytes, such as zlib
+        except (LookupError, ValueError):
+            if not raw.isascii():
+                raise InvalidInputError(f"{where}: expected a known encoding of XML, got {encoding[:40]!r}") from None
+            known = "ascii"
+        # A declaration that can be read in single bytes is wrong if it says UTF-16; programs that write it write UTF-8.
+        if known in ("utf-8", "ascii") or known.startswith(("utf-16", "utf-32")):
+            return decode_text(raw, where=where)
+    try:
+        text = raw.decode(encoding)
+    except UnicodeError as error:
+        said = getattr(error, "reason", error)
+        raise InvalidInputError(f"{where}: expected text in {encoding}, as the file declares, got something else: {said}") from None
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise InvalidInputError(f"{where}: expected text, got a zero byte in line {line}")
+    return text
+
+
 def parse_xml(text: str, *, root: str) -> Element:
     """Parse an XML text, and return its root element, which must have the name ``root``.
 
@@ -69,9 +120,9 @@ def parse_xml(text: str, *, root: str) -> Element:
         if len(open_elements) > DEEPEST:
             raise XmlError("expected XML, got tags nested too deeply", parser.CurrentLineNumber)
         nonlocal count
-        count += 1
+        count += 1 + len(attributes)
         if count > MOST_ELEMENTS:
-            raise XmlError(f"expected at most {MOST_ELEMENTS} elements, got more", parser.CurrentLineNumber)
+            raise XmlError(f"expected at most {MOST_ELEMENTS} elements and attributes, got more", parser.CurrentLineNumber)
         element = Element(name.rpartition(":")[2], parser.CurrentLineNumber, attributes)
         open_elements[-1].children.append(element)
         open_elements.append(element)

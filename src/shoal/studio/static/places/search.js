@@ -17,7 +17,7 @@ const SECTIONS = [
   { title: "Rows", open: true, fields: ["angle", "margin", "tour", "allocation", "multiplicity"] },
   { title: "Messages and faults", fields: ["loss", "network", "packet", "faults", "crashes", "rates"] },
   { title: "Things to find", fields: ["targets", "detection", "false_alarm", "obstacles"] },
-  { title: "How the file is read", fields: ["no_go", "layer", "inner", "across_zones", "transit"] },
+  { title: "How the file is read", fields: ["no_go", "layer", "inner", "hidden", "closed_lines", "transit"] },
 ];
 const BEGIN = {
   problem: { robots: 4, footprint: "20", vehicle: { preset: "multirotor" }, launch: "8.4971,47.3987" },
