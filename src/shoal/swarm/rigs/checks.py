@@ -397,7 +397,7 @@ def tail(events: int, trials: int, probability: float) -> float:
     return float(bdtrc(events - 1, trials, probability)) if events else 1.0
 
 
-def trust_of(alarms: list[Alarm], *, moved: bool, tested: bool, doubts: list[str]) -> Trust:
+def trust_of(alarms: list[Alarm], *, moved: bool, doubts: list[str]) -> Trust:
     """Return how far a map can be trusted.
 
     Parameters
@@ -405,8 +405,6 @@ def trust_of(alarms: list[Alarm], *, moved: bool, tested: bool, doubts: list[str
     alarms : list of Alarm
     moved : bool
         Whether particles moved at all.
-    tested : bool
-        Whether the drive made its test moves.
     doubts : list of str
         Other reasons to doubt the map, such as walls that rest on commands without any motion.
     """
@@ -416,8 +414,6 @@ def trust_of(alarms: list[Alarm], *, moved: bool, tested: bool, doubts: list[str
     if fatal:
         return Trust("none", f"every wall was inferred from a wrong direction: {fatal[0].text}")
     reasons = [alarm.text for alarm in alarms] + doubts
-    if not tested:
-        reasons.append("no test move was made")
     if reasons:
         return Trust("limited", "; ".join(reasons))
     return Trust("high", "the particles moved as the commands and the known free cells require, and no alarm was raised")

@@ -148,7 +148,7 @@ class _Event(_Entry):
 
 class _End(_Entry):
     kind: Literal["end"]
-    status: Literal["complete", "stalled", "limit", "interrupted"]
+    status: Literal["complete", "stalled", "limit", "interrupted", "alarm"]
     moves: int | None = None
     free: int | None = None
     obstacles: int | None = None
