@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -325,8 +326,14 @@ def _explored(
             raise AlarmRaised(_nothing_moved(swarm))
     decider: Decider
     if recorded is not None:
-        decider = _RecordedRuns(recorded)
-    elif isinstance(swarm, NoisyRigSwarm):
+        runs = _RecordedRuns(recorded)
+        _, status = closed_loop(swarm, runs, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
+        for command, steps in runs.rest():  # the closing moves, after the map was complete
+            rows, scanned = swarm.carry_out(command, steps, scan=runs.due)
+            recorder.add(command, rows, scanned=scanned)
+            check()
+        return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
+    if isinstance(swarm, NoisyRigSwarm):
         decider = _NoisyRigRuns(problem, swarm, seed)
     else:
         decider = make_decider(problem, swarm.belief, trial_rng(seed))
@@ -454,8 +461,16 @@ class _RecordedRuns:
         """Whether the log contains a scan after the last run of commands."""
         return self._at in self._rig.scans
 
+    def rest(self) -> Iterator[tuple[str, int]]:
+        """Yield the runs that are left."""
+        while (run := self._next()) is not None:
+            yield run
+
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the command of the next run and the number of commands in the run. If no commands are left, return None."""
+        return self._next()
+
+    def _next(self) -> tuple[str, int] | None:
         commands, first = self._rig.commands, self._at
         if first == len(commands):
             return None

@@ -177,7 +177,7 @@ class RecordedRig:
         Name of the policy that chose the commands.
     seed : int
     commands : str
-        The recorded commands before the last scan. Commands after the last scan are omitted.
+        The recorded commands before the last scan. Commands after the last scan are omitted, unless their outcome was certain.
     scans : dict
         The cells in which each scan showed particles. The key of a scan is the number of commands before the scan.
     events : list of dict
@@ -268,7 +268,9 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
             ended = entry.model_dump()
     if 0 not in scans:
         raise InvalidInputError(f"{source}: expected a scan before the first command, got none")
-    sent = commands[: max(scans)]
+    # what the commands after the last scan did is unknown, unless the drive ended of its own accord, as then it was certain
+    last = 0 if ended is None else ended["moves"] or 0
+    sent = commands[: max(*scans, last)] if last else commands[: max(scans)]
     return RecordedRig(header.rig, shape, problem, header.policy, header.seed, sent, scans, events, ended)
 
 
