@@ -49,9 +49,9 @@ class SwarmEpisode(WithTrace, Episode):
     trace : Trace
         The effect of each command of the episode.
     status : Status
-        The status at the end: "complete", "stalled", "limit", "interrupted" or, on a rig, "alarm". With noise, "complete" means that every reachable
-        cell beside a free cell is classified. With noise, "stalled" means that some reachable cells beside free cells are
-        undecided.
+        The status at the end: "complete", "stalled", "limit", "interrupted" or, on a rig, "alarm". With noise, "complete" means
+        that every reachable cell beside a free cell is classified. With noise, "stalled" means that some reachable cells beside
+        free cells are undecided.
     policy : str
         Name of the policy that chose the commands. If the problem has the policy ``auto``, the field contains the name of the
         selected policy.

@@ -73,8 +73,8 @@ def drive(
         bool,
         typer.Option(
             "--test-move/--no-test-move",
-            help="Before the policy begins, send commands until a particle moves; at the end, show once more that the rig acts. With "
-            "--no-test-move, Shoal sends only the commands of the policy.",
+            help="Before the policy begins, send commands until a particle moves, and at the end show once more that the rig acts. "
+            "With --no-test-move, Shoal sends only the commands of the policy.",
         ),
     ] = True,
     log: Annotated[
@@ -289,7 +289,7 @@ def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path]
     check_seed(log, seed, rig.seed)
     result, verified = replay_log(log, trust=trust)
     shown = (out, film) if verified else (None, None)
-    _report(result, rig, None, None, *shown, json_, seed=rig.seed, verified=verified)
+    _report(result, rig, None, None, *shown, json_, seed=rig.seed, spacing=rig.spacing, verified=verified)
     if not verified:
         say(f"shoal: {log}: {verified.message}")
         raise typer.Exit(1)

@@ -147,7 +147,7 @@ def explain_contradiction(before: SwarmState, after: SwarmState, command: str, s
                 break
             text = f"the particles moved as command {letter!r} moves them: the picture or the magnets are turned or mirrored"
             return Alarm("direction", move, f"{where}: {text}, or the particles drift")
-    if explains(before, after, command, 2 * steps):
+    if explains(before, after, command, 2 * steps) and not explains(before, after, command, steps):
         text = f"a particle moved by more than {count_text(steps, 'cell')}: the command was carried out twice, or particles drift"
         return Alarm("twice", move, f"{where}: {text}")
     sideways = len(after.occupied - before.occupied) > 0 and not explains(before, after, command, max(before.occupied.layout.shape))

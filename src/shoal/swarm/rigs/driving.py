@@ -76,7 +76,7 @@ class Drive(WithTrace):
     rates : dict of str to Rate
         For a rig with noise: the stated and the observed error rates, by name.
     seconds_per_command, seconds_per_scan : float or None
-        Mean time that the rig took for a command and for a scan, in seconds. None if there was none.
+        Mean time that the rig took for a command and for a scan, in seconds. None if there was none, and for replays.
     """
 
     policy: str
@@ -126,7 +126,7 @@ class DriveError(RigError):
         self.drive = drive
 
 
-class DriveInterrupted(KeyboardInterrupt):  # noqa: N818 - like KeyboardInterrupt
+class DriveInterrupted(KeyboardInterrupt):
     """Raised if Ctrl-C ends a run. The attribute ``drive`` holds the result up to the interruption."""
 
     def __init__(self, drive: Drive) -> None:
@@ -253,7 +253,7 @@ def _driven(
         noise = problem.noise
         swarm = ExactRigSwarm(rig) if noise is None else NoisyRigSwarm(rig, noise, problem.confidence)
         if log is not None:
-            log.begin(rig, problem, policy=policy, seed=seed)
+            log.begin(rig, problem, policy=policy, seed=seed, spacing=spacing)
             log.scan(0, swarm.observations[0] if isinstance(swarm, NoisyRigSwarm) else swarm.start)
             swarm.log = log
         status = _explored(swarm, problem, recorder, recorded, seed=seed, test=test_move, on_moves=on_moves)
@@ -352,8 +352,8 @@ def _explored(
 
 def _nothing_moved(swarm: RigSwarm) -> Alarm:
     text = (
-        f"no particle moved at {count_text(swarm.moves, 'command')}: the magnets do nothing, the camera shows an old picture, or no "
-        "particle has room to move"
+        f"no particle moved at {count_text(swarm.moves, 'command')}: the magnets do nothing, the camera shows an old picture, or "
+        "no particle has room to move"
     )
     return Alarm("still", swarm.moves, text)
 
@@ -406,8 +406,8 @@ def _result(
         alarms=tuple(alarms),
         trust=trust_of(alarms, moved=swarm.moved, doubts=doubts),
         rates={} if noisy is None else noisy.monitor.rates(),
-        seconds_per_command=swarm.sending / swarm.moves if swarm.moves else None,
-        seconds_per_scan=swarm.scanning / swarm.scans if swarm.scans else None,
+        seconds_per_command=swarm.sending / swarm.moves if swarm.moves and not isinstance(rig, RecordedRig) else None,
+        seconds_per_scan=swarm.scanning / swarm.scans if swarm.scans and not isinstance(rig, RecordedRig) else None,
         **about,
     )
 
@@ -421,9 +421,7 @@ class _NoisyRigRuns:
     """
 
     def __init__(self, problem: SwarmProblem, swarm: NoisyRigSwarm, seed: int) -> None:
-        self._runs = ReplannedRuns(
-            problem.chosen_policy, trial_rng(seed), every=problem.scanning.step, max_moves=problem.max_moves
-        )
+        self._runs = ReplannedRuns(problem.chosen_policy, trial_rng(seed), every=problem.scanning.step, max_moves=problem.max_moves)
         self._swarm, self._wakes, self._known, self._due = swarm, 0, 0, True
 
     @property
@@ -501,7 +499,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
         Raised if the recorded positions violate the move rule.
     """
     rig = read_log(path, trust=trust)
-    result = _driven(rig, rig.problem, seed=rig.seed)
+    result = _driven(rig, rig.problem, seed=rig.seed, spacing=rig.spacing)
     ended = rig.ended
     if ended is None or ended["map"] is None:
         how = "breaks off" if ended is None else f"was {ended['status']}"

@@ -53,8 +53,8 @@ class DriveLog:
         self._began = 0.0
         self._waiting: list[dict[str, Any]] = []
 
-    def begin(self, rig: Rig, problem: SwarmProblem, *, policy: str, seed: int) -> None:
-        """Write the header of the log: the rig, the problem, the policy and the seed."""
+    def begin(self, rig: Rig, problem: SwarmProblem, *, policy: str, seed: int, spacing: tuple[float, ...] | None = None) -> None:
+        """Write the header of the log: the rig, the problem, the policy, the seed, and the size of a cell along each axis in mm."""
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
         except OSError as error:
@@ -62,6 +62,7 @@ class DriveLog:
         self._began = time.monotonic()
         header = {"kind": "header", "log": "shoal-drive", "format": FORMAT, "version": __version__}
         header |= {"rig": rig.name, "shape": list(rig.shape), "policy": policy, "seed": seed, "problem": problem.to_dict()}
+        header |= {} if spacing is None else {"spacing": list(spacing)}
         self._write(header)
         for entry in self._waiting:
             self._write(entry)
@@ -124,6 +125,7 @@ class _Header(_Entry):
     policy: str
     seed: NonNegativeInt
     problem: dict[str, Any]
+    spacing: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=2, max_length=3)] | None = None
 
 
 class _Command(_Entry):
@@ -184,6 +186,8 @@ class RecordedRig:
         Recorded events of the connection, such as the loss of the connection.
     ended : dict or None
         The last line of the log, which contains the status. ``ended`` is None if the log is truncated.
+    spacing : tuple of float or None
+        Size of a cell along each axis in mm, if it was given.
     """
 
     name: str
@@ -195,6 +199,7 @@ class RecordedRig:
     scans: dict[int, list[list[int]]]
     events: list[dict[str, Any]]
     ended: dict[str, Any] | None
+    spacing: tuple[float, ...] | None = None
     _at: int = 0
 
     @property
@@ -271,7 +276,8 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
     # what the commands after the last scan did is unknown, unless the drive ended of its own accord, as then it was certain
     last = 0 if ended is None else ended["moves"] or 0
     sent = commands[: max(*scans, last)] if last else commands[: max(scans)]
-    return RecordedRig(header.rig, shape, problem, header.policy, header.seed, sent, scans, events, ended)
+    spacing = None if header.spacing is None else tuple(header.spacing)
+    return RecordedRig(header.rig, shape, problem, header.policy, header.seed, sent, scans, events, ended, spacing)
 
 
 def _entry(line: bytes, where: str) -> _Header | _Command | _Scan | _Event | _End:

@@ -246,7 +246,9 @@ class ExactRigSwarm(RigSwarm):
         where = f"the rig, after {self.moves} moves"
         if len(cells) == 0:
             if self.moves:
-                text = f"move {self.moves}: {self.state.n_particles} particles before, none now: the particles were lost or not seen"
+                text = (
+                    f"move {self.moves}: {self.state.n_particles} particles before, none now: the particles were lost or not seen"
+                )
                 raise AlarmRaised(Alarm("number", self.moves, f"{text}; {NOISY}"))
             raise RigError(f"{where}: expected the cells of particles, got none")
         outside = ((cells < 0) | (cells >= np.array(self.layout.shape))).any(axis=1)
