@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from shoal import GridWorkspace, open_map
-from shoal.cli import run as shoal
-from shoal.core.errors import RigError
 from shoal.swarm.grid.placements import place
 from shoal.swarm.noise.model import Noise
-from shoal.swarm.rigs import DriveError, DriveInterrupted, DriveLog, NoisyRig, SimulatedRig, drive, replay_log
+from shoal.swarm.rigs import NoisyRig, SimulatedRig, drive
 
 OPPOSITE = dict(zip("lurdio", "rdluoi", strict=True))
 NOISE = Noise(0.05, 0.01, 0.02)
@@ -123,14 +114,15 @@ def test_a_vessel_without_any_room_cannot_be_told_from_a_dead_magnet():
 @pytest.mark.parametrize("particles", [1, 4])
 def test_a_magnet_that_dies_on_the_way_never_completes_a_map(policy, particles):
     """Wherever it dies: each death is either noticed, or comes after the last cell was found."""
-    honest = drive(exact(MAZE, particles), policy=policy)
+    maze = open_map("maze:9x7")
+    honest = drive(exact(maze, particles), policy=policy)
     assert honest.status == "complete"
-    for since in range(1, honest.moves, 7):
-        rig = Lying(exact(MAZE, particles), since=since, command=lambda _letter: "")
+    for since in range(1, honest.moves, 5):
+        rig = Lying(exact(maze, particles), since=since, command=lambda _letter: "")
         driven = drive(rig, policy=policy)
         assert driven.status == "alarm", since
         assert driven.alarms[-1].kind == "still"
-        assert driven.trust.level == "limited"
+        assert driven.trust.level == ("limited" if driven.trace.travelled.any() else "none")
         assert driven.moves >= since
         assert driven.episode.verify(), since
 
@@ -138,12 +130,13 @@ def test_a_magnet_that_dies_on_the_way_never_completes_a_map(policy, particles):
 def test_a_magnet_that_dies_before_the_last_walls_is_noticed_by_the_closing_move():
     """After 'r' in a corridor of two cells, only walls are left to find, which a dead magnet 'finds' as well."""
     workspace = GridWorkspace([[1, 1]])
-    honest = drive(SimulatedRig(workspace, [(0, 0)]), policy="manual:rurdld")
-    assert (honest.status, honest.commands) == ("complete", "rurdlud"[:0] + honest.commands)
-    for test_move, status, level in ((True, "alarm", "limited"), (False, "complete", "limited")):
-        rig = Lying(SimulatedRig(workspace, [(0, 0)]), since=6, command=lambda _letter: "")
+    honest = drive(SimulatedRig(workspace, [(0, 0)]), policy="closest-frontier")
+    last = int(np.flatnonzero(honest.trace.travelled[:-1])[-1]) + 1  # the closing move left out
+    assert (honest.status, honest.trust.level) == ("complete", "high")
+    for test_move, status in ((True, "alarm"), (False, "complete")):
+        rig = Lying(SimulatedRig(workspace, [(0, 0)]), since=last, command=lambda _letter: "")
         driven = drive(rig, policy="closest-frontier", test_move=test_move)
-        assert (driven.status, driven.trust.level) == (status, level)
+        assert (driven.status, driven.trust.level) == (status, "limited")
     assert "at which nothing was seen to move" in driven.trust.why
 
 
@@ -215,7 +208,7 @@ def test_a_command_that_is_carried_out_twice_is_noticed():
 def test_rates_far_from_the_stated_ones_are_said_with_an_interval(name):
     true = {"slip": 0.02, "miss": 0.02, "misplace": 0.02} | {name: 0.25}
     rig = noisy(open_map("cave:24x18:3"), 12, 5, Noise(**true))
-    driven = drive(rig, **{rate: 0.02 for rate in true}, policy="closest-frontier", max_moves=600)
+    driven = drive(rig, **dict.fromkeys(true, 0.02), policy="closest-frontier", max_moves=600)
     rate = driven.rates[name]
     assert rate.low < 0.25 < rate.high
     assert rate.stated == 0.02
@@ -245,11 +238,11 @@ def test_the_number_of_particles_is_counted_under_noise():
 
 def test_an_honest_rig_is_not_accused():
     false = []
-    for seed in range(8):
+    for seed in range(4):
         for noise in (Noise(0.05, 0.01, 0.02), Noise(0.2, 0.05, 0.1), Noise(0, 0, 0.1), Noise(0.1, 0, 0)):
             workspace = open_map(("maze:15x11", "cave:24x18", "vessels:200")[seed % 3] + f":{seed}")
             rig = noisy(workspace, (8, 20, 40)[seed % 3], seed, noise)
-            driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=800)
+            driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=400)
             false += [(seed, noise, alarm.kind, alarm.text) for alarm in driven.alarms]
         driven = drive(exact(open_map(f"maze:15x11:{seed}"), 1 + seed))
         assert (driven.status, driven.trust.level, driven.alarms) == ("complete", "high", ())

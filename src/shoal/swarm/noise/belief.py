@@ -60,7 +60,7 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
 def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0) -> NDArray[np.generic]:
     """Return the part of a kernel's array that covers the workspace and a margin of ``rim`` cells."""
     cut = PAD - rim
-    return flat.reshape(padded_shape(shape))[(slice(cut, -cut),) * len(shape)]
+    return flat.reshape(padded_shape(shape))[(slice(cut, -cut or None),) * len(shape)]
 
 
 class NoisyBelief:

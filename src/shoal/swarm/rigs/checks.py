@@ -7,7 +7,7 @@ is inverted therefore gives a map, and a wrong one. A drive compares what the ri
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from math import sqrt
 from typing import Any, Literal
 
@@ -41,8 +41,10 @@ CRITICAL = 1e-9  # probability under the stated rates from which on the rates ca
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 FEW = 30  # observations from which on a rate is judged
-WINDOW = 30  # scans over which the number of particles is averaged
-APART = 5  # cells between two particles that cannot be confused with each other in two scans
+WINDOW, SETTLING = 30, 10  # scans over which the number of particles is averaged; scans before it settles
+CORRELATED = 3  # scans after which the expected number of particles is independent of its value before
+SURE, EMPTY = 0.9, 0.1  # probabilities of a particle in a cell that surely holds one, and in cells that hold none
+NEAR = 2  # cells within which a particle can be confused with another one in two scans
 RECENT = 40  # particles with a free cell ahead whose motion is remembered
 
 
@@ -118,7 +120,9 @@ class Trust:
 # --------------------------------------------------------------------------------------------- rigs without noise
 
 
-def explain_contradiction(before: SwarmState, after: SwarmState, command: str, steps: int, move: int, otherwise: str) -> Alarm:
+def explain_contradiction(
+    before: SwarmState, after: SwarmState, command: str, steps: int, *, free: Board, move: int, otherwise: str
+) -> Alarm:
     """Return the alarm for positions that a command cannot explain, with the most likely cause.
 
     Parameters
@@ -128,6 +132,8 @@ def explain_contradiction(before: SwarmState, after: SwarmState, command: str, s
     command : str
     steps : int
         Number of cells that the command (or the run of equal commands) may move a particle.
+    free : Board
+        The cells known to be free.
     move : int
         Number of commands sent.
     otherwise : str
@@ -140,11 +146,10 @@ def explain_contradiction(before: SwarmState, after: SwarmState, command: str, s
     if before == after:
         text = "nothing moved although a particle has a free cell ahead: the magnets do nothing, or the camera shows an old picture"
         return Alarm("still", move, f"{where}: {text}")
-    moved = len(before.occupied - after.occupied)
     for letter in letters_of(before.occupied.layout.ndim):
-        if letter != command and explains(before, after, letter, steps):
-            if 2 * moved < before.n_particles and before.n_particles > 2:
-                break
+        # a single particle that drifts leaves others behind that have room in its direction
+        behind = (before.occupied & after.occupied).shifted(letter) & free
+        if letter != command and explains(before, after, letter, steps) and behind <= after.occupied:
             text = f"the particles moved as command {letter!r} moves them: the picture or the magnets are turned or mirrored"
             return Alarm("direction", move, f"{where}: {text}, or the particles drift")
     if explains(before, after, command, 2 * steps) and not explains(before, after, command, steps):
@@ -170,12 +175,12 @@ def explains(before: SwarmState, after: SwarmState, command: str, steps: int) ->
 
 
 class NoiseMonitor:
-    """Compares pairs of scans with one command between them with the stated noise. The belief is used for free cells only.
+    """Compares pairs of scans with one command between them with the stated noise.
 
     Each pair of scans gives three kinds of evidence. (1) Motion along an axis: the number of pairs of detections one cell ahead
     minus the number of pairs one cell behind. If nothing moves, the two scans are exchangeable, so that the difference is 0 on
-    average, however dense the particles are. (2) The fate of single particles that no other particle is near: missed, moved,
-    stayed, or displaced to the side. (3) The number of particles in the belief, averaged over scans.
+    average, however dense the particles are. (2) The fate of particles that no other particle is near: missed, moved, stayed, or
+    displaced to the side. (3) The number of particles in the belief, averaged over scans.
 
     Parameters
     ----------
@@ -185,13 +190,13 @@ class NoiseMonitor:
     """
 
     def __init__(self, shape: tuple[int, ...], noise: Noise) -> None:
-        self.noise, self.ndim = noise, len(shape)
+        self.noise, self.shape, self.ndim = noise, np.array(shape), len(shape)
         sizes = [size + 8 for size in shape]  # no neighbour of a rim cell wraps around
         self._strides = np.array([int(np.prod(sizes[axis + 1 :])) for axis in range(self.ndim)], dtype=np.int64)
         self.missed, self.stayed, self.aside = [0, 0], [0, 0], [0, 0]  # events, trials
-        self.advance, self.variance = np.zeros(self.ndim), np.zeros(self.ndim)  # by the axis of the command
-        self.across, self.drift = np.zeros((self.ndim, self.ndim)), np.zeros(self.ndim)
-        self.followed = np.zeros(self.ndim)  # single particles that were followed, by the axis of the command
+        # by the axis of the command and the axis of the motion; positive along the command
+        self.advance, self.variance = np.zeros((self.ndim, self.ndim)), np.zeros((self.ndim, self.ndim))
+        self.drift = np.zeros(self.ndim)  # sum of the displacements of single particles across the axis of the command
         self.recent: deque[bool] = deque(maxlen=RECENT)  # whether a particle with a free cell ahead stayed
         self.since_motion = 0  # commands since a particle was last seen to move
         self._numbers: list[float] = []
@@ -211,8 +216,8 @@ class NoiseMonitor:
         command: str,
         before: NDArray[np.int64],
         after: NDArray[np.int64],
-        sure: Callable[[tuple[int, ...]], bool],
-        free: Board,
+        inside: NDArray[np.float64],
+        free: NDArray[np.bool_],
     ) -> None:
         """Take one pair of scans into account.
 
@@ -221,40 +226,68 @@ class NoiseMonitor:
         command : str
             The command between the scans.
         before, after : ndarray of int64, shape (k, ndim)
-        sure : callable
-            Returns whether the belief before the command is sure that a given cell held a particle.
-        free : Board
-            The cells that have ever been classified as free. Walls do not grow, so later doubts do not count.
+        inside : ndarray of float64
+            For each cell of the workspace and three cells around it: the probability of a particle, before the command.
+        free : ndarray of bool
+            The cells of the workspace and its rim that have ever been classified as free. Walls do not grow, so later doubts do not
+            count.
         """
         axis, sign = AXES[command]
         axis += self.ndim
         self.since_motion += 1
-        first, second = ((cells + 4) @ self._strides for cells in (before, after))
-        step = sign * self._strides[axis]
-        forward = np.isin(first + step, second).sum() - np.isin(first - step, second).sum()
-        touching = np.isin(first + step, first).sum()
-        self.advance[axis] += forward
-        self.variance[axis] += 4 * (self.noise.miss + self.noise.misplace) * touching
-        self.variance[axis] += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
-        if len(before) and len(after):
-            self._follow(axis, sign, before, after, sure, free)
+        first, second = self._flat(before), self._flat(after)
+        for other in range(self.ndim):
+            step = sign * self._strides[other]
+            self.advance[axis, other] += np.isin(first + step, second).sum() - np.isin(first - step, second).sum()
+            touching = np.isin(first + step, first).sum()
+            self.variance[axis, other] += 4 * (self.noise.miss + self.noise.misplace) * touching
+            self.variance[axis, other] += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
+        within = ((before >= 0) & (before < self.shape)).all(axis=1)
+        cells = before[within & (inside[tuple((before + 3).T)] > SURE)]
+        if len(cells):
+            ahead = np.zeros(self.ndim, dtype=np.int64)
+            ahead[axis] = sign
+            self._see_motion(cells, ahead, first, second, inside, free)
+            if len(after):
+                self._follow(cells, after, axis, inside)
 
-    def _follow(
+    def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+        flat: NDArray[np.int64] = (cells + 4) @ self._strides
+        return flat
+
+    def _see_motion(
         self,
-        axis: int,
-        sign: int,
-        before: NDArray[np.int64],
-        after: NDArray[np.int64],
-        sure: Callable[[tuple[int, ...]], bool],
-        free: Board,
+        cells: NDArray[np.int64],
+        ahead: NDArray[np.int64],
+        first: NDArray[np.int64],
+        second: NDArray[np.int64],
+        inside: NDArray[np.float64],
+        free: NDArray[np.bool_],
     ) -> None:
+        """Count the particles that moved and stayed, of those with a free cell ahead and no other particle in their line."""
+        able = free[tuple((cells + ahead + 1).T)]
+        for distance in (-1, 1, 2):
+            able &= inside[tuple((cells + distance * ahead + 3).T)] < EMPTY
+            able &= ~np.isin(self._flat(cells + distance * ahead), first)
+        there = np.isin(self._flat(cells[able] + ahead), second)
+        here = np.isin(self._flat(cells[able]), second)
+        stayed = here[here ^ there]
+        self.stayed[0] += int(stayed.sum())
+        self.stayed[1] += len(stayed)
+        self.recent.extend(stayed.tolist())
+        if not stayed.all():
+            self.since_motion = 0
+
+    def _follow(self, cells: NDArray[np.int64], after: NDArray[np.int64], axis: int, inside: NDArray[np.float64]) -> None:
+        """Count the single particles that were missed, and that were seen to one side of their line."""
         from scipy.spatial import KDTree
 
-        alone = np.ones(len(before), dtype=bool)
-        if len(before) > 1:
-            alone = KDTree(before).query(before, k=2, p=np.inf)[0][:, 1] >= APART
-        singles = before[alone]
-        for cell, near in zip(singles, KDTree(after).query_ball_point(singles, 2, p=np.inf), strict=True):
+        boxes = np.lib.stride_tricks.sliding_window_view(inside, (2 * NEAR + 1,) * self.ndim)
+        crowd = boxes[tuple((cells + 3 - NEAR).T)].reshape(len(cells), -1).sum(axis=1) - inside[tuple((cells + 3).T)]
+        singles = cells[crowd < EMPTY]
+        if not len(singles):
+            return
+        for cell, near in zip(singles, KDTree(after).query_ball_point(singles, NEAR, p=np.inf), strict=True):
             if len(near) > 1:
                 continue
             self.missed[1] += 1
@@ -262,21 +295,10 @@ class NoiseMonitor:
                 self.missed[0] += 1
                 continue
             way = after[near[0]] - cell
-            ahead = way[axis] * sign
-            self.followed[axis] += 1
-            side = np.delete(way, axis)
-            self.aside[0] += int(side.any())
+            way[axis] = 0
+            self.aside[0] += int(way.any())
             self.aside[1] += 1
-            self.across[axis] += way * sign
-            self.drift += np.where(np.arange(self.ndim) == axis, 0, way)
-            target = cell.copy()
-            target[axis] += sign
-            if tuple(target.tolist()) in free and not side.any() and ahead in {0, 1} and sure(tuple(cell.tolist())):
-                self.stayed[0] += int(ahead == 0)
-                self.stayed[1] += 1
-                self.recent.append(bool(ahead == 0))
-                if ahead == 1:
-                    self.since_motion = 0
+            self.drift += way
 
     def count(self, particles: float) -> None:
         """Remember the expected number of particles after one scan."""
@@ -284,17 +306,19 @@ class NoiseMonitor:
 
     @property
     def numbers(self) -> tuple[float, float, float] | None:
-        """Number of particles at the start, now, and the accuracy of the difference. None before two windows of scans."""
-        told = np.array(self._numbers[2:])  # the first scans decide which particles exist
-        if len(told) < 2 * WINDOW:
+        """Number of particles at the start, now, and the standard error of the difference. None for short drives."""
+        told = np.array(self._numbers[SETTLING:])  # the first scans decide which particles exist
+        window = min(WINDOW, len(told) // 2)
+        if window < SETTLING:
             return None
-        first, last = told[:WINDOW], told[-WINDOW:]
-        return float(first.mean()), float(last.mean()), float((first.std() + last.std()) / sqrt(6))
+        first, last = told[:window], told[-window:]
+        return float(first.mean()), float(last.mean()), sqrt((first.var() + last.var()) * CORRELATED / window)
 
     @property
     def moved(self) -> bool:
         """Whether it is established that particles moved along the commands."""
-        return bool(self.advance.sum() > SIGMAS * sqrt(self.variance.sum()) and self.advance.sum() > 0)
+        along = float(np.trace(self.advance))
+        return along > max(0.5, SIGMAS * sqrt(np.trace(self.variance)))
 
     @property
     def staying(self) -> float:
@@ -321,25 +345,21 @@ class NoiseMonitor:
     def contradiction(self, move: int) -> Alarm | None:
         """Return the alarm that must stop the drive, or None."""
         for axis in range(self.ndim):
-            if self.advance[axis] < -max(SIGMAS * sqrt(self.variance[axis]), 3.0):
+            if self.advance[axis, axis] < -max(SIGMAS * sqrt(self.variance[axis, axis]), 3.0):
                 text = "the particles move against the commands: an axis of the camera or of the magnets is inverted"
                 return Alarm("direction", move, f"move {move}: {text} (the {axis_name(axis, self.ndim)})")
-        stays = int(sum(self.recent))
+        stays = sum(self.recent)
         if stays > 3 and tail(stays, len(self.recent), self.staying) < CRITICAL:
             text = (
                 f"of the last {count_text(len(self.recent), 'particle')} with a free cell ahead, {stays} did not move, which the "
                 f"stated slip {self.noise.slip:g} does not explain: the magnets do nothing, or the camera shows an old picture"
             )
             return Alarm("still", move, f"move {move}: {text}")
-        return self._turned(move) if not self.moved else None
-
-    def _turned(self, move: int) -> Alarm | None:
-        for axis in range(self.ndim):
-            doubt = sqrt(self.noise.misplace * self.followed[axis] + 0.5)
-            across = np.delete(self.across[axis], axis)
-            if np.abs(across).max() > (SIGMAS + 1) * doubt and abs(self.drift).max() < np.abs(across).max():
-                text = "the particles move at a right angle to the commands: the picture or the magnets are turned"
-                return Alarm("direction", move, f"move {move}: {text}")
+        # as long as nothing moves along the commands, the scans are exchangeable, and motion to the sides shows as well
+        across = np.abs(self.advance) > np.maximum(SIGMAS * np.sqrt(self.variance), 3.0)
+        if not self.moved and (across & ~np.eye(self.ndim, dtype=bool)).any():
+            text = "the particles move at a right angle to the commands: the picture or the magnets are turned"
+            return Alarm("direction", move, f"move {move}: {text}")
         return None
 
     def marks(self, move: int) -> list[Alarm]:
@@ -360,7 +380,7 @@ class NoiseMonitor:
             alarms.append(Alarm("drift", move, text))
         if self.numbers is not None:
             first, last, doubt = self.numbers
-            if abs(last - first) > 0.75 + 2 * doubt and round(first) != round(last):
+            if abs(last - first) > max(0.6, 3 * doubt) and round(first) != round(last):
                 text = f"about {round(first)} particles at the start, about {round(last)} now"
                 text += (
                     ": particles that scans did not show for longer than the miss rate explains were taken out of the belief"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,12 @@ from shoal.swarm.grid.scans import states_of_run
 from shoal.swarm.grid.state import SwarmState, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.trace import Row
-from shoal.swarm.noise.belief import NoisyBelief, inner_of
+from shoal.swarm.noise.belief import PAD, NoisyBelief, inner_of
 from shoal.swarm.noise.model import LOSS, Noise
 from shoal.swarm.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, explain_contradiction
 from shoal.swarm.rigs.log import DriveLog
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.simulation.exact import distance_of_push, newly_classified
-
-SURE = 0.9  # probability from which a cell surely holds a particle
 
 
 class RigSwarm(ABC):
@@ -234,7 +233,8 @@ class ExactRigSwarm(RigSwarm):
         return rows
 
     def _contradiction(self, after: SwarmState, command: str, steps: int, otherwise: str) -> AlarmRaised:
-        return AlarmRaised(explain_contradiction(self.state, after, command, self._pushes(steps), self.moves, otherwise))
+        about: dict[str, Any] = {"free": self.belief.open, "move": self.moves, "otherwise": otherwise}
+        return AlarmRaised(explain_contradiction(self.state, after, command, self._pushes(steps), **about))
 
     def _code(self, command: str) -> int:
         return int(encode(command, ndim=self.layout.ndim)[0])
@@ -314,9 +314,9 @@ class NoisyRigSwarm(RigSwarm):
             return False
         noise, rounds = self._noisy.noise, self.moves // (2 * self.layout.ndim)
         expected = rounds * (1 - noise.slip) * ((1 - noise.miss) * (1 - noise.misplace)) ** 2 * self._singles
-        doubt = float(np.sqrt(self.monitor.variance.sum()))
+        doubt = float(np.sqrt(np.trace(self.monitor.variance)))
         enough = rounds >= 3 and expected > 8 * doubt + 2
-        return True if enough and self.monitor.advance.sum() < expected / 4 else None
+        return True if enough and np.trace(self.monitor.advance) < expected / 4 else None
 
     @property
     def _singles(self) -> int:
@@ -344,11 +344,9 @@ class NoisyRigSwarm(RigSwarm):
         """Update the belief with a scan after the command was sent ``steps`` times. Report 0 as the unknown travelled distance."""
         rows = self.predict(command, steps - 1)
         alone, self._unseen = self._unseen == 0, 0
-        inside = inner_of(self._noisy.state.inside, self.layout.shape, rim=1)
         if alone:
-            self.monitor.compare(
-                command, self.observations[-1], cells, lambda cell: inside[tuple(i + 1 for i in cell)] > SURE, self._once_free
-            )
+            inside = inner_of(self._noisy.state.inside, self.layout.shape, rim=PAD)
+            self.monitor.compare(command, self.observations[-1], cells, inside, self._once_free.mask)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
         self.monitor.count(self._noisy.particles)
