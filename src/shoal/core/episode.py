@@ -25,6 +25,8 @@ class Status(StrEnum):
     """The episode reached its maximum number of moves."""
     INTERRUPTED = "interrupted"
     """The user, or a signal to the process, stopped the episode."""
+    ALARM = "alarm"
+    """Swarm on a rig: the rig contradicted the commands, or no particle was ever seen to move."""
     UNREACHABLE = "unreachable"
     """Steering: no sequence of moves leads to the goals."""
     APPROACHABLE = "approachable"

@@ -99,7 +99,8 @@ def test_a_simulated_rig_is_driven_as_an_episode_is_run(every, rule):
         return
     workspace = open_map("cave:24x18:2")
     episode = run(workspace, particles=9, seed=3, rule=rule, scan_every=every)
-    driven = drive(SimulatedRig(workspace, episode.start, rule=rule), policy="closest-frontier", scan_every=every)
+    rig = SimulatedRig(workspace, episode.start, rule=rule)
+    driven = drive(rig, policy="closest-frontier", scan_every=every, test_move=False)
     assert (driven.commands, driven.status) == (episode.commands, episode.status)
     assert driven.episode.trace.difference(episode.trace) is None
     assert driven.episode.verify()
@@ -130,28 +131,56 @@ class Faulty(SimulatedRig):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"),
+    ("wrong", "kind", "words"),
     [
-        (lambda cells: cells[:-1], "expected every particle in its line"),
-        (lambda cells: cells[:0], "after 3 moves: expected the cells of particles, got none"),
-        (lambda cells: cells - [[0, 0], [0, 0], [1, 0]], "move 3: scan: expected particles 0 to 1 cells further"),
-        (lambda cells: np.concatenate([cells[:1], cells[:1], cells[2:]]), "expected cells of one particle each, got (0, 1)"),
-        (lambda cells: cells - [[1, 0]], "got (-1, 1)"),
-        (lambda cells: cells + np.array([0, 99]), "expected cells inside (4, 9), got (0, 100)"),
+        (lambda cells: cells[:-1], "number", "3 particles before, 2 now"),
+        (lambda cells: cells[:0], "number", "3 particles before, none now"),
+        (lambda cells: np.concatenate([cells, [[3, 8]]]), "number", "3 particles before, 4 now"),
+        (lambda cells: cells - [[0, 0], [0, 0], [1, 0]], "drift", "against the command or to the side"),
+        (lambda cells: np.subtract(cells, [0, 2]), "direction", "the particles moved as command 'l' moves them"),
+        (lambda cells: np.add(cells, [0, 1]), "twice", "a particle moved by more than 1 cell: the command was carried out twice"),
+        (lambda cells: np.subtract(cells, [0, 1]), "still", "nothing moved although a particle has a free cell ahead"),
+        (lambda cells: cells - [[0, 0], [0, 1], [0, 0]], "rule", "expected every particle to move as rule block requires"),
     ],
 )
-def test_positions_that_cannot_be_are_refused_and_the_rig_stopped(wrong, words):
-    rig = Faulty(GridWorkspace(np.ones((4, 9))), [(0, 0), (0, 3), (3, 6)], wrong=wrong)
-    with pytest.raises((RigError, InvalidInputError), match=re.escape(words)):
-        drive(rig, policy="manual:drur")
+def test_positions_that_contradict_a_command_are_an_alarm_and_nothing_found_is_lost(wrong, kind, words):
+    """The scan after the third command lies. All three particles have known free cells ahead then."""
+    rig = Faulty(GridWorkspace(np.ones((4, 9))), [(1, 2), (2, 4), (3, 6)], wrong=wrong)
+    driven = drive(rig, policy="manual:rlr")
     assert rig.stops == 1
+    assert (str(driven.status), driven.commands, bool(driven)) == ("alarm", "rl", False)
+    assert [alarm.kind for alarm in driven.alarms] == [kind]
+    assert words in driven.alarms[0].text
+    assert words in driven.reason
+    assert driven.trust.level == ("none" if kind == "direction" else "limited")
+    assert driven.episode.verify()
+    assert {(1, 2), (1, 3), (2, 4), (3, 7)} <= set(driven.belief.open)
 
 
-def test_a_particle_that_slips_is_noticed_where_nothing_is_in_its_way():
-    rig = SimulatedRig(GridWorkspace(np.ones((1, 9))), [(0, 1)])
-    rig.send = lambda command: None if command == "r" and rig.observe()[0, 1] == 0 else SimulatedRig.send(rig, command)
-    with pytest.raises(RigError, match="expected every particle to move as rule block requires, got a particle at"):
-        drive(rig, policy="manual:llrr")
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda cells: np.concatenate([cells[:1], cells[:1], cells[2:]]), "expected cells of one particle each, got (1, 3)"),
+        (lambda cells: np.subtract(cells, [2, 0]), "got (-1, 3)"),
+        (lambda cells: np.add(cells, [0, 99]), "expected cells inside (4, 9), got (1, 102)"),
+        (lambda cells: np.subtract(cells, [0, 99]), "expected cells inside (4, 9), got (1, -96)"),
+        (lambda cells: cells + np.nan, "expected integer cells of shape (n, 2), got float64"),
+        (lambda cells: cells + 0.5, "expected integer cells of shape (n, 2), got float64"),
+        (lambda cells: [[1, 3], [2]], "expected integer cells of shape (n, 2), got rows of different lengths"),
+        (lambda cells: [[1, 2**70]], "expected integer cells of shape (n, 2), got object"),
+        (lambda cells: np.array([[1, 2**63]], dtype=np.uint64), "expected cells inside (4, 9), got (1, 9223372036854775808)"),
+        (lambda cells: cells[:, :1], "expected integer cells of shape (n, 2), got int64 (3, 1)"),
+        (lambda cells: None, "expected integer cells of shape (n, 2), got object"),
+    ],
+)
+def test_a_position_outside_the_field_is_an_error_of_the_rig_which_keeps_the_map(wrong, words):
+    rig = Faulty(GridWorkspace(np.ones((4, 9))), [(1, 2), (2, 4), (3, 6)], wrong=wrong)
+    with pytest.raises(RigError, match=re.escape(words)) as raised:
+        drive(rig, policy="manual:rlr")
+    assert rig.stops == 1
+    assert raised.value.drive.commands == "rl"
+    assert raised.value.drive.status == "interrupted"
+    assert raised.value.drive.episode.verify()
 
 
 def test_ctrl_c_stops_the_rig_and_ends_the_log(tmp_path):

@@ -13,8 +13,9 @@ from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
 from shoal.core.checks import check_number
-from shoal.core.counts import shape_text
-from shoal.core.errors import InvalidInputError
+from shoal.core.counts import count_text, shape_text
+from shoal.core.episode import Status
+from shoal.core.errors import InvalidInputError, RigError
 from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
@@ -46,7 +47,7 @@ Size = Annotated[
 ]
 
 
-@takes_problem(SwarmProblem, only=("particles", "placement", "start", "rule", *DRIVEN), map="rig")
+@takes_problem(SwarmProblem, only=("particles", "placement", "start", "rule", "cell_size", *DRIVEN), map="rig")
 def drive(
     problem: SwarmProblem,
     map_name: Annotated[
@@ -68,6 +69,14 @@ def drive(
         float,
         typer.Option("--end-after", help="Time without an answer to repeated requests after which the run ends, in seconds."),
     ] = 60.0,
+    test_move: Annotated[
+        bool,
+        typer.Option(
+            "--test-move/--no-test-move",
+            help="Before the policy begins, send commands until a particle moves, and at the end show once more that the rig acts. "
+            "With --no-test-move, Shoal sends only the commands of the policy.",
+        ),
+    ] = True,
     log: Annotated[
         Path | None,
         typer.Option("--log", metavar="FILE", help="Log file (JSON lines), which Shoal writes during the run."),
@@ -79,14 +88,15 @@ def drive(
     """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C, Shoal stops the rig.
 
     The options --particles, --placement, --start and --rule apply to a simulated rig; a real rig reports its own values. The
-    options --slip, --misplace and --miss state the error probabilities of a rig, and a simulated rig makes such errors. The page
-    docs/concepts/rigs.md describes the messages between Shoal and a rig.
+    options --slip, --misplace and --miss state the error probabilities of a rig, and a simulated rig makes such errors. If the rig
+    contradicts the commands, or if no particle moves, the drive ends with the status alarm and exit code 1. The page
+    docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
     """
     from shoal.swarm.maps.open import open_map
+    from shoal.swarm.rigs.driving import DriveError, DriveInterrupted, prepare
     from shoal.swarm.rigs.driving import drive as drive_rig
     from shoal.swarm.rigs.log import DriveLog
     from shoal.swarm.rigs.remote import open_rig
-    from shoal.swarm.run import load_kernels
 
     check_outputs(out, film)
     truth = None if map_name is None else open_map(map_name)
@@ -94,20 +104,47 @@ def drive(
     for what, seconds in (("repeat_after", repeat_after), ("end_after", end_after)):
         check_number(seconds, what=what, above=0)
     book = None if log is None else DriveLog(log)
+    prepare(problem)  # nobody waits for the compiler once the rig is connected
+    spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any
         if rig == "simulated":
             opened = _simulated(truth, problem, seed)
         else:
             opened = open_rig(rig, repeat_after=repeat_after, end_after=end_after, on_event=None if book is None else book.event)
+        if problem.cell_size is not None:
+            spacing = (problem.cell_size,) * len(opened.shape)
+        fields = {name: getattr(problem, name) for name in DRIVEN}
+        options = {"seed": seed, "log": book, "on_moves": moves_told(opened.name), "test_move": test_move, "spacing": spacing}
+        failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)
-            load_kernels(problem)
-            fields = {name: getattr(problem, name) for name in DRIVEN}
-            result = drive_rig(opened, seed=seed, log=book, on_moves=moves_told(opened.name), **fields)
+            result = drive_rig(opened, **options, **fields)
+        except (DriveError, DriveInterrupted) as error:
+            failure, result = error, error.drive
         finally:
             getattr(opened, "close", lambda: None)()
-    _report(result, opened, truth, log, out, film, json_, seed=seed)
+        _report(result, opened, truth, log, out, film, json_, seed=seed, spacing=spacing)
+        if isinstance(failure, DriveInterrupted):
+            say(_how_to_go_on(result, log, out))
+        if failure is not None:
+            raise failure
+    unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
+    if unstopped:
+        raise RigError(unstopped[0].text)
+    if result.status is Status.ALARM:
+        raise typer.Exit(1)
+
+
+def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
+    """Return what can be done after Ctrl-C. A new drive begins with the particles where they are."""
+    found = f"shoal: stopped after {count_text(result.moves, 'move')}"
+    shown = f"the map so far is in {out}" if out is not None and result.episode is not None else ""
+    if log is not None:
+        replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
+        shown = f"{shown}, and {replay}" if shown else replay
+    again = "to go on, start the drive again (with another log): it begins with the particles where they are now"
+    return "; ".join(part for part in (found, shown, again) if part)
 
 
 def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) -> Rig:
@@ -138,9 +175,14 @@ def _check_shape(rig: Rig, shape: tuple[int, ...] | None, truth: GridWorkspace |
             )
 
 
-def summary(result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:
+def summary(
+    result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int, spacing: tuple[float, ...] | None
+) -> dict[str, Any]:
     """Return the data that ``shoal drive`` prints as JSON."""
+    from shoal.swarm.rigs.checks import alarms_as_json
+
     link = result.link
+    free = len(result.belief.open)
     return {
         "rig": rig.name,
         "shape": list(rig.shape),
@@ -149,15 +191,27 @@ def summary(result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int) 
         "particles": len(result.cells),
         "seed": seed,
         "status": result.status,
+        "reason": result.reason,
+        "trust": dict(vars(result.trust)),
+        "alarms": alarms_as_json(result.alarms),
+        "rates": {name: dict(vars(rate)) for name, rate in result.rates.items()},
         "moves": result.moves,
         "scans": result.scans,
-        "free_cells": len(result.belief.open),
+        "free_cells": free,
         "obstacles": len(result.belief.obstacles),
         "link": None if link is None else dict(vars(link)),
         "wrong": None if truth is None else result.compared(truth),
+        "cell_mm": None if spacing is None else list(spacing),
+        "cell_m": None if spacing is None else [size / 1000 for size in spacing],
+        "seconds_per_command": _rounded(result.seconds_per_command),
+        "seconds_per_scan": _rounded(result.seconds_per_scan),
         "seconds": round(result.seconds, 4),
         "commands": result.commands,
     }
+
+
+def _rounded(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds, 6)
 
 
 def _report(
@@ -170,11 +224,12 @@ def _report(
     json_: bool,
     *,
     seed: int,
+    spacing: tuple[float, ...] | None = None,
     verified: Verification | None = None,
 ) -> None:
     from shoal.cli.swarm.exploration import write_outputs
 
-    about = summary(result, rig, truth, seed=seed)
+    about = summary(result, rig, truth, seed=seed, spacing=spacing)
     written = [] if log is None else [log]
     if result.episode is not None:
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
@@ -184,12 +239,19 @@ def _report(
         print_json(about if verified is None else about | {"verified": verified.ok, "message": verified.message})
         return
     rows = [
-        ("rig", f"{rig.name}, {shape_text(rig.shape)}, {about['particles']} particles, rule {rig.rule}"),
+        ("rig", f"{rig.name}, {shape_text(rig.shape)}, {count_text(about['particles'], 'particle')}, rule {rig.rule}"),
         ("policy", result.policy),
         ("result", f"{result.status}: {result.reason}"),
+        ("trust", f"{result.trust.level}: {result.trust.why}"),
         ("found", f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them"),
         ("scans", str(result.scans)),
+        *(("alarm", alarm.text) for alarm in result.alarms),
     ]
+    for name, rate in result.rates.items():
+        text = f"stated {rate.stated:g}, observed {rate.observed:.3f} (99.9 % interval {rate.low:.3f} to {rate.high:.3f})"
+        rows.append((name, text))
+    if spacing is not None:
+        rows.append(("cell", f"{' × '.join(f'{size:g}' for size in spacing)} mm"))
     if result.link is not None:
         counts = "{requests} requests, {resent} sent again, {damaged} lines damaged, {reconnects} reconnections"
         rows.append(("link", counts.format(**vars(result.link))))
@@ -203,7 +265,14 @@ def _report(
         )
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
-    print_table([*rows, ("time", f"{result.seconds:.2f} s")], title=f"drive of {rig.name}", written=written)
+    print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
+
+
+def _time_of(result: Drive) -> str:
+    """Return the time of a drive, and how long the rig took for a command and for a scan."""
+    parts = [(result.seconds_per_command, "a command"), (result.seconds_per_scan, "a scan")]
+    means = [f"{seconds:.3g} s {what}" for seconds, what in parts if seconds is not None]
+    return f"{result.seconds:.2f} s" + (f" ({', '.join(means)})" if means else "")
 
 
 def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:
@@ -220,7 +289,7 @@ def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path]
     check_seed(log, seed, rig.seed)
     result, verified = replay_log(log, trust=trust)
     shown = (out, film) if verified else (None, None)
-    _report(result, rig, None, None, *shown, json_, seed=rig.seed, verified=verified)
+    _report(result, rig, None, None, *shown, json_, seed=rig.seed, spacing=rig.spacing, verified=verified)
     if not verified:
         say(f"shoal: {log}: {verified.message}")
         raise typer.Exit(1)

@@ -20,6 +20,7 @@ from shoal.swarm.policies.paths import path_to_frontier
 
 PAD = 3  # the rim and two more cells that are never free
 NEVER = -700.0  # log-odds
+MAY_HOLD = 0.05  # probability from which a cell counts as one that may hold a particle
 
 
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -59,7 +60,7 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
 def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0) -> NDArray[np.generic]:
     """Return the part of a kernel's array that covers the workspace and a margin of ``rim`` cells."""
     cut = PAD - rim
-    return flat.reshape(padded_shape(shape))[(slice(cut, -cut),) * len(shape)]
+    return flat.reshape(padded_shape(shape))[(slice(cut, -cut or None),) * len(shape)]
 
 
 class NoisyBelief:
@@ -74,6 +75,9 @@ class NoisyBelief:
     confidence : float
         A cell counts as classified if its probability of being free, or its probability of being an obstacle, is at least
         ``confidence``. The confidence must exceed 0.75.
+    loss : float
+        Probability that a particle disappears at a move. With a loss above 0, a particle that scans do not show for longer than
+        the miss rate explains loses its probability.
 
     Raises
     ------
@@ -108,9 +112,10 @@ class NoisyBelief:
         noise: Noise,
         confidence: float = CONFIDENCE,
         *,
+        loss: float = 0.0,
         noisy: kernels.NoisyState | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
-        self.layout, self.noise, self.confidence = GridLayout(shape), noise, confidence
+        self.layout, self.noise, self.confidence, self.loss = GridLayout(shape), noise, confidence, loss
         self.state = noisy_state_of(self.layout, noise, confidence) if noisy is None else noisy
         self.guard = guard_of(self.layout)
         self._field = new_field(self.layout)
@@ -124,6 +129,8 @@ class NoisyBelief:
         Return the number of cells classified for the first time.
         """
         self._show(seen)
+        # Bayes' rule below then weighs "still there, but not seen" (which needs a miss) against "gone" (which needs nothing)
+        self.state.inside[:] *= 1 - self.loss
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
     def learn(self, code: np.int8) -> int:
@@ -173,6 +180,11 @@ class NoisyBelief:
         return np.array(inner_of(self.state.logit, self.layout.shape, rim=1))
 
     @property
+    def particles(self) -> float:
+        """Expected number of particles: the sum of the probabilities with which cells hold a particle."""
+        return float(self.state.inside.sum())
+
+    @property
     def remaining(self) -> int:
         """Number of frontier cells in the belief."""
         return int(self.guard.memory.remaining)
@@ -182,6 +194,21 @@ class NoisyBelief:
         """Whether no frontier cell is in reach of particles. The property is false if the policy gave up a cell as undecidable."""
         belief, occupied = self.belief, self.occupied
         return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
+
+    @property
+    def closed(self) -> bool:
+        """Whether every cell that a particle may still enter is classified.
+
+        Unlike `finished`, the property looks at all cells that may hold a particle, not only at cells that surely hold one and are
+        surely free. A particle in an unclassified cell is beside cells that it can still classify.
+        """
+        from scipy import ndimage
+
+        passable = self.logit > -bound_of(self.confidence)
+        may_hold = inner_of(self.state.inside, self.layout.shape, rim=1) > MAY_HOLD
+        parts, _ = ndimage.label(passable)
+        reachable = np.isin(parts, np.unique(parts[may_hold & passable]))
+        return bool(reachable.any()) and not bool((reachable & ~self.belief.open.mask).any())
 
     @property
     def undecided(self) -> int:

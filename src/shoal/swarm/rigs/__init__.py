@@ -5,7 +5,8 @@ A *rig* is a real or simulated device that moves particles and observes the part
 
 from __future__ import annotations
 
-from shoal.swarm.rigs.driving import Drive, drive, replay_log
+from shoal.swarm.rigs.checks import KINDS, Alarm, Rate, Trust
+from shoal.swarm.rigs.driving import Drive, DriveError, DriveInterrupted, drive, prepare, replay_log
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, read_log
 from shoal.swarm.rigs.messages import PROTOCOL, decode_message, encode_message
 from shoal.swarm.rigs.protocol import Rig
@@ -21,13 +22,18 @@ from shoal.swarm.rigs.transports import (
 )
 
 __all__ = [
+    "KINDS",
     "PROTOCOL",
+    "Alarm",
     "ConnectionCutError",
     "Drive",
+    "DriveError",
+    "DriveInterrupted",
     "DriveLog",
     "LinkCounts",
     "NoisyRig",
     "ProcessTransport",
+    "Rate",
     "RecordedRig",
     "RemoteRig",
     "Rig",
@@ -35,11 +41,13 @@ __all__ = [
     "SimulatedRig",
     "TcpTransport",
     "Transport",
+    "Trust",
     "decode_message",
     "drive",
     "encode_message",
     "open_rig",
     "open_transport",
+    "prepare",
     "read_log",
     "replay_log",
 ]

@@ -4,32 +4,45 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_choice, check_integer
+from shoal.core.counts import count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status, Verification
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, RigError, ShoalError
 from shoal.core.interruption import interruption_held
 from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.randomness import trial_rng
+from shoal.swarm.grid.commands import RULES, letters_of
+from shoal.swarm.grid.randomness import noise_rng, trial_rng
 from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.trace import Trace, WithTrace
+from shoal.swarm.grid.trace import Recorder, Trace, WithTrace
+from shoal.swarm.kernels.noise.noisy_episode import PATIENCE
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.policies import View, shown_name
+from shoal.swarm.policies import POLICIES, Manual, View, shown_name
 from shoal.swarm.problem import DRIVEN, SwarmProblem
+from shoal.swarm.rigs.checks import Alarm, AlarmRaised, Rate, Trust, trust_of
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.rigs.remote import LinkCounts
+from shoal.swarm.rigs.simulated import NoisyRig, SimulatedRig
 from shoal.swarm.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
-from shoal.swarm.simulation.deciders import make_decider
+from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
 from shoal.swarm.simulation.loop import OnMoves, closed_loop
+
+ROUNDS = 12  # rounds of test moves in all directions, after which a rig with noise is driven without a verdict
+CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
+LARGEST_VIEW = 2**24
+"""Maximum number of cells in the field of view of a rig. A larger field needs more than 1 GiB and a second for each move."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +55,9 @@ class Drive(WithTrace):
         Name of the policy that chose the commands. If the problem has the policy ``auto``, the field contains the name of the
         selected policy.
     status : Status
+        "alarm" if the rig contradicted the commands or no particle was ever seen to move. Such a map is never "complete".
     trace : Trace
-        All commands sent to the rig, with the effect of each command.
+        All commands sent to the rig, with the effect of each command. The command that raised an alarm is left out.
     belief : Belief
         The belief at the end of the run: the known state of each cell.
     cells : ndarray of int64, shape (n, ndim)
@@ -55,6 +69,14 @@ class Drive(WithTrace):
     link : LinkCounts or None
         Statistics of the connection to a remote rig, or None for a rig that is not remote.
     seconds : float
+    alarms : tuple of Alarm
+        What the rig did although it should not, in the order of the commands.
+    trust : Trust
+        How far the map can be trusted, and why.
+    rates : dict of str to Rate
+        For a rig with noise: the stated and the observed error rates, by name.
+    seconds_per_command, seconds_per_scan : float or None
+        Mean time that the rig took for a command and for a scan, in seconds. None if there was none, and for replays.
     """
 
     policy: str
@@ -65,6 +87,11 @@ class Drive(WithTrace):
     episode: SwarmEpisode | None
     link: LinkCounts | None
     seconds: float
+    alarms: tuple[Alarm, ...]
+    trust: Trust
+    rates: dict[str, Rate]
+    seconds_per_command: float | None
+    seconds_per_scan: float | None
 
     def __bool__(self) -> bool:
         return self.status.done
@@ -73,7 +100,9 @@ class Drive(WithTrace):
     def reason(self) -> str:
         """Return one sentence that explains the status of the run."""
         rest = "" if self else f"; {len(self.belief.frontier)} frontier cells left"
-        return f"{REASONS[self.status]} after {self.moves} moves{rest}"
+        if self.status is Status.ALARM:
+            rest = f": {self.alarms[-1].text}" if self.alarms else rest
+        return f"{REASONS[self.status]} after {count_text(self.moves, 'move')}{rest}"
 
     def compared(self, truth: GridWorkspace) -> dict[str, int]:
         """Return the number of obstacles that the run classified as free, and the number of free cells classified as obstacles.
@@ -89,10 +118,39 @@ class Drive(WithTrace):
         return {"false_free": len(self.belief.open - free), "false_obstacles": len(self.belief.obstacles & free)}
 
 
-def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnMoves | None = None, **fields: Any) -> Drive:
+class DriveError(RigError):
+    """Raised if a rig fails during a run. The attribute ``drive`` holds the result up to the failure."""
+
+    def __init__(self, message: str, drive: Drive) -> None:
+        super().__init__(message)
+        self.drive = drive
+
+
+class DriveInterrupted(KeyboardInterrupt):
+    """Raised if Ctrl-C ends a run. The attribute ``drive`` holds the result up to the interruption."""
+
+    def __init__(self, drive: Drive) -> None:
+        super().__init__()
+        self.drive = drive
+
+
+def drive(
+    rig: Rig,
+    *,
+    seed: int = 0,
+    log: DriveLog | None = None,
+    on_moves: OnMoves | None = None,
+    test_move: bool = True,
+    spacing: tuple[float, ...] | None = None,
+    **fields: Any,
+) -> Drive:
     """Map the workspace of a rig. The policy knows only the positions that the rig reports.
 
-    At the end of the run, the function stops the rig, even after an error or Ctrl-C.
+    At the end of the run, the function stops the rig, even after an error or Ctrl-C. Kernels are compiled before the first scan.
+
+    Before the policy begins, test moves in one direction after the other show that the commands move particles. If the last
+    commands moved nothing, a closing move through known free cells shows that the rig still acts. The policy ``manual`` gets no
+    test moves, because its commands are the user's.
 
     Parameters
     ----------
@@ -103,16 +161,28 @@ def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnM
         Log of the run. Shoal writes each command and each scan to the log immediately.
     on_moves : callable, optional
         Function that `drive` calls during the run, with the number of moves made and the number of remaining frontier cells.
+    test_move : bool
+        Whether test moves may be sent. Without them, the commands of the policy show whether particles move.
+    spacing : tuple of float, optional
+        Size of a cell along each axis in mm, for scale bars.
     **fields
         Fields of `SwarmProblem`. The list `shoal.swarm.problem.DRIVEN` contains the fields of `SwarmProblem` that are valid for a
         rig. If ``slip``, ``misplace`` or ``miss`` is given, wrong positions count as noise, and not as an error of the rig.
+
+    Returns
+    -------
+    Drive
+        The status is "alarm" if the rig contradicts the commands, or if no particle was ever seen to move.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
         Raised if an argument is invalid.
     RigError
-        Raised if the rig does not answer, or if the rig's particles violate the move rule.
+        Raised if the rig does not answer, or if a position lies outside the field of view. After the first scan, the error is a
+        `DriveError`, whose attribute ``drive`` holds the result so far.
+    DriveInterrupted
+        Raised after Ctrl-C. The attribute ``drive`` holds the result so far.
 
     Examples
     --------
@@ -120,53 +190,262 @@ def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnM
     >>> result = drive(SimulatedRig(GridWorkspace([[1, 1, 1, 1]]), [(0, 0)]), policy="closest-frontier")
     >>> result.status, result.commands, result.episode.verify().ok
     (<Status.COMPLETE: 'complete'>, 'lururururdldldld', True)
+    >>> result.trust.level, result.alarms
+    ('high', ())
     """
     seed = check_integer(seed, what="seed", least=0)
     for name in fields:
         check_choice(name, what="drive", choices=DRIVEN)
     if not isinstance(rig, Rig):
         raise InvalidInputError(f"rig: expected an object with name, shape, rule, send, observe and stop, got {rig!r}")
+    if int(np.prod(rig.shape, dtype=object)) > LARGEST_VIEW:
+        raise RigError(f"{rig.name}: expected a field of view of at most {LARGEST_VIEW} cells, got {tuple(rig.shape)}")
     problem = SwarmProblem("rig", rule=rig.rule, **fields)
     problem.check_policy(GridLayout(rig.shape))
-    return _driven(rig, problem, seed=seed, log=log, on_moves=on_moves)
+    prepare(problem)
+    return _driven(rig, problem, seed=seed, log=log, on_moves=on_moves, test_move=test_move, spacing=spacing)
 
 
-def _driven(rig: Rig, problem: SwarmProblem, *, seed: int, log: DriveLog | None = None, on_moves: OnMoves | None = None) -> Drive:
-    began, status, trace = time.perf_counter(), Status.INTERRUPTED, Trace.empty(0)
+def prepare(problem: SwarmProblem) -> None:
+    """Load or compile the kernels that a drive needs, so that nobody waits for the compiler between two commands.
+
+    Call the function before a rig is connected. It drives a simulated rig of six cells with the settings of the problem.
+    """
+    known = isinstance(problem.policy, str) and (problem.policy == "auto" or problem.policy.partition(":")[0] in POLICIES)
+    policy = problem.policy if known and not isinstance(problem.chosen_policy, Manual) else "closest-frontier"
+    fields = {name: getattr(problem, name) for name in DRIVEN if name not in ("policy", "max_moves")}
+    fields |= {name: 1.0 for name in ("budget", "time_per_move") if fields[name] is not None and policy == problem.policy}
+    if policy != problem.policy:
+        fields |= {"budget": None, "time_per_move": None}
+    for rule in RULES if problem.rule == "block" and problem.noise is None else (problem.rule,):
+        with suppress(InvalidInputError):  # the policy does not support the rule, as the drive itself will say
+            _prepare(rule, policy, tuple(fields.items()))
+
+
+@cache
+def _prepare(rule: str, policy: str, fields: tuple[tuple[str, Any], ...]) -> None:
+    problem = SwarmProblem("rig", rule=rule, policy=policy, max_moves=40, **dict(fields))
+    workspace = GridWorkspace([[1, 1, 1], [1, 0, 1]])
+    problem.check_policy(GridLayout(workspace.shape))
+    rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
+    if problem.noise is not None:
+        rig = NoisyRig(workspace, [(0, 0)], problem.noise, noise_rng(0))
+    _driven(rig, problem, seed=0)
+
+
+def _driven(
+    rig: Rig,
+    problem: SwarmProblem,
+    *,
+    seed: int,
+    log: DriveLog | None = None,
+    on_moves: OnMoves | None = None,
+    test_move: bool = True,
+    spacing: tuple[float, ...] | None = None,
+) -> Drive:
+    began, status, recorder = time.perf_counter(), Status.INTERRUPTED, Recorder()
     recorded = rig if isinstance(rig, RecordedRig) else None
     policy = shown_name(problem.chosen_policy, problem.policy) if recorded is None else recorded.policy
-    most = problem.max_moves if recorded is None else len(recorded.commands)
+    alarms: list[Alarm] = []
+    swarm: RigSwarm | None = None
+    failure: BaseException | None = None
     try:
         noise = problem.noise
-        swarm: RigSwarm = ExactRigSwarm(rig) if noise is None else NoisyRigSwarm(rig, noise, problem.confidence)
+        swarm = ExactRigSwarm(rig) if noise is None else NoisyRigSwarm(rig, noise, problem.confidence)
         if log is not None:
-            log.begin(rig, problem, policy=policy, seed=seed)
+            log.begin(rig, problem, policy=policy, seed=seed, spacing=spacing)
             log.scan(0, swarm.observations[0] if isinstance(swarm, NoisyRigSwarm) else swarm.start)
             swarm.log = log
-        decider = make_decider(problem, swarm.belief, trial_rng(seed)) if recorded is None else _RecordedRuns(recorded)
-        trace, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves)
-    finally:
-        try:
-            with interruption_held():
-                rig.stop()
-        finally:  # even if the rig did not confirm the stop
-            if log is not None:
-                log.end(status, moves=trace.moves, belief=None if status is Status.INTERRUPTED else swarm.belief)
-    seconds = time.perf_counter() - began
-    about: dict[str, Any] = {"trace": trace, "status": status, "policy": policy, "seconds": seconds}
+        status = _explored(swarm, problem, recorder, recorded, seed=seed, test=test_move, on_moves=on_moves)
+    except AlarmRaised as raised:
+        alarms, status = [raised.alarm], Status.ALARM
+    except BaseException as error:  # the rig is stopped first; then the error goes on, with what was found until then
+        failure = error
+    try:
+        with interruption_held():
+            rig.stop()
+    except KeyboardInterrupt as error:
+        failure = failure or error
+    except Exception as error:  # whatever a rig of others raises: the map must not be lost
+        alarms.append(Alarm("stop", recorder.moves, f"the rig may still move, as its stop failed: {error}"))
+    if swarm is None:
+        assert failure is not None
+        raise failure
+    if failure is None:
+        status = _judged(status, swarm, alarms)
+    alarms += swarm.marks()
+    trace = recorder.trace
+    if log is not None:  # even if the rig did not confirm the stop
+        for alarm in alarms:
+            log.event("alarm", {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text})
+        log.end(status, moves=trace.moves, belief=None if status is Status.INTERRUPTED else swarm.belief)
+    about: dict[str, Any] = {"trace": trace, "status": status, "policy": policy, "seconds": time.perf_counter() - began}
+    result = _result(rig, swarm, problem, alarms, about, seed=seed, spacing=spacing)
+    if isinstance(failure, KeyboardInterrupt):
+        raise DriveInterrupted(result) from failure
+    if isinstance(failure, RigError) or (isinstance(failure, Exception) and not isinstance(failure, ShoalError)):
+        what = str(failure) if isinstance(failure, RigError) else f"{rig.name}: {type(failure).__name__}: {failure}"
+        raise DriveError(what, result) from failure
+    if failure is not None:
+        raise failure
+    return result
+
+
+def _explored(
+    swarm: RigSwarm,
+    problem: SwarmProblem,
+    recorder: Recorder,
+    recorded: RecordedRig | None,
+    *,
+    seed: int,
+    test: bool,
+    on_moves: OnMoves | None,
+) -> Status:
+    """Test the rig, run the policy, and test the rig again if its last commands moved nothing. Return the status."""
+    most = problem.max_moves if recorded is None else len(recorded.commands)
+    test = test and recorded is None and not isinstance(problem.chosen_policy, Manual)
+
+    def check(_trace: Trace | None = None) -> None:
+        if isinstance(swarm, NoisyRigSwarm):
+            swarm.check()
+
+    def send(command: str) -> None:
+        rows, scanned = swarm.carry_out(command, 1, scan=True)
+        recorder.add(command, rows, scanned=scanned)
+        check()
+        if on_moves is not None:
+            on_moves(recorder.moves, len(swarm.belief.frontier))
+
+    if test:
+        letters = letters_of(swarm.layout.ndim)
+        for turn in range(ROUNDS * len(letters)):
+            if swarm.still is not None or recorder.moves >= most:
+                break
+            send(letters[turn % len(letters)])
+        if swarm.still:
+            raise AlarmRaised(_nothing_moved(swarm))
+    decider: Decider
+    if recorded is not None:
+        runs = _RecordedRuns(recorded)
+        _, status = closed_loop(swarm, runs, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
+        for command, steps in runs.rest():  # the closing moves, after the map was complete
+            rows, scanned = swarm.carry_out(command, steps, scan=runs.due)
+            recorder.add(command, rows, scanned=scanned)
+            check()
+        return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
+    if isinstance(swarm, NoisyRigSwarm):
+        decider = _NoisyRigRuns(problem, swarm, seed)
+    else:
+        decider = make_decider(problem, swarm.belief, trial_rng(seed))
+    for _ in range(CLOSING):
+        _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
+        if status is Status.COMPLETE and test:
+            for _ in range(CLOSING):
+                command = swarm.command_that_moves() if swarm.unproven and recorder.moves < most else None
+                if command is None:
+                    break
+                send(command)
+        if status is not Status.COMPLETE or swarm.finished:
+            break
+    return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
+
+
+def _nothing_moved(swarm: RigSwarm) -> Alarm:
+    text = (
+        f"no particle moved at {count_text(swarm.moves, 'command')}: the magnets do nothing, the camera shows an old picture, or "
+        "no particle has room to move"
+    )
+    return Alarm("still", swarm.moves, text)
+
+
+def _judged(status: Status, swarm: RigSwarm, alarms: list[Alarm]) -> Status:
+    """Return the status that the evidence allows: a map drawn from particles that never moved is not complete."""
+    if swarm.moved or status is Status.ALARM or not (status is Status.COMPLETE or swarm.still):
+        return status
+    alarms.append(_nothing_moved(swarm))
+    return Status.ALARM
+
+
+def _result(
+    rig: Rig,
+    swarm: RigSwarm,
+    problem: SwarmProblem,
+    alarms: list[Alarm],
+    about: dict[str, Any],
+    *,
+    seed: int,
+    spacing: tuple[float, ...] | None,
+) -> Drive:
+    trace: Trace = about["trace"]
+    noisy = swarm if isinstance(swarm, NoisyRigSwarm) else None
+    link: LinkCounts | None = getattr(rig, "counts", None)
+    doubts = []
+    if swarm.unproven:
+        text = f"{count_text(swarm.unproven, 'cell')} were classified by the last commands, at which nothing was seen to move"
+        doubts.append(text)
+    if link is not None and link.doubled:
+        text = f"{count_text(link.doubled, 'answer')} came twice: the line doubles lines, or the rig carries out requests twice"
+        alarms.append(Alarm("twice", swarm.moves, text))
     episode = None
-    if swarm.belief.open:
+    if swarm.belief.open.inner.any():
         # Without noise, every particle moves in the map found exactly as it moved on the rig. With noise, the scans are replayed.
-        found = GridWorkspace(swarm.belief.open.inner, name=rig.name)
+        found = GridWorkspace(swarm.belief.open.inner, name=rig.name, spacing=spacing)
         episode = SwarmEpisode(
             problem=problem.replaced(map=found, start=tuple(map(tuple, swarm.start.tolist())) or None),
             start=swarm.start,
             first_frontier=swarm.first_frontier,
             seed=seed,
-            observations=tuple(swarm.observations) if isinstance(swarm, NoisyRigSwarm) else None,
+            observations=None if noisy is None else tuple(noisy.observations[: 1 + int(trace.scanned.sum())]),
             **about,
         )
-    return Drive(belief=swarm.belief, cells=swarm.state.cells, episode=episode, link=getattr(rig, "counts", None), **about)
+    return Drive(
+        belief=swarm.belief,
+        cells=swarm.state.cells,
+        episode=episode,
+        link=link,
+        alarms=tuple(alarms),
+        trust=trust_of(alarms, moved=swarm.moved, doubts=doubts),
+        rates={} if noisy is None else noisy.monitor.rates(),
+        seconds_per_command=swarm.sending / swarm.moves if swarm.moves and not isinstance(rig, RecordedRig) else None,
+        seconds_per_scan=swarm.scanning / swarm.scans if swarm.scans and not isinstance(rig, RecordedRig) else None,
+        **about,
+    )
+
+
+class _NoisyRigRuns:
+    """Chooses commands on a rig with noise, as in a simulation. Where the policy gives up too early, it looks for the particles.
+
+    A policy sees a particle only where the belief is surer than 0.5, and plans only through classified cells. If errors are
+    frequent or particles are few, it may find no path although cells are left that particles can reach. Commands in all directions
+    then show where the particles are.
+    """
+
+    def __init__(self, problem: SwarmProblem, swarm: NoisyRigSwarm, seed: int) -> None:
+        self._runs = ReplannedRuns(problem.chosen_policy, trial_rng(seed), every=problem.scanning.step, max_moves=problem.max_moves)
+        self._swarm, self._wakes, self._known, self._due = swarm, 0, 0, True
+
+    @property
+    def due(self) -> bool:
+        """Whether a scan must follow the last command."""
+        return self._due
+
+    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
+        """Return the next command, in a run of length 1. If no commands are left, return None."""
+        planned = self._runs.next(view, state, idle)
+        self._due = self._runs.due
+        if planned is not None or self._swarm.finished:
+            return planned
+        if len(view.belief.known) > self._known:  # the search for particles was worth it
+            self._known, self._wakes = len(view.belief.known), 0
+        if self._wakes >= PATIENCE:
+            return None
+        letters = letters_of(view.occupied.layout.ndim)
+        self._wakes, self._due = self._wakes + 1, True
+        return letters[self._wakes % len(letters)], 1
+
+    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
+        """Return whether a scan was necessary after the last command."""
+        return self._due
 
 
 class _RecordedRuns:
@@ -180,8 +459,16 @@ class _RecordedRuns:
         """Whether the log contains a scan after the last run of commands."""
         return self._at in self._rig.scans
 
+    def rest(self) -> Iterator[tuple[str, int]]:
+        """Yield the runs that are left."""
+        while (run := self._next()) is not None:
+            yield run
+
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the command of the next run and the number of commands in the run. If no commands are left, return None."""
+        return self._next()
+
+    def _next(self) -> tuple[str, int] | None:
         commands, first = self._rig.commands, self._at
         if first == len(commands):
             return None
@@ -212,7 +499,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
         Raised if the recorded positions violate the move rule.
     """
     rig = read_log(path, trust=trust)
-    result = _driven(rig, rig.problem, seed=rig.seed)
+    result = _driven(rig, rig.problem, seed=rig.seed, spacing=rig.spacing)
     ended = rig.ended
     if ended is None or ended["map"] is None:
         how = "breaks off" if ended is None else f"was {ended['status']}"
@@ -220,7 +507,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
             episode = None if result.episode is None else replace(result.episode, status=Status.INTERRUPTED)
             result = replace(result, status=Status.INTERRUPTED, episode=episode)
         return result, Verification(True, f"{result.moves} moves replayed; the log {how} before the end of the run")
-    if rig.problem.noise is None and result.belief.complete != (ended["status"] == "complete"):
+    if rig.problem.noise is None and ended["status"] != "alarm" and result.belief.complete != (ended["status"] == "complete"):
         return result, Verification(
             False, f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells left"
         )

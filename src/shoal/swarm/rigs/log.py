@@ -53,8 +53,8 @@ class DriveLog:
         self._began = 0.0
         self._waiting: list[dict[str, Any]] = []
 
-    def begin(self, rig: Rig, problem: SwarmProblem, *, policy: str, seed: int) -> None:
-        """Write the header of the log: the rig, the problem, the policy and the seed."""
+    def begin(self, rig: Rig, problem: SwarmProblem, *, policy: str, seed: int, spacing: tuple[float, ...] | None = None) -> None:
+        """Write the header of the log: the rig, the problem, the policy, the seed, and the size of a cell along each axis in mm."""
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
         except OSError as error:
@@ -62,6 +62,7 @@ class DriveLog:
         self._began = time.monotonic()
         header = {"kind": "header", "log": "shoal-drive", "format": FORMAT, "version": __version__}
         header |= {"rig": rig.name, "shape": list(rig.shape), "policy": policy, "seed": seed, "problem": problem.to_dict()}
+        header |= {} if spacing is None else {"spacing": list(spacing)}
         self._write(header)
         for entry in self._waiting:
             self._write(entry)
@@ -124,6 +125,7 @@ class _Header(_Entry):
     policy: str
     seed: NonNegativeInt
     problem: dict[str, Any]
+    spacing: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=2, max_length=3)] | None = None
 
 
 class _Command(_Entry):
@@ -148,7 +150,7 @@ class _Event(_Entry):
 
 class _End(_Entry):
     kind: Literal["end"]
-    status: Literal["complete", "stalled", "limit", "interrupted"]
+    status: Literal["complete", "stalled", "limit", "interrupted", "alarm"]
     moves: int | None = None
     free: int | None = None
     obstacles: int | None = None
@@ -177,13 +179,15 @@ class RecordedRig:
         Name of the policy that chose the commands.
     seed : int
     commands : str
-        The recorded commands before the last scan. Commands after the last scan are omitted.
+        The recorded commands before the last scan. Commands after the last scan are omitted, unless their outcome was certain.
     scans : dict
         The cells in which each scan showed particles. The key of a scan is the number of commands before the scan.
     events : list of dict
         Recorded events of the connection, such as the loss of the connection.
     ended : dict or None
         The last line of the log, which contains the status. ``ended`` is None if the log is truncated.
+    spacing : tuple of float or None
+        Size of a cell along each axis in mm, if it was given.
     """
 
     name: str
@@ -195,6 +199,7 @@ class RecordedRig:
     scans: dict[int, list[list[int]]]
     events: list[dict[str, Any]]
     ended: dict[str, Any] | None
+    spacing: tuple[float, ...] | None = None
     _at: int = 0
 
     @property
@@ -268,8 +273,11 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
             ended = entry.model_dump()
     if 0 not in scans:
         raise InvalidInputError(f"{source}: expected a scan before the first command, got none")
-    sent = commands[: max(scans)]
-    return RecordedRig(header.rig, shape, problem, header.policy, header.seed, sent, scans, events, ended)
+    # what the commands after the last scan did is unknown, unless the drive ended of its own accord, as then it was certain
+    last = 0 if ended is None else ended["moves"] or 0
+    sent = commands[: max(*scans, last)] if last else commands[: max(scans)]
+    spacing = None if header.spacing is None else tuple(header.spacing)
+    return RecordedRig(header.rig, shape, problem, header.policy, header.seed, sent, scans, events, ended, spacing)
 
 
 def _entry(line: bytes, where: str) -> _Header | _Command | _Scan | _Event | _End:

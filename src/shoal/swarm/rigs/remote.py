@@ -53,12 +53,15 @@ class LinkCounts:
         Number of damaged lines (lines with a wrong checksum) that Shoal received or the rig reported.
     reconnects : int
         Number of times that Shoal opened a lost connection again.
+    doubled : int
+        Number of answers that came more than once although Shoal sent the request once.
     """
 
     requests: int = 0
     resent: int = 0
     damaged: int = 0
     reconnects: int = 0
+    doubled: int = 0
 
 
 class RemoteRig:

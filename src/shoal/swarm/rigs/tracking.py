@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,19 +12,18 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import encode
+from shoal.swarm.grid.commands import encode, letters_of
 from shoal.swarm.grid.fields import pushed
 from shoal.swarm.grid.scans import states_of_run
 from shoal.swarm.grid.state import SwarmState, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.trace import Row
-from shoal.swarm.noise.belief import NoisyBelief
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise.belief import PAD, NoisyBelief, inner_of
+from shoal.swarm.noise.model import LOSS, Noise
+from shoal.swarm.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, explain_contradiction
 from shoal.swarm.rigs.log import DriveLog
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.simulation.exact import distance_of_push, newly_classified
-
-NOISY = "if particles slip or are observed wrongly, give the probabilities slip, misplace and miss"
 
 
 class RigSwarm(ABC):
@@ -46,21 +47,42 @@ class RigSwarm(ABC):
         Number of commands sent to the rig.
     log : DriveLog, optional
         Log to which the object writes all commands and scans.
+    moved : bool
+        Whether particles were seen to move since the start.
+    unproven : int
+        Number of cells classified since particles were last seen to move. If the rig has failed meanwhile, these walls are wrong.
+    sending, scanning : float
+        Time that the rig spent on commands and on scans, in seconds.
+    scans : int
+        Number of scans, including the scan at the start.
     """
 
     belief: Belief
     state: SwarmState
     start: NDArray[np.int64]
     first_frontier: int
+    moved: bool = False
+    unproven: int = 0
 
     def __init__(self, rig: Rig) -> None:
         self.rig, self.rule, self.layout, self.moves = rig, rig.rule, GridLayout(rig.shape), 0
         self.log: DriveLog | None = None
+        self.sending = self.scanning = 0.0
+        self.scans = 0
 
     @property
     @abstractmethod
     def finished(self) -> bool:
         """Whether no frontier cell is left that the particles can classify."""
+
+    @property
+    @abstractmethod
+    def still(self) -> bool | None:
+        """Whether it is clear that commands move nothing. None if more commands are needed to tell."""
+
+    @abstractmethod
+    def command_that_moves(self) -> str | None:
+        """Return the command that must move most particles, because the cells ahead of them are known to be free, or None."""
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
@@ -77,9 +99,26 @@ class RigSwarm(ABC):
         Return the trace entries (classified, frontier, travelled) of each command.
         """
 
+    def marks(self) -> list[Alarm]:
+        """Return the alarms that mark the result without stopping the drive."""
+        return []
+
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the rig observes particles (int64, shape (n, ndim))."""
-        return check_cells(self.rig.observe(), self.rig.shape, what="positions")
+        """Return the cells in which the rig observes particles (int64, shape (n, ndim)).
+
+        Raises
+        ------
+        RigError
+            Raised if a position is not a cell of the field of view or of the rim around it.
+        """
+        began = time.perf_counter()
+        seen = self.rig.observe()
+        self.scanning += time.perf_counter() - began
+        self.scans += 1
+        try:
+            return check_cells(seen, self.rig.shape, what="positions")
+        except InvalidInputError as error:
+            raise RigError(f"the rig, after {self.moves} moves: {error}") from None
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
         """Send the command ``steps`` times. Observe the particles if ``scan`` is true or the outcome is uncertain.
@@ -90,7 +129,9 @@ class RigSwarm(ABC):
             self.moves += 1
             if self.log is not None:
                 self.log.command(self.moves, command)
+            began = time.perf_counter()
             self.rig.send(command)
+            self.sending += time.perf_counter() - began
         rows = None if scan else self.predict(command, steps)
         if rows is not None:
             return rows, False
@@ -99,6 +140,12 @@ class RigSwarm(ABC):
             self.log.scan(self.moves, cells)
         return self.update(command, steps, cells), True
 
+    def _ahead(self, occupied: Board, free: Board) -> str | None:
+        """Return the command for which most particles have a free cell without a particle ahead, or None if there is none."""
+        room = {letter: len((occupied.shifted(letter) & free) - occupied) for letter in letters_of(self.layout.ndim)}
+        best = max(room, key=lambda letter: room[letter])
+        return best if room[best] else None
+
 
 class ExactRigSwarm(RigSwarm):
     """The particles of a rig without noise: all positions that the rig reports are correct.
@@ -106,8 +153,9 @@ class ExactRigSwarm(RigSwarm):
     Raises
     ------
     RigError
-        Raised if the rig observes no particles, or if a position lies outside the field of view. RigError is raised if the commands
-        cannot explain the change of the positions between two observations.
+        Raised if the rig observes no particles at the start, or if a position lies outside the field of view.
+    AlarmRaised
+        Raised if the commands cannot explain the change of the positions between two observations.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -117,11 +165,21 @@ class ExactRigSwarm(RigSwarm):
         here = self.state.occupied
         self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
         self.first_frontier = len(self.belief.frontier)
+        self._tried: set[str] = set()
 
     @property
     def finished(self) -> bool:
         """Whether the belief has no frontier cells left."""
         return self.belief.complete
+
+    @property
+    def still(self) -> bool | None:
+        """Whether all directions were tried and nothing moved."""
+        return False if self.moved else True if len(self._tried) == 2 * self.layout.ndim else None
+
+    def command_that_moves(self) -> str | None:
+        """Return the command that must move most particles, because the cells ahead of them are known to be free, or None."""
+        return self._ahead(self.state.occupied, self.belief.open)
 
     def predict(self, command: str, steps: int) -> list[Row] | None:
         """Update the belief without a scan if no particle tries to enter an unknown cell.
@@ -135,29 +193,48 @@ class ExactRigSwarm(RigSwarm):
             before, state = state, pushed(self.layout, self.belief.open.words, state, code, self.rule)
             if state == before:
                 break
-        return self.update(command, steps, state.cells)
+        return self._take_over(command, steps, state)
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
         """Update the belief with a scan after the command was sent ``steps`` times.
 
         Raises
         ------
-        RigError
+        AlarmRaised
             Raised if the commands cannot explain the change of the observed positions.
         """
-        after, rows = self._state_at(cells), []
+        after = self._state_at(cells)
+        moved = after != self.state
+        rows = self._take_over(command, steps, after)
+        self._tried.add(command)
+        if moved:
+            self.moved, self.unproven = True, 0
+        else:
+            self.unproven += sum(row[0] for row in rows)
+        return rows
+
+    def _take_over(self, command: str, steps: int, after: SwarmState) -> list[Row]:
+        """Update state and belief, both or neither, and return the trace entries."""
         try:
             states = list(states_of_run(self.state, after, command, self._pushes(steps)))
         except InvalidInputError as error:
-            raise RigError(f"the rig, move {self.moves}: {error}; {NOISY}") from None
+            raise self._contradiction(after, command, steps, str(error)) from None
+        here, belief, rows = self.state, self.belief, []
         for state in states:
-            belief = Mapping().update(self.belief, command, self.state.occupied, state.occupied)
-            self._check(belief, self._code(command), state)
-            rows.append((newly_classified(self.belief, belief), len(belief.frontier), distance_of_push(self.state, state, command)))
-            self.state, self.belief = state, belief
+            learnt = Mapping().update(belief, command, here.occupied, state.occupied)
+            wrong = self._wrong(learnt, self._code(command), here, state)
+            if wrong is not None:
+                raise self._contradiction(after, command, steps, wrong)
+            rows.append((newly_classified(belief, learnt), len(learnt.frontier), distance_of_push(here, state, command)))
+            here, belief = state, learnt
+        self.state, self.belief = here, belief
         if self.rule == "tilt":  # one command
             return [(sum(row[0] for row in rows), rows[-1][1], sum(row[2] for row in rows))]
         return rows
+
+    def _contradiction(self, after: SwarmState, command: str, steps: int, otherwise: str) -> AlarmRaised:
+        about: dict[str, Any] = {"free": self.belief.open, "move": self.moves, "otherwise": otherwise}
+        return AlarmRaised(explain_contradiction(self.state, after, command, self._pushes(steps), **about))
 
     def _code(self, command: str) -> int:
         return int(encode(command, ndim=self.layout.ndim)[0])
@@ -166,28 +243,31 @@ class ExactRigSwarm(RigSwarm):
         return steps if self.rule != "tilt" else max(self.layout.window)
 
     def _state_at(self, cells: NDArray[np.int64]) -> SwarmState:
+        where = f"the rig, after {self.moves} moves"
         if len(cells) == 0:
-            raise RigError(f"the rig, after {self.moves} moves: expected the cells of particles, got none")
+            if self.moves:
+                text = (
+                    f"move {self.moves}: {self.state.n_particles} particles before, none now: the particles were lost or not seen"
+                )
+                raise AlarmRaised(Alarm("number", self.moves, f"{text}; {NOISY}"))
+            raise RigError(f"{where}: expected the cells of particles, got none")
         outside = ((cells < 0) | (cells >= np.array(self.layout.shape))).any(axis=1)
         twice = (cells[1:] == cells[:-1]).all(axis=1) & (self.rule != "merge")  # the cells are sorted
         for wrong, at, what in ((outside, cells, f"inside {self.layout.shape}"), (twice, cells[1:], "of one particle each")):
             if wrong.any():
                 cell = tuple(at[wrong][0].tolist())
-                raise RigError(f"the rig, after {self.moves} moves: expected cells {what}, got {cell}; {NOISY}")
+                raise RigError(f"{where}: expected cells {what}, got {cell}; {NOISY}")
         return SwarmState.of_cells(self.layout, cells, shared=self.rule == "merge")
 
-    def _check(self, belief: Belief, code: int, after: SwarmState) -> None:
-        """Refuse positions that do not follow from the previous positions and the known free cells."""
-        should = pushed(self.layout, belief.open.words, self.state, code, self.rule)
+    def _wrong(self, belief: Belief, code: int, before: SwarmState, after: SwarmState) -> str | None:
+        """Return why a state does not follow from the state before it and the known free cells, or None if it follows."""
+        should = pushed(self.layout, belief.open.words, before, code, self.rule)
         wrong = should.occupied ^ after.occupied
-        if wrong or should != after:
-            cell = tuple(int(i) for i in wrong.cells[0]) if wrong else ()
-            got = (
-                f"{'a' if cell in after.occupied else 'no'} particle at {cell}" if wrong else "other numbers of particles in cells"
-            )
-            raise RigError(
-                f"the rig, move {self.moves}: expected every particle to move as rule {self.rule} requires, got {got}; {NOISY}"
-            )
+        if not wrong and should == after:
+            return None
+        cell = tuple(int(i) for i in wrong.cells[0]) if wrong else ()
+        got = f"{'a' if cell in after.occupied else 'no'} particle at {cell}" if wrong else "other numbers of particles in cells"
+        return f"expected every particle to move as rule {self.rule} requires, got {got}"
 
 
 class NoisyRigSwarm(RigSwarm):
@@ -203,34 +283,92 @@ class NoisyRigSwarm(RigSwarm):
     ----------
     observations : list of ndarray of int64, shape (k, ndim)
         Cells in which each scan showed particles.
+    monitor : NoiseMonitor
+        What the scans say about the stated noise.
+
+    Raises
+    ------
+    AlarmRaised
+        Raised if the scans contradict the commands beyond what the stated noise explains.
     """
 
     def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
         super().__init__(rig)
         cells = self.observe()
-        self._noisy = NoisyBelief(rig.shape, Board.of_cells(self.layout, cells), noise, confidence)
+        self._noisy = NoisyBelief(rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS)
+        self.monitor = NoiseMonitor(rig.shape, noise)
+        self._once_free = Board.empty(self.layout)
+        self._unseen = 0  # commands since the last scan
         self._take_over()
         self.start, self.first_frontier, self.observations = self.state.cells, self._noisy.remaining, [cells]
 
     @property
     def finished(self) -> bool:
-        """Whether no frontier cell is in reach of the particles."""
-        return self._noisy.finished
+        """Whether every cell that a particle may still enter is classified."""
+        return self._noisy.finished and self._noisy.closed
+
+    @property
+    def still(self) -> bool | None:
+        """Whether commands move nothing: false once motion is established, true if enough commands should have shown it."""
+        if self.moved:
+            return False
+        noise, rounds = self._noisy.noise, self.moves // (2 * self.layout.ndim)
+        expected = rounds * (1 - noise.slip) * ((1 - noise.miss) * (1 - noise.misplace)) ** 2 * self._singles
+        doubt = float(np.sqrt(np.trace(self.monitor.variance)))
+        enough = rounds >= 3 and expected > 8 * doubt + 2
+        return True if enough and np.trace(self.monitor.advance) < expected / 4 else None
+
+    @property
+    def _singles(self) -> int:
+        """Number of detections in the first scan without a detection beside it. In a round of all directions, each must move."""
+        seen = Board.of_cells(self.layout, self.observations[0])
+        beside = [seen.shifted(letter) for letter in letters_of(self.layout.ndim)]
+        crowded = beside[0]
+        for board in beside[1:]:
+            crowded = crowded | board
+        return max(1, len(seen - crowded))
+
+    def command_that_moves(self) -> str | None:
+        """Return the command that must move most particles, because the cells ahead of them are known to be free, or None."""
+        return self._ahead(self.state.occupied, self.belief.open)
 
     def predict(self, command: str, steps: int) -> list[Row]:
         """Update the estimated positions of the particles after ``steps`` commands without a scan. Do not classify any cell."""
         for _ in range(steps):
             self._noisy.spread(command)
+        self._unseen += steps
         self._take_over()
         return [(0, self._noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
         """Update the belief with a scan after the command was sent ``steps`` times. Report 0 as the unknown travelled distance."""
         rows = self.predict(command, steps - 1)
+        alone, self._unseen = self._unseen == 0, 0
+        if alone:
+            inside = inner_of(self._noisy.state.inside, self.layout.shape, rim=PAD)
+            self.monitor.compare(command, self.observations[-1], cells, inside, self._once_free.mask)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
+        self.monitor.count(self._noisy.particles)
         self._take_over()
+        self.moved = self.moved or self.monitor.moved
+        self.unproven = self.unproven + classified if self.monitor.since_motion else 0
         return [*rows, (classified, self._noisy.remaining, 0)]
+
+    def check(self) -> None:
+        """Raise an alarm if the scans so far contradict the commands."""
+        alarm = self.monitor.contradiction(self.moves)
+        if alarm is not None:
+            raise AlarmRaised(alarm)
+
+    def marks(self) -> list[Alarm]:
+        """Return the alarms that mark the result: rates far from the stated ones, drift, another number of particles."""
+        marks = self.monitor.marks(self.moves)
+        if not self.state.occupied:
+            text = "no particle is left that scans show: every cell that is still unclassified stays so"
+            marks = [Alarm("number", self.moves, text), *(mark for mark in marks if mark.kind != "number")]
+        return marks
 
     def _take_over(self) -> None:
         self.belief, self.state = self._noisy.belief, SwarmState(self._noisy.occupied)
+        self._once_free = self._once_free | self.belief.open

@@ -70,6 +70,7 @@ def closed_loop(
     mapping: bool = True,
     on_moves: OnMoves | None = None,
     on_trace: OnTrace | None = None,
+    recorder: Recorder | None = None,
 ) -> tuple[Trace, Status]:
     """Run a swarm until no frontier cells are left, the policy has no more commands, or the maximum number of moves is reached.
 
@@ -86,12 +87,14 @@ def closed_loop(
         True for a mapping, whose frontier cells are unknown. False for a coverage, whose frontier cells are known to be free.
         Policies receive ``mapping`` in their `View`.
     on_moves, on_trace : callable, optional
+    recorder : Recorder, optional
+        Recorder to continue. It keeps the trace if the swarm raises an exception.
 
     Returns
     -------
     The trace and the status of the run.
     """
-    recorder = Recorder()
+    recorder = Recorder() if recorder is None else recorder
     while True:
         if swarm.belief.complete and swarm.finished:
             return recorder.trace, Status.COMPLETE

@@ -22,7 +22,7 @@ from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels.noise import noisy_state as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise.belief import NoisyBelief, inner_of
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise.model import LOSS, Noise
 from shoal.swarm.noise.moments import Moment, looks_of
 from shoal.swarm.noise.simulated import noisy_belief
 from shoal.swarm.policies.manual import Manual
@@ -269,7 +269,7 @@ class ObservedReplay(_BeliefReplay):
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
-        belief = NoisyBelief(self.shape, seen, self.noise, self.confidence)
+        belief = NoisyBelief(self.shape, seen, self.noise, self.confidence, loss=LOSS)
         yield belief, seen.mask
         for command, scanned in zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True):
             if scanned:
