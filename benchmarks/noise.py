@@ -95,14 +95,14 @@ def compare_policies(trials: int) -> int:
         ratios, shares, told = [], {"closest-frontier": [], "best": []}, {"closest-frontier": Counter(), "best": Counter()}
         for place, particles in PLACES:
             moves: dict[str, list[int]] = {}
-            for policy in shares:
+            for policy, wrong in shares.items():
                 for trial in range(trials):
                     began = time.process_time()
                     episode = run(place, particles=particles, noise=noise, policy=policy, trial=trial, max_moves=20_000)
                     told[policy]["seconds"] += time.process_time() - began
                     told[policy][str(episode.status)] += 1
                     moves.setdefault(policy, []).append(episode.moves)
-                    shares[policy].append(1 - episode.errors.right)
+                    wrong.append(1 - episode.errors.right)
             logs = np.log(moves["best"]) - np.log(moves["closest-frontier"])
             ratios.extend(logs)
             print(

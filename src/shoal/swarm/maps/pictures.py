@@ -16,7 +16,7 @@ from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import MAX_LAYERS, MapOptions, check_layers, check_size, reading
-from shoal.swarm.maps.resampling import block_shares, cells_of_shares, enlarged, scaled_shape
+from shoal.swarm.maps.resampling import block_shares, cells_of_shares, enlarged, join_diagonals, scale_cells, scaled_shape
 from shoal.swarm.maps.workspace import GridWorkspace
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def read_picture(path: Path, options: MapOptions) -> NDArray[np.bool_]:
     """Return the free cells of a picture. Each page of a TIFF file becomes a layer of the map."""
     layers = _layers(path, options)
     names = [f"{path}: page {page + 1}" for page in range(len(layers))]
-    return _connected(layers[0] if len(layers) == 1 else _stacked(layers, names))
+    return _connected(layers[0] if len(layers) == 1 else _stacked(layers, names), path, options)
 
 
 def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
@@ -63,7 +63,7 @@ def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
             raise InvalidInputError(f"{file}: expected a slice, got a picture of {len(pages)} pages")
         layers += pages
         check_size(folder, len(files), *layers[0].shape)
-    return _connected(_stacked(layers, list(map(str, files))))
+    return _connected(_stacked(layers, list(map(str, files))), folder, options)
 
 
 def read_pixels(path: Path) -> NDArray[np.uint8]:
@@ -150,14 +150,19 @@ def _layers(path: Path, options: MapOptions) -> list[Layer]:
         shape = scaled_shape((image.height, image.width), (options.scale, options.scale))
         check_size(path, *shape)
         free = _free_cells(path, image, options)
+        if options.join_diagonals:  # a smaller map no longer shows which pixels touched
+            return free
         return block_shares(free, shape) if options.scale < 1 else enlarged(free, shape)
 
     return _pages(path, layer)
 
 
-def _connected(layers: Layer) -> NDArray[np.bool_]:
+def _connected(layers: Layer, path: Path, options: MapOptions) -> NDArray[np.bool_]:
     """Return the free cells, given the layers of a picture as `_layers` returned them."""
-    return layers if layers.dtype == np.bool_ else cells_of_shares(layers)
+    if options.join_diagonals:
+        factors = [1.0] * (layers.ndim - 2) + [options.scale] * 2
+        return scale_cells(join_diagonals(layers), factors, where=str(path))
+    return layers if layers.dtype == np.bool_ else cells_of_shares(layers, where=str(path))
 
 
 def _stacked(layers: list[Layer], names: list[str]) -> Layer:

@@ -8,6 +8,8 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.notices import tell_once
+
 Mask = NDArray[np.bool_]
 Shares = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -16,7 +18,7 @@ HALF = 0.5  # a cell is free in any case if at least this share of its pixels is
 LEVELS = (0.125, 0.25, 0.375, HALF)  # cells with a small share of free pixels are removed first
 
 
-def scale_cells(free: Mask, scale: float | Sequence[float]) -> Mask:
+def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map") -> Mask:
     """Return a mask with ``scale`` cells for each cell of ``free`` along each axis, so that connected cells stay connected.
 
     A cell of a smaller mask stands for a block of cells of ``free``. The new cell is free if at least half of its block is free.
@@ -34,6 +36,8 @@ def scale_cells(free: Mask, scale: float | Sequence[float]) -> Mask:
         True at free cells. Cells that share a side are connected.
     scale : float or sequence of float
         One factor above 0 for all axes, or one factor for each axis.
+    where : str
+        Name of the map in the notice about parts that vanish.
 
     Examples
     --------
@@ -49,7 +53,7 @@ def scale_cells(free: Mask, scale: float | Sequence[float]) -> Mask:
     shape = scaled_shape(free.shape, factors)
     if shape == free.shape:
         return free
-    return cells_of_shares(block_shares(free, shape)) if min(factors) < 1 else enlarged(free, shape)
+    return cells_of_shares(block_shares(free, shape), where=where) if min(factors) < 1 else enlarged(free, shape)
 
 
 def scaled_shape(shape: Sequence[int], factors: Sequence[float]) -> tuple[int, ...]:
@@ -81,7 +85,7 @@ def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
     return np.asarray(counts / pixels, dtype=np.float32)
 
 
-def cells_of_shares(share: Shares) -> Mask:
+def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
     """Return the free cells of a scaled map, given the share of free pixels in each cell. `scale_cells` states the properties.
 
     All cells with a free pixel form the largest possible map, in which everything stays connected that was connected. The
@@ -90,8 +94,12 @@ def cells_of_shares(share: Shares) -> Mask:
     from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
     free = share > 0
-    parts, _ = connected_parts(free)
-    free &= (np.bincount(parts.ravel(), share.ravel()) >= HALF)[parts]
+    parts, count = connected_parts(free)
+    large = np.bincount(parts.ravel(), share.ravel()) >= HALF
+    if lost := count - int(np.count_nonzero(large[1:])):
+        which = "1 part is smaller" if lost == 1 else f"{lost} parts are smaller"
+        tell_once(f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped")
+    free &= large[parts]
     _thin(free, np.where(free, share, 0))
     return free
 
@@ -210,4 +218,3 @@ def _contacts(parts: NDArray[np.int32], axes: int | None = None) -> Iterator[tup
         at = np.argwhere(apart) + [one.start for one in first]
         if len(at):
             yield at, step
-
