@@ -14,7 +14,7 @@ from shoal.core import notices
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.maps.open import open_map, resized
+from shoal.swarm.maps.open import fit_width, open_map
 
 
 @pytest.fixture
@@ -77,10 +77,10 @@ def test_width_of_a_stack_keeps_layers_and_of_a_volume_keeps_cubes(tmp_path):
     small = open_map(tmp_path / "stack.npy", width=15)
     assert small.shape == (6, 10, 15)
     assert small.components.max() == 1
-    volume = resized(GridWorkspace(free, spacing=(5.0, 1.0, 1.0)), 15)
+    volume = fit_width(GridWorkspace(free, spacing=(5.0, 1.0, 1.0)), 15)
     assert volume.shape == (6, 10, 15)
     assert volume.spacing == (5.0, 4.0, 4.0)
-    assert resized(GridWorkspace(free, spacing=(1.0, 1.0, 1.0)), 15).shape == (2, 10, 15)
+    assert fit_width(GridWorkspace(free, spacing=(1.0, 1.0, 1.0)), 15).shape == (2, 10, 15)
 
 
 def test_layers_of_a_stack_are_joined_and_scaled_together(tmp_path):

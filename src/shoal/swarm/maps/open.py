@@ -79,7 +79,7 @@ def open_map(
         workspace = GridWorkspace(free_by_number(array, chosen, where="map") if by_number else array)
         if chosen.join_diagonals:
             workspace = GridWorkspace(join_diagonals(workspace.free))
-        return resized(workspace, width)
+        return fit_width(workspace, width)
     text = os.fspath(place)
     path = Path(text)
     named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file, it accepts names of any length
@@ -94,7 +94,7 @@ def open_map(
     if named or (not path.suffix and not os.path.exists(path)):
         _refuse_resizing(f"the generated map {text!r}", width, chosen)
         return GridWorkspace(generate_cached(text), name=text)
-    workspace = resized(read_map(path, **options), width)
+    workspace = fit_width(read_map(path, **options), width)
     if notices.listeners and (contacts := diagonal_contacts(workspace.free)):
         separate = "1 diagonal contact separates" if contacts == 1 else f"{contacts} diagonal contacts separate"
         tell_once(
@@ -112,7 +112,7 @@ def _refuse_resizing(what: str, width: int | None, options: MapOptions) -> None:
         raise InvalidInputError(f"join-diagonals: expected a map file, got {what}")
 
 
-def resized(workspace: GridWorkspace, width: int | None) -> GridWorkspace:
+def fit_width(workspace: GridWorkspace, width: int | None) -> GridWorkspace:
     """Return a workspace with at most ``width`` cells along its larger side, in which connected cells stay connected.
 
     The spacing grows with the cells. If ``width`` is None, or if the workspace is small enough, return the workspace unchanged.

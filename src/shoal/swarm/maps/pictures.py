@@ -16,7 +16,7 @@ from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import MAX_LAYERS, MapOptions, check_layers, check_size, reading
-from shoal.swarm.maps.resampling import block_shares, cells_of_shares, enlarged, join_diagonals, scale_cells, scaled_shape
+from shoal.swarm.maps.resampling import block_shares, cells_of_shares, enlarge_cells, join_diagonals, scale_cells, scaled_shape
 from shoal.swarm.maps.workspace import GridWorkspace
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def _layers(path: Path, options: MapOptions) -> list[Layer]:
         free = _free_cells(path, image, options)
         if options.join_diagonals:  # a smaller map no longer shows which pixels touched
             return free
-        return block_shares(free, shape) if options.scale < 1 else enlarged(free, shape)
+        return block_shares(free, shape) if options.scale < 1 else enlarge_cells(free, shape)
 
     return _pages(path, layer)
 

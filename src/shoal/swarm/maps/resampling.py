@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map
     shape = scaled_shape(free.shape, factors)
     if shape == free.shape:
         return free
-    return cells_of_shares(block_shares(free, shape), where=where) if min(factors) < 1 else enlarged(free, shape)
+    return cells_of_shares(block_shares(free, shape), where=where) if min(factors) < 1 else enlarge_cells(free, shape)
 
 
 def scaled_shape(shape: Sequence[int], factors: Sequence[float]) -> tuple[int, ...]:
@@ -61,7 +62,7 @@ def scaled_shape(shape: Sequence[int], factors: Sequence[float]) -> tuple[int, .
     return tuple(max(1, round(side * factor)) for side, factor in zip(shape, factors, strict=True))
 
 
-def enlarged(free: Mask, shape: Sequence[int]) -> Mask:
+def enlarge_cells(free: Mask, shape: Sequence[int]) -> Mask:
     """Return a mask of a larger or equal ``shape``, in which each cell equals the nearest cell of ``free``."""
     for axis, side in enumerate(shape):
         if side != free.shape[axis]:
@@ -74,8 +75,8 @@ def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
 
     An axis with more blocks than cells is enlarged.
     """
-    free = enlarged(free, [max(side, blocks) for side, blocks in zip(free.shape, shape, strict=True)])
-    counts: NDArray[np.generic] = free
+    free = enlarge_cells(free, [max(side, blocks) for side, blocks in zip(free.shape, shape, strict=True)])
+    counts: NDArray[Any] = free
     pixels = np.ones((), dtype=np.float32)
     for axis, blocks in enumerate(shape):
         begins = -(-np.arange(blocks) * free.shape[axis] // blocks)  # cell i belongs to block i * blocks // side
@@ -215,6 +216,6 @@ def _contacts(parts: NDArray[np.int32], axes: int | None = None) -> Iterator[tup
         first = tuple(slice(max(0, -one), side - max(0, one)) for one, side in zip(way, parts.shape, strict=True))
         second = tuple(slice(max(0, one), side - max(0, -one)) for one, side in zip(way, parts.shape, strict=True))
         apart = (parts[first] > 0) & (parts[second] > 0) & (parts[first] != parts[second])
-        at = np.argwhere(apart) + [one.start for one in first]
+        at = np.argwhere(apart) + np.array([one.start for one in first])
         if len(at):
             yield at, step

@@ -90,7 +90,8 @@ def dropped_parts(mask: Mask) -> tuple[int, float]:
     from shoal.jit.kernels.connected import connected_parts
 
     dropped = mask & ~_joined(mask)
-    return connected_parts(dropped, corners=True)[1], float(np.count_nonzero(dropped) / max(1, np.count_nonzero(mask)))
+    pixels = int(np.count_nonzero(mask)) or 1
+    return connected_parts(dropped, corners=True)[1], int(np.count_nonzero(dropped)) / pixels
 
 
 def dropped_text(name: str, mask: Mask) -> str:
