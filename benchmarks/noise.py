@@ -2,6 +2,7 @@
 
 python -m benchmarks.noise                       200 trials of acceptance and the calibration plot (docs/images/noise.png)
 python -m benchmarks.noise --scans 1 2 4         what fewer scans cost, ten trials each
+python -m benchmarks.noise --policies            moves and wrong cells of best and of closest-frontier, ten paired trials each
 python -m benchmarks.noise --endings 20000       so many episodes of random maps, rates, confidences and policies
 """
 
@@ -26,6 +27,14 @@ from shoal.swarm.noise.model import PRIOR
 MAP, PARTICLES = "vessels:5000", 1000
 NOISE = Noise(slip=0.05, misplace=0.01)
 HARD = Noise(slip=0.2, misplace=0.05, miss=0.1)
+LEVELS = {
+    "slight": Noise(slip=0.02),
+    "usual": NOISE,
+    "scans": Noise(misplace=0.05, miss=0.1),
+    "hard": HARD,
+    "worst": Noise(slip=0.4, misplace=0.1, miss=0.2),
+}
+PLACES = (("vessels:500", 10), ("vessels:500", 50), ("maze:21x15", 10), ("maze:21x15", 50), ("cave:30x20", 30))
 IMAGE = Path(__file__).parents[1] / "docs" / "images" / "noise.png"
 
 
@@ -76,6 +85,48 @@ def fewer_scans(every: list[int], trials: int, particles: int) -> int:
         )
         broken += int(worst < 0.995)
     return broken
+
+
+def compare_policies(trials: int) -> int:
+    """Print, for each noise, the moves and the wrong cells of two policies; return for how many noises best is not better."""
+    worse = 0
+    print(f"{trials} paired trials each of {', '.join(f'{place} with {n}' for place, n in PLACES)} particles; confidence 0.99")
+    for name, noise in LEVELS.items():
+        ratios, shares, told = [], {"closest-frontier": [], "best": []}, {"closest-frontier": Counter(), "best": Counter()}
+        for place, particles in PLACES:
+            moves: dict[str, list[int]] = {}
+            for policy, wrong in shares.items():
+                for trial in range(trials):
+                    began = time.process_time()
+                    episode = run(place, particles=particles, noise=noise, policy=policy, trial=trial, max_moves=20_000)
+                    told[policy]["seconds"] += time.process_time() - began
+                    told[policy][str(episode.status)] += 1
+                    moves.setdefault(policy, []).append(episode.moves)
+                    wrong.append(1 - episode.errors.right)
+            logs = np.log(moves["best"]) - np.log(moves["closest-frontier"])
+            ratios.extend(logs)
+            print(
+                f"  {name}, {place}, {particles} particles: closest-frontier {np.mean(moves['closest-frontier']):.0f}, "
+                f"best {np.mean(moves['best']):.0f} moves, ratio {ratio_text(logs)}",
+                flush=True,
+            )
+        text = f"slip {noise.slip:g}, misplace {noise.misplace:g}, miss {noise.miss:g}"
+        print(f"{name} ({text}): moves of best / closest-frontier {ratio_text(np.array(ratios))}")
+        for policy, wrong in shares.items():
+            ends = ", ".join(f"{count} {status}" for status, count in told[policy].items() if status != "seconds")
+            about = f"{100 * np.mean(wrong):.4f} % of the cells wrong or undecided, at worst {100 * max(wrong):.3f} %"
+            print(f"  {policy}: {about}; {ends}; {told[policy]['seconds']:.0f} s", flush=True)
+        worse += int(np.mean(ratios) > 0)
+    return worse
+
+
+def ratio_text(logs: NDArray[np.float64]) -> str:
+    """Return the geometric mean of ratios with its 95 % interval (Student's t on the logarithms)."""
+    from scipy.stats import t
+
+    spread = t.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs)) if len(logs) > 1 else np.nan
+    middle = logs.mean()
+    return f"{np.exp(middle):.2f} ({np.exp(middle - spread):.2f} to {np.exp(middle + spread):.2f})"
 
 
 def stated_and_true(episode: SwarmEpisode) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -164,6 +215,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, help="default 200, of --scans 10")
     parser.add_argument("--scans", type=int, nargs="+", metavar="K", help="compare scans after at most so many commands instead")
+    parser.add_argument("--policies", action="store_true", help="compare best with closest-frontier instead")
     parser.add_argument("--particles", type=int, default=PARTICLES, help="of --scans")
     parser.add_argument("--image", type=Path, default=IMAGE)
     parser.add_argument("--endings", type=int, help="play so many random episodes instead")
@@ -174,6 +226,8 @@ def main() -> int:
         return int(endings(given.endings, given.first, mixed=given.mixed) > 0)
     if given.scans:
         return int(fewer_scans(given.scans, given.trials or 10, given.particles) > 0)
+    if given.policies:
+        return int(compare_policies(given.trials or 10) > 0)
     return int(measure(given.trials or 200, given.image) > 0)
 
 

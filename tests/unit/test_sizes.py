@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2] / "src" / "shoal"
 SOURCES = sorted(ROOT.rglob("*.py"))
-LINES, ENTRIES, FUNCTION = 350, 12, 60
+LINES, ENTRIES, FUNCTION = 800, 12, 60
 OF_PYTHON = {"__init__.py", "__main__.py", "__pycache__", "py.typed"}  # names that Python asks for
 
 

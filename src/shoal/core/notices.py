@@ -9,8 +9,8 @@ _told: set[str] = set()
 
 
 def tell_once(text: str) -> None:
-    """Send a notice of one sentence to every listener, unless this process has already sent an equal notice."""
-    if listeners and text not in _told:
+    """Send a notice of one sentence to every listener, unless the text is empty or this process has already sent it."""
+    if listeners and text and text not in _told:
         _told.add(text)
         for listener in listeners:
             listener(text)

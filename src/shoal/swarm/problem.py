@@ -11,6 +11,7 @@ import numpy as np
 from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.core.problem import Problem, option
 from shoal.core.registry import Registry, name_of
 from shoal.swarm.grid.board import GridLayout
@@ -27,7 +28,20 @@ if TYPE_CHECKING:
 
 Cells = tuple[tuple[int, ...], ...]
 
-READING = ("vessels", "width", "low", "high", "bright", "thickest", "threshold", "invert", "scale", "level", "label")
+READING = (
+    "vessels",
+    "width",
+    "low",
+    "high",
+    "bright",
+    "thickest",
+    "threshold",
+    "invert",
+    "scale",
+    "level",
+    "label",
+    "join_diagonals",
+)
 """Names of the problem fields that control the reading of a map file."""
 
 DRIVEN = (
@@ -185,7 +199,11 @@ class SwarmProblem(Problem):
     )  # fmt: skip
     vessels: bool = option(False, help="Read MAP as a photograph and find the vessels in it (needs the extra 'imaging').")
     width: int | None = option(
-        None, help="With --vessels: maximum number of cells along the larger side of the map.", unit="cells", least=1
+        None,
+        help="For files: maximum number of cells along the larger side of the map; a larger map is scaled down, and what was "
+        "connected stays connected. With --vessels by default 160.",
+        unit="cells",
+        least=1,
     )
     low: float = option(
         0.6, help="With --vessels: lower threshold of the filter response, as a multiple of the automatic threshold. A vessel ends "
@@ -207,7 +225,14 @@ class SwarmProblem(Problem):
         0.5, help="For pictures: minimum brightness of a free pixel, from 0 (black) to 1 (white).", least=0, most=1
     )
     invert: bool = option(False, help="For pictures: dark pixels are free, and bright pixels are obstacles.")
-    scale: float = option(1.0, help="For pictures: number of cells for each pixel along each side.", above=0, most=64)
+    scale: float = option(
+        1.0, help="For pictures: number of cells for each pixel along each side; what was connected stays connected.",
+        above=0, most=64,
+    )  # fmt: skip
+    join_diagonals: bool = option(
+        False,
+        help="For files: where parts of the map touch only diagonally, open one cell, because particles cannot move diagonally.",
+    )
     level: float | None = option(None, help="For arrays and volumes: minimum value of a free cell.")
     label: int | None = option(None, help="For arrays and volumes: value (label) of all free cells.")
     largest_component: bool = option(False, help="Keep the largest connected part of the free space, and remove all other parts.")
@@ -301,10 +326,19 @@ class SwarmProblem(Problem):
         from shoal.swarm.maps.open import open_map
 
         reading = {name: getattr(self, name) for name in READING}
-        workspace = self.map if isinstance(self.map, GridWorkspace) else open_map(self.map, **reading)
+        workspace = open_map(self.map, **reading)
         if self.cell_size is not None:
             workspace = GridWorkspace(workspace.free, name=workspace.name, spacing=(self.cell_size,) * workspace.ndim)
-        return workspace.largest_component() if self.largest_component else workspace
+        if not self.largest_component:
+            return workspace
+        largest = workspace.largest_component()
+        parts, dropped = int(workspace.components.max()), workspace.n_free - largest.n_free
+        if dropped:
+            share = f"{100 * largest.n_free / workspace.n_free:.4g} % of {workspace.n_free} free cells"
+            tell_once(
+                f"shoal: notice: {workspace.name}: the largest of {parts} parts is kept, {share}; {dropped} free cells are dropped"
+            )
+        return largest
 
     def place_key(self) -> str | None:
         """Return a text with the map's name and the options for reading the map, or None if the map is an open `GridWorkspace`."""

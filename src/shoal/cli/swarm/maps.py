@@ -76,7 +76,7 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
     """Find the vessels in a photograph, print how certain the result is, and write pictures of the vessels."""
     from shoal.cli.swarm.exploration import overlay, vessels_of
     from shoal.swarm.maps.files import write_map
-    from shoal.swarm.maps.imaging import pixels_a_cell
+    from shoal.swarm.maps.imaging import dropped_parts, pixels_a_cell
     from shoal.views.swarm.photographs import mask_picture, save_picture
 
     if out is not None:
@@ -91,8 +91,11 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
         written = [save_picture(mask_picture(found.mask), out / "mask.png"), *overlay(problem, out), out / "map.png"]
         write_map(workspace, out / "map.png")
     share, side = float(found.mask.mean()), pixels_a_cell(found.mask, width=problem.width)
+    parts, dropped = dropped_parts(found.mask)
     if json_:
         result = {
+            "dropped_parts": parts,
+            "dropped_share": dropped,
             "confidence": found.confidence,
             "bright": found.bright,
             "vessel_share": share,
@@ -105,6 +108,10 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
         ("vessels", f"{'brighter' if found.bright else 'darker'} than the background, {100 * share:.1f} % of the photograph"),
         ("confidence", f"{found.confidence:.2f} of 1"),
         ("map", _size(workspace)),
+        (
+            "dropped",
+            f"{parts} parts with {100 * dropped:.2g} % of the vessel pixels, not connected to the map" if parts else "nothing",
+        ),
         ("cell", f"{side:.4g} pixels per side"),
     ]
     print_table(rows, title=workspace.name, written=written)

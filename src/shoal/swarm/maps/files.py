@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_file
@@ -17,6 +18,7 @@ from shoal.core.files import atomic
 from shoal.swarm.maps.arrays import encode_npy, read_npy
 from shoal.swarm.maps.pictures import LARGEST_FILE, PICTURES, encode_picture, read_picture, read_slices
 from shoal.swarm.maps.reading import MapOptions
+from shoal.swarm.maps.resampling import join_diagonals
 from shoal.swarm.maps.text import encode_csv, encode_movingai, encode_rows, read_csv, read_movingai, read_rows
 from shoal.swarm.maps.volumes import NIFTI, encode_nifti, read_nifti
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -79,7 +81,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
         ``.nii.gz``, 3-D), nonzero values are free. The workspace of a NIfTI file keeps the file's voxel size. A TIFF file of
         several pages is a 3-D map with one layer per page. A folder of pictures is a 3-D map with one layer per picture.
     **options
-        Options threshold, invert and scale for pictures, and options level and label for NumPy and NIfTI files.
+        Options threshold, invert and scale for pictures, options level and label for NumPy and NIfTI files, and join_diagonals.
         `shoal.swarm.maps.reading.MapOptions` explains the options for reading a map file.
 
     Returns
@@ -108,7 +110,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
             free, spacing = FORMATS[suffix].read(source, chosen)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
-    return named_after(source, free, spacing=spacing)
+    return named_after(source, join_diagonals(np.asarray(free) != 0) if chosen.join_diagonals else free, spacing=spacing)
 
 
 def named_after(path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | None = None) -> GridWorkspace:

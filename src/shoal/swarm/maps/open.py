@@ -10,13 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from shoal.core import notices
+from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError, errors_at
+from shoal.core.notices import tell_once
 from shoal.swarm.maps import imaging
 from shoal.swarm.maps.arrays import free_by_number
 from shoal.swarm.maps.files import named_after, read_map
 from shoal.swarm.maps.generators import generate_cached, is_spec
 from shoal.swarm.maps.pictures import read_pixels
 from shoal.swarm.maps.reading import MapOptions
+from shoal.swarm.maps.resampling import diagonal_contacts, factors_of_width, join_diagonals, scale_cells
 from shoal.swarm.maps.workspace import GridWorkspace
 
 
@@ -41,11 +45,14 @@ def open_map(
         ``shoal maps`` lists the generated maps. The documentation of `shoal.swarm.maps.files.read_map` lists the file formats.
     vessels : bool
         Whether the file is a photograph whose vessels form the map. Finding vessels needs the extra ``shoal[imaging]``.
-    width, low, high, bright, thickest
+    width : int, optional
+        Maximum number of cells along the larger side of the map of a photograph, a file or an array. A larger map is scaled
+        down, and what was connected stays connected. `shoal.swarm.maps.resampling.scale_cells` states what a smaller map keeps.
+    low, high, bright, thickest
         Options for finding vessels in a photograph. `shoal.swarm.maps.imaging.segment_vessels` explains the options.
     **options
-        Options for reading a map file: threshold, invert, scale, level and label. `shoal.swarm.maps.reading.MapOptions` explains
-        the options for reading a map file.
+        Options for reading a map file: threshold, invert, scale, level, label and join_diagonals.
+        `shoal.swarm.maps.reading.MapOptions` explains the options for reading a map file.
 
     Raises
     ------
@@ -61,27 +68,65 @@ def open_map(
     .#
     """
     chosen = MapOptions(**options)  # checks all values, whatever the source of the map
-    if width is not None and not vessels:
-        raise InvalidInputError(
-            f"width: expected no width without the option vessels, which finds vessels in a photograph, got {width}"
-        )
+    if width is not None:
+        check_integer(width, what="width", least=1)
     if isinstance(place, GridWorkspace):
+        _refuse_resizing("a finished workspace", width, chosen)
         return place
     if not isinstance(place, str | os.PathLike):
         array = np.asarray(place)
         by_number = chosen.level is not None or chosen.label is not None
-        return GridWorkspace(free_by_number(array, chosen, where="map") if by_number else array)
+        workspace = GridWorkspace(free_by_number(array, chosen, where="map") if by_number else array)
+        if chosen.join_diagonals:
+            workspace = GridWorkspace(join_diagonals(workspace.free))
+        return fit_width(workspace, width)
     text = os.fspath(place)
     path = Path(text)
     named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file, it accepts names of any length
     if vessels:
         if named:
             raise InvalidInputError(f"vessels: expected a photograph, got the generated map {text!r}")
-        found = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest)
-        return named_after(path, imaging.map_of_vessels(found.mask, width=width))
+        if chosen.join_diagonals:
+            raise InvalidInputError("join-diagonals: expected no such option for the vessels of a photograph, which are connected")
+        mask = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest).mask
+        tell_once(imaging.dropped_text(str(path), mask))
+        return named_after(path, imaging.map_of_vessels(mask, width=width))
     if named or (not path.suffix and not os.path.exists(path)):
+        _refuse_resizing(f"the generated map {text!r}", width, chosen)
         return GridWorkspace(generate_cached(text), name=text)
-    return read_map(path, **options)
+    workspace = fit_width(read_map(path, **options), width)
+    if notices.listeners and (contacts := diagonal_contacts(workspace.free)):
+        separate = "1 diagonal contact separates" if contacts == 1 else f"{contacts} diagonal contacts separate"
+        tell_once(
+            f"shoal: warning: {path}: {separate} parts of the map, because particles cannot move diagonally "
+            "(--join-diagonals opens one cell at each contact)"
+        )
+    return workspace
+
+
+def _refuse_resizing(what: str, width: int | None, options: MapOptions) -> None:
+    """Refuse options for the size and the contacts of a map that is complete without them."""
+    if width is not None:
+        raise InvalidInputError(f"width: expected a map file, whose size can be changed, got {what} and the width {width}")
+    if options.join_diagonals:
+        raise InvalidInputError(f"join-diagonals: expected a map file, got {what}")
+
+
+def fit_width(workspace: GridWorkspace, width: int | None) -> GridWorkspace:
+    """Return a workspace with at most ``width`` cells along its larger side, in which connected cells stay connected.
+
+    The spacing grows with the cells. If ``width`` is None, or if the workspace is small enough, return the workspace unchanged.
+    """
+    if width is None:
+        return workspace
+    factors = factors_of_width(workspace.shape, width, workspace.spacing)
+    free = scale_cells(workspace.free, factors, where=workspace.name)
+    if free.shape == workspace.shape:
+        return workspace
+    spacing = workspace.spacing and tuple(
+        size * before / after for size, before, after in zip(workspace.spacing, workspace.shape, free.shape, strict=True)
+    )
+    return GridWorkspace(free, name=workspace.name, spacing=spacing)
 
 
 def vessels_in(

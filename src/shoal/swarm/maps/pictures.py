@@ -16,12 +16,14 @@ from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import MAX_LAYERS, MapOptions, check_layers, check_size, reading
+from shoal.swarm.maps.resampling import block_shares, cells_of_shares, enlarge_cells, join_diagonals, scale_cells, scaled_shape
 from shoal.swarm.maps.workspace import GridWorkspace
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 T = TypeVar("T")
+Layer = NDArray[Any]
 PICTURES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}  # names in Pillow
 LARGEST_FILE = 2**31  # bytes
 MIDDLE = 0.8  # width of the range of brightness, around 0.5, that counts as neither black nor white
@@ -29,8 +31,9 @@ MIDDLE = 0.8  # width of the range of brightness, around 0.5, that counts as nei
 
 def read_picture(path: Path, options: MapOptions) -> NDArray[np.bool_]:
     """Return the free cells of a picture. Each page of a TIFF file becomes a layer of the map."""
-    layers = _pages(path, lambda image: _free_cells(path, image, options))
-    return layers[0] if len(layers) == 1 else _stacked(layers, [f"{path}: page {page + 1}" for page in range(len(layers))])
+    layers = _layers(path, options)
+    names = [f"{path}: page {page + 1}" for page in range(len(layers))]
+    return _connected(layers[0] if len(layers) == 1 else _stacked(layers, names), path, options)
 
 
 def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
@@ -52,14 +55,15 @@ def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
     if len(kinds) > 1:
         raise InvalidInputError(f"{folder}: expected slices of one kind, got {' and '.join(kinds)}")
     files.sort(key=lambda path: [int(part) if part.isdigit() else part for part in re.split("([0-9]+)", path.name)])
-    layers: list[NDArray[np.bool_]] = []
+    layers: list[Layer] = []
     for file in files:
         check_file(file, what="slice", most=LARGEST_FILE)
-        layers.append(read_picture(file, options))
-        if layers[-1].ndim != 2:
-            raise InvalidInputError(f"{file}: expected a slice, got a picture of {len(layers[-1])} pages")
+        pages = _layers(file, options)
+        if len(pages) > 1:
+            raise InvalidInputError(f"{file}: expected a slice, got a picture of {len(pages)} pages")
+        layers += pages
         check_size(folder, len(files), *layers[0].shape)
-    return _stacked(layers, list(map(str, files)))
+    return _connected(_stacked(layers, list(map(str, files))), folder, options)
 
 
 def read_pixels(path: Path) -> NDArray[np.uint8]:
@@ -139,7 +143,29 @@ def _check_tiles(path: Path, image: Image) -> None:
         raise InvalidInputError(f"{path}: expected data for {image.width}x{image.height} pixels, got data for only {told}")
 
 
-def _stacked(layers: list[NDArray[np.bool_]], names: list[str]) -> NDArray[np.bool_]:
+def _layers(path: Path, options: MapOptions) -> list[Layer]:
+    """Return the layers of a picture: free cells or, if the picture is reduced, the share of free pixels in each cell."""
+
+    def layer(image: Image) -> Layer:
+        shape = scaled_shape((image.height, image.width), (options.scale, options.scale))
+        check_size(path, *shape)
+        free = _free_cells(path, image, options)
+        if options.join_diagonals:  # a smaller map no longer shows which pixels touched
+            return free
+        return block_shares(free, shape) if options.scale < 1 else enlarge_cells(free, shape)
+
+    return _pages(path, layer)
+
+
+def _connected(layers: Layer, path: Path, options: MapOptions) -> NDArray[np.bool_]:
+    """Return the free cells, given the layers of a picture as `_layers` returned them."""
+    if options.join_diagonals:
+        factors = [1.0] * (layers.ndim - 2) + [options.scale] * 2
+        return scale_cells(join_diagonals(layers), factors, where=str(path))
+    return layers if layers.dtype == np.bool_ else cells_of_shares(layers, where=str(path))
+
+
+def _stacked(layers: list[Layer], names: list[str]) -> Layer:
     for name, layer in zip(names, layers, strict=True):
         if layer.shape != layers[0].shape:
             sizes = ["x".join(map(str, reversed(shape))) for shape in (layers[0].shape, layer.shape)]
@@ -148,13 +174,7 @@ def _stacked(layers: list[NDArray[np.bool_]], names: list[str]) -> NDArray[np.bo
 
 
 def _free_cells(path: Path, image: Image, options: MapOptions) -> NDArray[np.bool_]:
-    from PIL import Image as Pillow
-
     grey = _grey(path, image)
-    if options.scale != 1.0:
-        width, height = (max(1, round(side * options.scale)) for side in image.size)
-        check_size(path, height, width)
-        grey = np.asarray(Pillow.fromarray(_share(grey)).resize((width, height), Pillow.Resampling.BOX))
     # 8-bit pictures use a table, because brightness as a float would need four times the memory.
     shares = _share(np.arange(256, dtype=np.uint8))
     free = (shares >= options.threshold)[grey] if grey.dtype == np.uint8 else grey >= options.threshold

@@ -37,6 +37,8 @@ class MapOptions:
     label : int, optional
         For arrays and volumes: the exact value of all free cells. If neither ``level`` nor ``label`` is given, all obstacles
         must have the value 0, and all free cells must have one common value other than 0.
+    join_diagonals : bool
+        Whether parts of the map that touch only diagonally are joined, by one more free cell at each contact.
 
     Raises
     ------
@@ -49,6 +51,7 @@ class MapOptions:
     scale: float = 1.0
     level: float | None = None
     label: int | None = None
+    join_diagonals: bool = False
 
     def __post_init__(self) -> None:
         check_number(self.threshold, what="threshold", least=0, most=1)

@@ -7,7 +7,7 @@ the map. The package `imaging` needs scikit-image, which the extra ``shoal[imagi
 """
 
 from shoal.swarm.maps.imaging.centre_lines import CentreLines, Segment, centre_lines
-from shoal.swarm.maps.imaging.network import map_of_vessels, pixels_a_cell, segment_vessels
+from shoal.swarm.maps.imaging.network import dropped_parts, dropped_text, map_of_vessels, pixels_a_cell, segment_vessels
 from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, VesselFinder, Vessels, find_vessels
 from shoal.swarm.maps.imaging.vessel_statistics import VesselStatistics, box_dimension, murray_exponents, vessel_statistics
 
@@ -21,6 +21,8 @@ __all__ = [
     "Vessels",
     "box_dimension",
     "centre_lines",
+    "dropped_parts",
+    "dropped_text",
     "find_vessels",
     "map_of_vessels",
     "murray_exponents",

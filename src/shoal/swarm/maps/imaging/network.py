@@ -10,6 +10,7 @@ from shoal.swarm.maps.generators.components import Mask, crop, largest_part
 from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
 
 DEFAULT_WIDTH = 160  # cells
+MUCH = 0.1  # share of the vessel pixels outside the map from which a notice is a warning
 
 
 def segment_vessels(
@@ -79,6 +80,32 @@ def pixels_a_cell(mask: Mask, *, width: int | None = None) -> float:
         Raised if ``width`` is less than 1 cell.
     """
     return _pixels_a_cell(crop(_joined(mask)), width)
+
+
+def dropped_parts(mask: Mask) -> tuple[int, float]:
+    """Return what `map_of_vessels` drops from a mask: the number of connected parts, and their share of the vessel pixels.
+
+    The function counts parts after the bridging of gaps, and cells that share only a corner as connected.
+    """
+    from shoal.jit.kernels.connected import connected_parts
+
+    dropped = mask & ~_joined(mask)
+    pixels = int(np.count_nonzero(mask)) or 1
+    return connected_parts(dropped, corners=True)[1], int(np.count_nonzero(dropped)) / pixels
+
+
+def dropped_text(name: str, mask: Mask) -> str:
+    """Return a notice about the vessels that are not in the map of a photograph. If all vessels are in the map, return ''."""
+    parts, share = dropped_parts(mask)
+    if not parts:
+        return ""
+    which = (
+        f"1 other part with {100 * share:.2g} % of the vessel pixels is"
+        if parts == 1
+        else (f"{parts} other parts with {100 * share:.2g} % of the vessel pixels are")
+    )
+    kind = "warning" if share > MUCH else "notice"
+    return f"shoal: {kind}: {name}: the map has the largest network of vessels; {which} dropped (a smaller --low connects more)"
 
 
 def _pixels_a_cell(network: Mask, width: int | None) -> float:

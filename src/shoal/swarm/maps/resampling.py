@@ -1,0 +1,221 @@
+"""Masks of cells in another size: scaling that keeps connected cells connected, diagonal contacts, and connected parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.notices import tell_once
+
+Mask = NDArray[np.bool_]
+Shares = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+HALF = 0.5  # a cell is free in any case if at least this share of its pixels is free
+LEVELS = (0.125, 0.25, 0.375, HALF)  # cells with a small share of free pixels are removed first
+
+
+def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map") -> Mask:
+    """Return a mask with ``scale`` cells for each cell of ``free`` along each axis, so that connected cells stay connected.
+
+    A cell of a smaller mask stands for a block of cells of ``free``. The new cell is free if at least half of its block is free.
+    Thin vessels never fill half of a block. Other cells with at least one free cell in their block are therefore free, too, where
+    a connection needs them, so that a thin vessel becomes a line of cells that is one cell wide.
+
+    The result has three properties. Each connected part of ``free`` gives one connected part of the result; only a part that
+    fills less than half of a block vanishes. Every free cell of the result has a free cell in its block, so that two parts stay
+    apart if along some axis the distance between them is at least the length of two blocks. Cells are only added where a block is
+    less than half free and a connection needs it, so that the result does not swell.
+
+    Parameters
+    ----------
+    free : ndarray of bool, shape (H, W) or (D, H, W)
+        True at free cells. Cells that share a side are connected.
+    scale : float or sequence of float
+        One factor above 0 for all axes, or one factor for each axis.
+    where : str
+        Name of the map in the notice about parts that vanish.
+
+    Examples
+    --------
+    >>> line = np.zeros((16, 16), dtype=bool)
+    >>> line[5, :] = line[5:, 9] = True
+    >>> scale_cells(line, 0.25).astype(int)
+    array([[0, 0, 0, 0],
+           [1, 1, 1, 1],
+           [0, 0, 1, 0],
+           [0, 0, 1, 0]])
+    """
+    factors = [float(scale)] * free.ndim if isinstance(scale, int | float) else [float(factor) for factor in scale]
+    shape = scaled_shape(free.shape, factors)
+    if shape == free.shape:
+        return free
+    return cells_of_shares(block_shares(free, shape), where=where) if min(factors) < 1 else enlarge_cells(free, shape)
+
+
+def scaled_shape(shape: Sequence[int], factors: Sequence[float]) -> tuple[int, ...]:
+    """Return the shape of a map after scaling. Each side has at least one cell."""
+    return tuple(max(1, round(side * factor)) for side, factor in zip(shape, factors, strict=True))
+
+
+def enlarge_cells(free: Mask, shape: Sequence[int]) -> Mask:
+    """Return a mask of a larger or equal ``shape``, in which each cell equals the nearest cell of ``free``."""
+    for axis, side in enumerate(shape):
+        if side != free.shape[axis]:
+            free = np.take(free, np.arange(side) * free.shape[axis] // side, axis=axis)
+    return free
+
+
+def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
+    """Return the share of free cells in each block, if ``shape`` blocks of almost equal size divide a mask.
+
+    An axis with more blocks than cells is enlarged.
+    """
+    free = enlarge_cells(free, [max(side, blocks) for side, blocks in zip(free.shape, shape, strict=True)])
+    counts: NDArray[Any] = free
+    pixels = np.ones((), dtype=np.float32)
+    for axis, blocks in enumerate(shape):
+        begins = -(-np.arange(blocks) * free.shape[axis] // blocks)  # cell i belongs to block i * blocks // side
+        counts = np.add.reduceat(counts, begins, axis=axis, dtype=np.int32)
+        sizes = np.diff([*begins, free.shape[axis]]).astype(np.float32)
+        pixels = np.multiply.outer(pixels, sizes)
+    return np.asarray(counts / pixels, dtype=np.float32)
+
+
+def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
+    """Return the free cells of a scaled map, given the share of free pixels in each cell. `scale_cells` states the properties.
+
+    All cells with a free pixel form the largest possible map, in which everything stays connected that was connected. The
+    function removes cells without which their neighbours stay connected to each other.
+    """
+    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
+
+    free = share > 0
+    parts, count = connected_parts(free)
+    large = np.bincount(parts.ravel(), share.ravel()) >= HALF
+    if lost := count - int(np.count_nonzero(large[1:])):
+        which = "1 part is smaller" if lost == 1 else f"{lost} parts are smaller"
+        tell_once(f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped")
+    free &= large[parts]
+    _thin(free, np.where(free, share, 0))
+    return free
+
+
+def _thin(free: Mask, share: Shares) -> None:
+    """Remove cells with a share below `HALF` from ``free``, in place, without separating any two remaining cells.
+
+    The removal follows the thinning of pictures by directions: each pass removes cells from one side, so that strips of two cells
+    lose the thinner half and no comb remains. The end of a line stays.
+    """
+    padded, core = np.pad(free, 1), np.pad(share >= HALF, 1).ravel()
+    cells = padded.ravel()
+    sides = [stride // padded.itemsize for stride in padded.strides]
+    steps = np.array([sign * side for side in sides for sign in (-1, 1)])
+    shares = np.pad(share, 1).ravel()
+    outside = tuple(int(step) for step in steps)
+    # last the cells inside, which are holes of the picture; before, they would open a grid of holes in a spotted picture
+    for level, passes in (*((level, outside) for level in LEVELS), (HALF, (0, *outside))):
+        left = np.flatnonzero(cells & ~core & (shares < level))
+        before = -1
+        while len(left) != before:
+            before = len(left)
+            for step in passes:
+                near = cells[left[:, None] + steps]
+                degree = near.sum(axis=1)
+                stump = (degree == 1) & core[left + steps[near.argmax(axis=1)]]  # beside a thick vessel: no end of a line
+                fit = ~cells[left + step] & ((degree > 1) | stump) if step else near.all(axis=1)
+                _remove_simple(cells, left[fit], steps, padded.shape)
+                left = left[cells[left]]
+    free[...] = padded[(slice(1, -1),) * free.ndim]
+
+
+def _remove_simple(cells: Mask, chosen: Indices, steps: Indices, shape: tuple[int, ...]) -> None:
+    """Remove the chosen cells one after the other, if the neighbours of a cell stay connected beside the cell.
+
+    Cells with equal parities of all coordinates do not change each other's neighbourhoods, so they are removed at once.
+    """
+    parity = sum((place % 2) << axis for axis, place in enumerate(np.unravel_index(chosen, shape)))
+    corners = [pair for pair in combinations(range(len(steps)), 2) if pair[0] // 2 != pair[1] // 2]
+    for group in range(1 << len(shape)):
+        at = chosen[parity == group]
+        near = cells[at[:, None] + steps]
+        reached = near & (np.arange(len(steps)) == near.argmax(axis=1)[:, None])
+        joined = [near[:, one] & near[:, two] & cells[at + steps[one] + steps[two]] for one, two in corners]
+        for _ in range(len(steps) - 1):
+            for (one, two), open_ in zip(corners, joined, strict=True):
+                both = open_ & (reached[:, one] | reached[:, two])
+                reached[:, one] |= both
+                reached[:, two] |= both
+        cells[at[(reached == near).all(axis=1) & near.any(axis=1)]] = False
+
+
+def factors_of_width(shape: Sequence[int], width: int, spacing: Sequence[float] | None) -> list[float]:
+    """Return the factor along each axis that gives a map at most ``width`` cells along its largest side.
+
+    With a known size of a cell, the new cells are cubes as far as possible: an axis whose cells are larger already keeps them. In a
+    stack without a known size of a cell, rows and columns are scaled, and layers stay.
+    """
+    if spacing is None:
+        factor = min(1.0, width / max(shape[-2:]))
+        return [1.0] * (len(shape) - 2) + [factor] * 2
+    side = max(size * cells for size, cells in zip(spacing, shape, strict=True)) / width
+    return [min(1.0, size / side) for size in spacing]
+
+
+def diagonal_contacts(free: Mask) -> int:
+    """Return the number of places at which two parts of a map touch with a corner or, in 3-D, an edge.
+
+    Particles cannot pass a diagonal contact.
+    """
+    parts = _labels(free)
+    return sum(len(one) for one, _ in _contacts(parts))
+
+
+def join_diagonals(free: Mask) -> Mask:
+    """Return a map in which parts that touch diagonally are connected. At each diagonal contact, one corner becomes free.
+
+    Contacts inside one part stay as they are.
+
+    Examples
+    --------
+    >>> join_diagonals(np.eye(3, dtype=bool)).astype(int)
+    array([[1, 1, 0],
+           [0, 1, 1],
+           [0, 0, 1]])
+    """
+    joined = free.copy()
+    for axes in range(2, free.ndim + 1):  # contacts at edges first: they may connect parts that also touch at a corner
+        for one, step in _contacts(_labels(joined), axes):
+            at = one.copy()
+            for axis in reversed(np.flatnonzero(step)[1:]):
+                at[:, axis] += step[axis]
+                joined[tuple(at.T)] = True
+    return joined
+
+
+def _labels(free: Mask) -> NDArray[np.int32]:
+    from shoal.jit.kernels.connected import connected_parts
+
+    return connected_parts(free)[0]
+
+
+def _contacts(parts: NDArray[np.int32], axes: int | None = None) -> Iterator[tuple[Indices, Indices]]:
+    """Yield the diagonal contacts of different parts: the first cells of all contacts in a direction, and the direction.
+
+    With ``axes``, yield only directions along so many axes. A contact of two parts at an edge of 3-D cells counts once.
+    """
+    for way in product((-1, 0, 1), repeat=parts.ndim):
+        step = np.array(way)
+        count = np.count_nonzero(step)
+        if count < 2 or step[np.flatnonzero(step)[0]] < 0 or (axes is not None and count != axes):
+            continue
+        first = tuple(slice(max(0, -one), side - max(0, one)) for one, side in zip(way, parts.shape, strict=True))
+        second = tuple(slice(max(0, one), side - max(0, -one)) for one, side in zip(way, parts.shape, strict=True))
+        apart = (parts[first] > 0) & (parts[second] > 0) & (parts[first] != parts[second])
+        at = np.argwhere(apart) + np.array([one.start for one in first])
+        if len(at):
+            yield at, step

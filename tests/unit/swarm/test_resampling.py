@@ -1,0 +1,127 @@
+"""Masks in files, thinned by --width and --scale, joined by --join-diagonals, and what is said about dropped parts."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+
+from shoal import cli
+from shoal.core import notices
+from shoal.core.errors import InvalidInputError
+from shoal.swarm import GridWorkspace, SwarmProblem
+from shoal.swarm.maps.generators import generate
+from shoal.swarm.maps.open import fit_width, open_map
+
+
+@pytest.fixture
+def told(monkeypatch):
+    texts: list[str] = []
+    monkeypatch.setattr(notices, "listeners", [texts.append])
+    monkeypatch.setattr(notices, "_told", set())
+    return texts
+
+
+def traced_tree():
+    """A tree of lines, one pixel wide, as a person traces it: connected at corners, too."""
+    free = np.zeros((160, 200), dtype=bool)
+    free[80, :] = True
+    for column in range(10, 190, 30):
+        for step in range(70):
+            free[80 - step, min(column + step // 2, 199)] = free[80 + step, min(column + step, 199)] = True
+    return free
+
+
+def share_of_largest(free):
+    labels, _ = ndimage.label(free)
+    sizes = np.bincount(labels.ravel())[1:]
+    return sizes.max() / sizes.sum()
+
+
+def save(free, path):
+    Image.fromarray(free.astype(np.uint8) * 255).save(path)
+    return path
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.25, 0.125, 1 / 3])
+def test_a_traced_tree_that_is_joined_and_scaled_stays_whole(tmp_path, scale):
+    tree = traced_tree()
+    assert share_of_largest(tree) < 0.6
+    path = save(tree, tmp_path / "tree.png")
+    free = open_map(path, scale=scale, join_diagonals=True).free
+    assert free.shape == tuple(round(side * scale) for side in tree.shape)
+    assert share_of_largest(free) == 1
+    assert free.sum() < 2.5 * scale * tree.sum() + 10  # lines, no blobs
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "npy", "txt", "csv"])
+def test_width_makes_any_mask_smaller(tmp_path, suffix):
+    from shoal import write_map
+
+    vessels = GridWorkspace(generate("vessels:2000:1"))
+    path = tmp_path / f"mask.{suffix}"
+    write_map(vessels, path)
+    small = open_map(path, width=40)
+    assert max(small.shape) == 40
+    assert small.components.max() == 1
+    assert open_map(path, width=4000) == vessels
+
+
+def test_width_of_a_stack_keeps_layers_and_of_a_volume_keeps_cubes(tmp_path):
+    free = np.zeros((6, 40, 60), dtype=bool)
+    free[:, 20, :] = free[3, :, 7] = True
+    np.save(tmp_path / "stack.npy", free)
+    small = open_map(tmp_path / "stack.npy", width=15)
+    assert small.shape == (6, 10, 15)
+    assert small.components.max() == 1
+    volume = fit_width(GridWorkspace(free, spacing=(5.0, 1.0, 1.0)), 15)
+    assert volume.shape == (6, 10, 15)
+    assert volume.spacing == (5.0, 4.0, 4.0)
+    assert fit_width(GridWorkspace(free, spacing=(1.0, 1.0, 1.0)), 15).shape == (2, 10, 15)
+
+
+def test_layers_of_a_stack_are_joined_and_scaled_together(tmp_path):
+    """One vessel that climbs diagonally through the layers."""
+    for layer in range(8):
+        free = np.zeros((32, 32), dtype=bool)
+        free[16, 4 * layer : 4 * layer + 4] = True
+        save(free, tmp_path / f"slice{layer}.png")
+    assert open_map(tmp_path).components.max() == 8
+    small = open_map(tmp_path, join_diagonals=True, scale=0.25)
+    assert small.shape == (8, 8, 8)
+    assert small.components.max() == 1
+
+
+def test_diagonal_contacts_and_dropped_parts_are_said(tmp_path, told):
+    path = save(np.kron(np.eye(3, dtype=bool), np.ones((2, 2), dtype=bool)), tmp_path / "steps.png")
+    assert SwarmProblem(str(path), largest_component=True, particles=1).place.n_free == 4
+    assert any("2 diagonal contacts separate parts of the map" in text and "--join-diagonals" in text for text in told)
+    assert any("the largest of 3 parts is kept, 33.33 % of 12 free cells; 8 free cells are dropped" in text for text in told)
+    told.clear()
+    assert open_map(path, join_diagonals=True).components.max() == 1
+    assert not told
+    small = np.zeros((64, 64), dtype=bool)
+    small[5, 5], small[:, 40] = True, True
+    open_map(save(small, tmp_path / "dust.png"), scale=0.125)
+    assert any("1 part is smaller than half a cell" in text for text in told)
+
+
+def test_the_command_joins_and_thins(tmp_path, capsys):
+    path = save(traced_tree(), tmp_path / "tree.png")
+    given = ["map", str(path), "-n", "3", "--width", "25", "--join-diagonals", "--policy", "closest-frontier", "--json"]
+    assert cli.run(given) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["map"]["shape"] == [20, 25]
+    assert result["unreachable_cells"] == 0
+    assert result["status"] == ["complete"]
+
+
+def test_options_without_effect_are_refused():
+    for options in ({"width": 5}, {"join_diagonals": True}):
+        with pytest.raises(InvalidInputError, match="expected a map file"):
+            open_map(GridWorkspace([[1, 1]]), **options)
+        with pytest.raises(InvalidInputError, match="expected a map file"):
+            assert SwarmProblem(GridWorkspace([[1, 1]]), **options).place
