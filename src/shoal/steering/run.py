@@ -17,7 +17,8 @@ from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners.greedy import Greedy, misses
+from shoal.steering.planners.choice import misses
+from shoal.steering.planners.greedy import Greedy
 from shoal.steering.planners.task import SteeringTask, path_length, why_approachable, why_unreachable
 from shoal.steering.problem import SteeringProblem, check_can_part
 from shoal.steering.simulation.apparatus import Apparatus, replay
