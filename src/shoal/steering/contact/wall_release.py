@@ -6,11 +6,13 @@ from itertools import combinations
 
 import numpy as np
 
+from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.workspaces.base import TOUCH
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points
 
-# relative to the size: lengths of a lift; the first length that takes no particle into another wall is used
+# relative to the size: lengths of a lift if there is no room for the clearance; the first length that takes no particle into
+# another wall is used
 RELEASE_LENGTHS = (1e-6, 1e-7, 2e-8)
 RELEASED = 5e-9  # relative to a move's length: minimum distance away from a wall for a safe release
 _STEEP = 0.01  # minimum slope of a lift
@@ -30,28 +32,56 @@ def touched_normals(workspace: ConvexWorkspace, point: Points, *, within: float 
     return normals
 
 
-def is_released(workspace: ConvexWorkspace, points: Points, move: Points) -> bool:
-    """Return whether a move leads each particle away from all walls that the particle touches, with a safety margin."""
-    length = float(np.linalg.norm(move))
-    return all((touched_normals(workspace, point) @ move > RELEASED * length).all() for point in points)
+def is_released(workspace: ConvexWorkspace, points: Points, move: Points, *, clearance: float = 0.0) -> bool:
+    """Return whether a move leads each particle away from all walls that the particle touches, with a safety margin.
+
+    Walls within ``clearance`` times the size count as touched, so that the move does not depend on the contact tolerance.
+    """
+    length, within = float(np.linalg.norm(move)), max(2 * TOUCH, 1.25 * clearance)
+    slope = max(RELEASED, 2 * clearance)
+    return all((touched_normals(workspace, point, within=within) @ move > slope * length).all() for point in points)
 
 
-def released_translation(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Points] | None:
+def released_translation(
+    workspace: ConvexWorkspace, points: Points, move: Points, *, clearance: float = 0.0
+) -> list[Points] | None:
     """Return one or two moves that together translate all particles by ``move``, or None if walls prevent the translation.
 
-    If a wall blocks the direct move, the function returns a small move off the walls and the rest of the translation.
+    If a wall blocks the direct move, the function returns a small move off the walls and the rest of the translation. After the
+    small move, all particles are farther from the walls than ``clearance`` times the size, where there is room for that.
     """
-    if is_released(workspace, points, move):
+    if is_released(workspace, points, move, clearance=clearance):
         return [move]
+    lift = lift_off(workspace, points, clearance=clearance)
+    return None if lift is None else [lift, move - lift]
+
+
+def lift_off(
+    workspace: ConvexWorkspace, points: Points, others: Points | None = None, *, clearance: float = 0.0
+) -> Points | None:
+    """Return a small move off all walls that the particles at ``points`` touch, or None if no direction leads off all of them.
+
+    The move also has a positive component along each row of ``others``.
+    """
+    length = PLANNED * clearance
+    for _longer in range(4 if clearance else 0):
+        rows = np.vstack([touched_normals(workspace, point, within=1.5 * length) for point in points])
+        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        if away is None:
+            break
+        needed = PLANNED * clearance / float((rows @ away).min()) if len(rows) else length
+        if length >= needed * (1 - 1e-9):
+            return np.asarray(length * workspace.size * away)
+        length = needed
     for length in RELEASE_LENGTHS:
-        away = direction_away_from(np.vstack([touched_normals(workspace, point, within=1.5 * length) for point in points]))
+        rows = np.vstack([touched_normals(workspace, point, within=1.5 * length) for point in points])
+        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
         if away is not None:
-            lift = length * workspace.size * away
-            return [lift, move - lift]
+            return np.asarray(length * workspace.size * away)
     return None
 
 
-def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
+def separations(workspace: ConvexWorkspace, points: Points, *, clearance: float = 0.0) -> list[tuple[Points, Points]]:
     """Return pairs (move, later positions): each move takes one particle off its walls while a wall holds the other particle.
 
     A planner needs a small move of one particle alone if no translation leads both particles off their walls, for example if the
@@ -60,15 +90,11 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
     found = []
     for held in (0, 1):
         for wall in touched_normals(workspace, points[held]):
-            for length in RELEASE_LENGTHS:
-                away = direction_away_from(
-                    np.vstack([touched_normals(workspace, points[1 - held], within=1.5 * length), -wall[None]])
-                )
-                if away is not None:
-                    after = points.copy()
-                    after[1 - held] += length * workspace.size * away
-                    found.append((length * workspace.size * away, after))
-                    break
+            away = lift_off(workspace, points[1 - held : 2 - held], -wall[None], clearance=clearance)
+            if away is not None:
+                after = points.copy()
+                after[1 - held] += away
+                found.append((away, after))
     return found
 
 

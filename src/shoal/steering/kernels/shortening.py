@@ -15,7 +15,7 @@ import numpy as np
 
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import copy
-from shoal.steering.kernels.sampling import step, wall_point
+from shoal.steering.kernels.sampling import passes_corner, step, step_wide, wall_point
 
 Steps = namedtuple("Steps", "kinds particles targets along moves")
 """The steps of a plan. Each field of ``Steps`` has one entry for each step.
@@ -64,6 +64,9 @@ def is_near(state, goal, tolerance):
 def play(steps, count, start, goal, tolerance, bound, world, state):
     """Simulate a plan without noise. Return its length, or infinity if it misses the goals or is longer than ``bound``.
 
+    The length is also infinite if a particle passes a corner nearer than ``world.clear``, or if the same moves miss the goals with
+    the largest contact tolerance.
+
     If a step misses its target, the next step moves the particles from their actual positions to the next target.
     """
     last = count - 2
@@ -83,8 +86,23 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
         length += np.sqrt(move[0] ** 2 + move[1] ** 2)
         if not length <= bound:
             return np.inf
-        step(state, move, world)
-    return length if is_near(state, goal, tolerance) else np.inf
+        if world.corners.shape[0] == 0:
+            step(state, move, world)
+            continue
+        for q in range(2):
+            x, y = state[q, 0], state[q, 1]
+            step(state[q : q + 1], move, world)
+            if passes_corner(x, y, state[q, 0], state[q, 1], world):
+                return np.inf
+    if not is_near(state, goal, tolerance):
+        return np.inf
+    if world.clear > 0:
+        copy(start, state)
+        for k in range(count):
+            step_wide(state, steps.moves[k], world)
+        if not is_near(state, goal, tolerance):
+            return np.inf
+    return length
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 from shoal.steering.planners.chains.chain import refined
 from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.chains.search import shortest_chain
-from shoal.steering.planners.greedy import misses
+from shoal.steering.planners.choice import misses
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest

@@ -11,6 +11,7 @@ from shoal.steering.planners.chains.chain import Chain, ChainQuery
 from shoal.steering.planners.chains.cycles import Cycle, nearest_cycles
 from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.chains.search import shortest_chain
+from shoal.steering.planners.choice import choose, misses, without_useless_moves
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
@@ -40,22 +41,21 @@ class Greedy:
 
     def plan(self, task: SteeringTask) -> Points | None:
         """Return the moves of a plan for ``task``; see the class `Planner`."""
+        plans: list[Points] = []
         for first, query in task.departures():
             chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
             moves = None if chain is None else task.moves_of(chain, query)
-            slipped = moves is not None and query.friction < inf and misses(task, np.array([*first, *moves]))
-            if moves is None or slipped or (len(moves) > _LONG and not query.walls.round):
+            whole = None if moves is None else np.array([*first, *moves])
+            slipped = whole is not None and query.friction < inf and misses(task, whole)
+            if whole is None or slipped or (len(whole) > _LONG and not query.walls.round):
                 chain = any_chain(query, roadmap=slipped)
                 few = None if chain is None else task.moves_of(chain, query)
-                moves = moves if few is None else few
-            if moves is not None:
-                return np.array([*first, *moves])
-        return None
-
-
-def misses(task: SteeringTask, moves: Points) -> bool:
-    """Return whether a plan has too many moves, or ends farther from the goals than the tolerance."""
-    return len(moves) > task.max_moves or not task.reaches_goal(moves)
+                whole = whole if few is None else np.array([*first, *few])
+            if whole is not None:
+                plans.append(whole)
+                if not misses(task, whole) and task.is_sure(whole):
+                    break
+        return without_useless_moves(task, choose(task, plans))
 
 
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:

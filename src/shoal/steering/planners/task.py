@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.dataclass import dataclass
+from shoal.steering.contact.clearance import CLEARANCE, PLANNED, final, why_sensitive
 from shoal.steering.contact.friction_limits import friction_limit
 from shoal.steering.contact.wall_release import released_translation, separations, touched_normals
 from shoal.steering.contact.world import ContactWorld
@@ -27,9 +28,9 @@ _SURE = 3e-9  # relative to the size: overshoot of a move to a wall, against rou
 _PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
 _SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle off a wall
 _CONE = 1 - 1e-4  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
-_TINY = 1e-6  # relative to the size: shorter moves can be left out
+_TINY = 2e-5  # relative to the size: shorter moves can be left out
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
-_WIDER = (1e-7, 1e-6, 1e-5)  # margins of chains with sensitive moves
+_WIDER = (1e-7, 1e-6, 1e-5, 1e-4)  # margins of chains with sensitive moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,11 @@ class SteeringTask(StartAndGoal):
         Seed of the random numbers that some planners draw.
     deadline : float
         Time at which the planner must return the best plan so far, in seconds on the clock `time.monotonic`.
+    clearance : float
+        Fraction of the workspace's size: largest contact tolerance with which a plan must still reach the goals.
+    margin : float
+        Fraction of the workspace's size: the clearance for which plans leave room. It is smaller than ``clearance`` only where a
+        plan with that much room does not exist.
     """
 
     world: Any
@@ -59,6 +65,8 @@ class SteeringTask(StartAndGoal):
     max_moves: int = 100
     seed: int = 0
     deadline: float = inf
+    clearance: float = CLEARANCE
+    margin: float = CLEARANCE
 
     @cached_property
     def aim(self) -> Points:
@@ -77,7 +85,7 @@ class SteeringTask(StartAndGoal):
     def chain_query(self, start: Points | None = None, aim: Points | None = None) -> ChainQuery:
         """Return the task as a query for chains of wall contacts, in the units of `NormalizedWalls`."""
         walls = normalize_walls(self.world.room)
-        margin = min(MARGIN, 0.02 * self.tolerance / walls.scale)
+        margin = PLANNED * self.margin if self.margin else min(MARGIN, 0.02 * self.tolerance / walls.scale)
         return ChainQuery(
             walls,
             walls.normalized(self.start if start is None else start),
@@ -99,10 +107,13 @@ class SteeringTask(StartAndGoal):
         if not isinstance(self.world, ContactWorld):
             return None  # around obstacles, a planner is necessary
         move = (self.goal - self.start).mean(axis=0)
-        moves = released_translation(self.world.room, self.start, move)
+        moves = self._released(self.start, move)
         if moves is None or not self.reaches_goal(moves):
             return None
         return np.array(moves)
+
+    def _released(self, points: Points, move: Points) -> list[Points] | None:
+        return released_translation(self.world.room, points, move, clearance=self.margin)
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, with a small move off a wall before each translation that starts on a wall.
@@ -116,6 +127,8 @@ class SteeringTask(StartAndGoal):
         if moves is None or not self.reaches_goal(moves, start) or self.is_sure(moves, start):
             return moves
         for margin in _WIDER:
+            if margin <= query.margin:
+                continue
             wider = replace(query, margin=margin)
             surer = self._played(refined(wider, chain), wider)
             if surer is not None and self.reaches_goal(surer, start) and self.is_sure(surer, start):
@@ -124,18 +137,18 @@ class SteeringTask(StartAndGoal):
 
     def reaches_goal(self, moves: ArrayLike, start: Points | None = None) -> bool:
         """Return whether moves from ``start`` (default: the task's start) bring all particles within the tolerance of the goals."""
-        return self.error(self.world.play(self.start if start is None else start, moves)[-1]) <= self.tolerance
+        return self.error(final(self.world, self.start if start is None else start, np.asarray(moves))) <= self.tolerance
 
     def is_sure(self, moves: Points, start: Points | None = None) -> bool:
-        """Return whether a plan still succeeds with rounding errors at its start, and with a smaller contact tolerance."""
+        """Return whether a plan still succeeds with rounding errors at its start, and with every disturbance of its contacts.
+
+        `shoal.steering.contact.clearance.why_sensitive` describes the disturbances.
+        """
         begin = self.start if start is None else start
         steps = _ROUNDINGS * self.world.room.size * np.eye(begin.shape[1])
-        exact = self._exact_world.play(begin, moves)[-1]
-        return self.error(exact) <= self.tolerance and all(self.reaches_goal(moves, begin + step) for step in steps)
-
-    @cached_property
-    def _exact_world(self) -> Any:
-        return replace(self.world, touch=EXACT_TOUCH)
+        if any(self.error(final(self.world, begin + step, moves)) > self.tolerance for step in steps):
+            return False
+        return why_sensitive(self.world, begin, self.goal, np.asarray(moves), self.tolerance, self.clearance or EXACT_TOUCH) is None
 
     def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, each planned from the simulated end of the previous move.
@@ -147,21 +160,38 @@ class SteeringTask(StartAndGoal):
         moves: list[Points] = []
         contacts = walls.restored(chain.contacts(walls))
         deltas = chain.differences(query.before, query.after)[1:] * walls.scale
-        for toucher, contact, delta in zip(chain.touchers, contacts, deltas, strict=True):
+        for toucher, wall, contact, delta in zip(chain.touchers, chain.walls, contacts, deltas, strict=True):
             way = contact - state[toucher]
             length = float(np.linalg.norm(way))
-            if length > 1e-12 * room.size:
-                steps = released_translation(room, state, way * (1 + _SURE * room.size / length))
+            sign = 1.0 if toucher == 0 else -1.0
+            if length > 1e-12 * room.size and not (length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))):
+                over = self._overshoot(walls.inward(int(wall), contact), way / length, sign * (delta - (state[1] - state[0])))
+                steps = self._released(state, way * (1 + over / length))
                 if steps is None:
                     return None
                 state = self._sent(steps, state, moves)
-            sign = 1.0 if toucher == 0 else -1.0
             state = self._sent([self._held(state[toucher], sign * (delta - (state[1] - state[0])))], state, moves)
-        steps = released_translation(room, state, (walls.restored(query.goal) - state).mean(axis=0))
+        steps = self._released(state, (walls.restored(query.goal) - state).mean(axis=0))
         if steps is None:
             return None
         self._sent(steps, state, moves)
         return self.tidied(np.array(moves), start=walls.restored(query.start))
+
+    def _touches(self, point: Points, wall: int) -> bool:
+        """Return whether a particle touches the wall with an index of `NormalizedWalls`, in which the round wall comes last."""
+        room = self.world.room
+        flat = room.wall_distances(point)
+        return bool((flat[wall] if wall < len(flat) else room.circle_distance(point)) <= TOUCH * room.size)
+
+    def _overshoot(self, inward: Points, direction: Points, adjustment: Points) -> float:
+        """Return by how much a move to a wall aims behind the wall, so that errors of the start do not prevent the contact.
+
+        The overshoot also moves the other particle, which must not become nearer to the wall than the adjustment may bring it.
+        """
+        size, into = self.world.room.size, -float(inward @ direction)
+        share = 0.5 if self.world.friction == inf else 1e-5  # with friction, the adjustment keeps its direction
+        room = share * max(-float(inward @ adjustment), 0.0) / max(into, 1e-9)
+        return float(max(_SURE * size, min(self.margin * size, room)))
 
     def _held(self, point: Points, move: Points) -> Points:
         """Return ``move`` with a minimum push into the wall, so that rounding errors do not release the held particle."""
@@ -194,7 +224,7 @@ class SteeringTask(StartAndGoal):
             if tiny <= _TINY * size and before > tiny:
                 shorter = np.delete(moves, k, axis=0)
                 shorter[k - 1] *= 1 + 2 * tiny / before
-                if self.error(self.world.play(start, shorter)[-1]) <= 0.5 * self.tolerance:
+                if self.error(final(self.world, start, shorter)) <= 0.5 * self.tolerance and self.is_sure(shorter, start):
                     moves = shorter
                     continue
             k += 1
@@ -207,9 +237,10 @@ class SteeringTask(StartAndGoal):
         pair is a small move of one particle off its walls.
         """
         room = self.world.room
-        if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
+        if self._released(self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.chain_query())]
-        return [([move], self.chain_query(start=after)) for move, after in separations(room, self.start)]
+        apart = separations(room, self.start, clearance=self.margin)
+        return [([move], self.chain_query(start=after)) for move, after in apart]
 
     def lower_bound(self) -> float:
         """Return a lower bound on the length of all plans that end within the tolerance; see docs/concepts/steering/planners.md."""

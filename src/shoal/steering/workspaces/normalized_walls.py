@@ -83,6 +83,14 @@ class NormalizedWalls:
         """The walls as arrays for the compiled functions that optimize chains of contacts."""
         return Shape(self.frames, self.normals, self.offsets, self.circle, self.near)
 
+    def inward(self, wall: int, contact: Points) -> Points:
+        """Return the inward unit normal of a wall at a contact, which is given in workspace coordinates."""
+        if wall < len(self.normals):
+            return np.asarray(self.normals[wall])
+        normal = np.zeros(len(contact))
+        normal[:2] = self.origin[:2] - contact[:2]
+        return normal / float(np.hypot(*normal[:2]))
+
     def normalized(self, points: Points) -> Points:
         """Convert points from workspace coordinates to normalized coordinates."""
         return np.ascontiguousarray((points - self.origin) / self.scale)

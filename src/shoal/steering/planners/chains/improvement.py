@@ -276,4 +276,9 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
             tries = FAR_TRIES
             pool.begin(far)
     pool.improve(tries)
-    return sorted((refined(query, chain) for chain in pool.chains[:REFINED]), key=lambda chain: chain.length)
+    few: dict[int, Chain] = {}  # the shortest chain of each number of cycles
+    for chain in sorted(pool.chains, key=lambda chain: chain.length):
+        few.setdefault(chain.cycles, chain)
+    useful = [chain for chain in few.values() if chain.length < 1.01 * pool.chains[0].length]
+    kept = [*pool.chains[:REFINED], *(chain for chain in useful if chain not in pool.chains[:REFINED])]
+    return sorted((refined(query, chain) for chain in kept), key=lambda chain: chain.length)

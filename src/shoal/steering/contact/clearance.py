@@ -1,0 +1,132 @@
+"""Clearance: whether a plan reaches its goals in a world that differs slightly from the world in which it was planned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.dataclass import dataclass
+from shoal.steering.workspaces.base import EXACT_TOUCH, TOUCH
+from shoal.steering.workspaces.convex import ConvexWorkspace
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.region import Region
+
+CLEARANCE = 1e-6  # relative to the size: default of the option ``clearance``
+PLANNED = 2.5  # in clearances: distance that planners keep from all that must not be touched
+STEPS = 0.03, 0.3, 1.0  # in clearances: contact tolerances with which a plan is replayed
+_TURN, _SCALE = 0.7, 3.0  # angle and scale of the turned copy of a world
+_SLACK = 1e-9  # relative to the tolerance: rounding in the turned copy
+
+
+@dataclass(frozen=True, eq=False)
+class _Copy:
+    """A world in which a plan is replayed, and the matrix that turns and scales points and moves into this world."""
+
+    world: Any
+    matrix: NDArray[np.float64]
+
+
+@lru_cache(maxsize=64)
+def disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
+    """Return copies of a world with other contact tolerances, and one copy that is turned and scaled.
+
+    The contact tolerances lie between 1e-12 of the workspace's size and ``clearance``.
+    """
+    d = world.workspace.dimensions
+    touches = sorted({EXACT_TOUCH, TOUCH} | {share * clearance for share in STEPS if share * clearance > TOUCH})
+    matrix = _SCALE * np.eye(d)
+    matrix[:2, :2] = _SCALE * np.array([[cos(_TURN), -sin(_TURN)], [sin(_TURN), cos(_TURN)]])
+    workspace = turned(world.workspace, matrix)
+    fields: dict[str, Any] = {"workspace": workspace}
+    if getattr(world, "gradient", None) is not None:
+        fields["gradient"] = matrix @ world.gradient / _SCALE**2
+    if getattr(world, "radius", 0.0):
+        fields["radius"] = _SCALE * world.radius
+    rounded = replace(world, **fields)
+    return (
+        *(_Copy(replace(world, touch=touch), np.eye(d)) for touch in touches),
+        *(_Copy(replace(rounded, touch=touch), matrix) for touch in (TOUCH, touches[-1])),
+    )
+
+
+def turned(workspace: Any, matrix: NDArray[np.float64]) -> Any:
+    """Return a workspace whose corners are the products of ``matrix`` and the corners of ``workspace``.
+
+    ``matrix`` is a rotation about the z axis, multiplied by a scale.
+    """
+    flat, scale = matrix[:2, :2], float(np.linalg.norm(matrix[:2, 0]))
+    if isinstance(workspace, Region):
+        return Region(workspace.outline @ flat.T, tuple(ring @ flat.T for ring in workspace.obstacles))
+    return ConvexWorkspace(
+        workspace.kind,
+        workspace.vertices @ flat.T,
+        workspace.radius * scale,
+        flat @ workspace.center,
+        workspace.height * scale,
+        workspace.open_ends,
+    )
+
+
+def final(world: Any, start: Points, moves: Points) -> Points:
+    """Return the positions of the particles after all moves, float64, shape (n, d); nothing is checked."""
+    state = np.array(start, dtype=np.float64, order="C")
+    for move in np.ascontiguousarray(moves):
+        world.moved(state, move)
+    return state
+
+
+def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolerance: float, clearance: float) -> str | None:
+    """Return why a plan reaches its goals only in exact arithmetic, or None if it also reaches them with every disturbance.
+
+    The function replays the plan with several contact tolerances up to ``clearance`` times the size of the workspace, and in a
+    turned and scaled copy of the workspace. Around obstacles, it also measures how near the particles come to corners with more
+    than 180 degrees of free space, which a slightly different path would not pass.
+    """
+    if not clearance:
+        return None
+    size = float(world.workspace.size)
+    for copy in disturbed_worlds(world, clearance):
+        scale = float(np.linalg.norm(copy.matrix[:, 0]))
+        end = final(copy.world, start @ copy.matrix.T, moves @ copy.matrix.T) / scale
+        error = float(np.linalg.norm(end - goal @ copy.matrix.T / scale, axis=1).max())
+        if error > tolerance * (1 + _SLACK) + 1e-15 * size:
+            how = "in turned coordinates" if scale != 1 else f"with a contact tolerance of {copy.world.touch:.2g} of the size"
+            return f"{how} it ends {error:.3g} from the goals"
+    if isinstance(world.workspace, Region):
+        near = least_passage(world, start, goal, moves, clearance * size)
+        if near < clearance * size:
+            return f"a particle passes a corner at {near:.2g}, nearer than the clearance of {clearance * size:.2g}"
+    return None
+
+
+def least_passage(world: Any, start: Points, goal: Points, moves: Points, near: float) -> float:
+    """Return the smallest distance between a particle's path and a corner with more than 180 degrees of free space.
+
+    Corners within ``near`` of the start or the goal of a particle do not count for this particle. The result is infinite if the
+    region has no such corner.
+    """
+    edges = world.edges
+    corners = edges.ends[edges.reflex, :2]
+    if not len(corners) or not len(moves):
+        return float("inf")
+    states = [np.array(start, dtype=np.float64, order="C")]
+    for move in np.ascontiguousarray(moves):
+        states.append(world.moved(states[-1].copy(), move))
+    path = np.array(states)
+    least = float("inf")
+    for particle in range(path.shape[1]):
+        ends = np.stack([start[particle], goal[particle]])
+        far = (np.linalg.norm(corners[:, None] - ends[None], axis=2) > near).all(axis=1)
+        if not far.any():
+            continue
+        before, along = path[:-1, None, particle], np.diff(path[:, particle], axis=0)[:, None]
+        square = np.maximum((along * along).sum(axis=2), 1e-300)
+        share = np.clip(((corners[far] - before) * along).sum(axis=2) / square, 0, 1)
+        away = np.linalg.norm(before + share[..., None] * along - corners[far], axis=2)
+        least = min(least, float(away.min()))
+    return least
