@@ -10,14 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.core.errors import InvalidInputError, errors_at
+from shoal.core.errors import errors_at
 from shoal.swarm.maps import imaging
-from shoal.swarm.maps.arrays import free_by_number
+from shoal.swarm.maps.arrays import free_in_array
 from shoal.swarm.maps.files import named_after, read_map
 from shoal.swarm.maps.generators import generate_cached, is_spec
 from shoal.swarm.maps.pictures import read_pixels
-from shoal.swarm.maps.reading import MapOptions
+from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
 from shoal.swarm.maps.workspace import GridWorkspace
+
+VESSEL_DEFAULTS: dict[str, Any] = {
+    "vessels": False, "width": None, "low": imaging.LOW, "high": imaging.HIGH, "bright": None, "thickest": None,
+}  # fmt: skip
+"""The options for finding vessels, with their defaults."""
 
 
 def open_map(
@@ -44,8 +49,9 @@ def open_map(
     width, low, high, bright, thickest
         Options for finding vessels in a photograph. `shoal.swarm.maps.imaging.segment_vessels` explains the options.
     **options
-        Options for reading a map file: threshold, invert, scale, level and label. `shoal.swarm.maps.reading.MapOptions` explains
-        the options for reading a map file.
+        Options for reading a map file: threshold, invert, scale, level, label, channel and frame.
+        `shoal.swarm.maps.reading.MapOptions` explains the options for reading a map file. An option without effect on the map is
+        refused.
 
     Raises
     ------
@@ -61,27 +67,31 @@ def open_map(
     .#
     """
     chosen = MapOptions(**options)  # checks all values, whatever the source of the map
-    if width is not None and not vessels:
-        raise InvalidInputError(
-            f"width: expected no width without the option vessels, which finds vessels in a photograph, got {width}"
-        )
+    of_vessels = {"vessels": vessels, "width": width, "low": low, "high": high, "bright": bright, "thickest": thickest}
+    given = {name: value for name, value in of_vessels.items() if value != VESSEL_DEFAULTS[name]} | chosen.given
     if isinstance(place, GridWorkspace):
+        check_used(KINDS["workspace"], given)
         return place
     if not isinstance(place, str | os.PathLike):
+        check_used(KINDS["numbers"], given)
         array = np.asarray(place)
-        by_number = chosen.level is not None or chosen.label is not None
-        return GridWorkspace(free_by_number(array, chosen, where="map") if by_number else array)
+        return GridWorkspace(free_in_array(array, chosen, where="map") if given else array)
     text = os.fspath(place)
     path = Path(text)
     named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file, it accepts names of any length
-    if vessels:
-        if named:
-            raise InvalidInputError(f"vessels: expected a photograph, got the generated map {text!r}")
-        found = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest)
-        return named_after(path, imaging.map_of_vessels(found.mask, width=width))
     if named or (not path.suffix and not os.path.exists(path)):
+        check_used(Kind(f"the generated map {text!r}"), given)
         return GridWorkspace(generate_cached(text), name=text)
+    if vessels:
+        check_used(KINDS["photograph"], given, where=text)
+        found = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest, **_axes(chosen))
+        return named_after(path, imaging.map_of_vessels(found.mask, width=width))
+    check_used(Kind("a map file", frozenset(chosen.given)), given, where=text)
     return read_map(path, **options)
+
+
+def _axes(options: MapOptions) -> dict[str, Any]:
+    return {"channel": options.channel, "frame": options.frame}
 
 
 def vessels_in(
@@ -94,7 +104,8 @@ def vessels_in(
     path : path
         Path of the photograph, a picture file.
     low, high, **options
-        Options of the function `shoal.swarm.maps.imaging.find_vessels`, including ``bright`` and ``thickest``.
+        Options of the function `shoal.swarm.maps.imaging.find_vessels`, including ``bright`` and ``thickest``, and the options
+        ``channel`` and ``frame`` of `shoal.swarm.maps.pictures.read_pixels`.
 
     Raises
     ------
@@ -104,7 +115,14 @@ def vessels_in(
     return _vessels_in(Path(path), _stamp(path), low, high, tuple(sorted(options.items())))
 
 
-def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thickest: float | None = None) -> imaging.VesselFinder:
+def finder_of(
+    path: str | os.PathLike[str],
+    *,
+    bright: bool | None = None,
+    thickest: float | None = None,
+    channel: int | str | None = None,
+    frame: int | None = None,
+) -> imaging.VesselFinder:
     """Return the vessel finder of a photograph. Reuse the last finder if the file and the options have not changed.
 
     Raises
@@ -112,7 +130,8 @@ def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thick
     InvalidInputError, MissingExtraError
         Raised if the file is not a picture.
     """
-    return _finder_of(Path(path), _stamp(path), (("bright", bright), ("thickest", thickest)))
+    options = {"bright": bright, "channel": channel, "frame": frame, "thickest": thickest}
+    return _finder_of(Path(path), _stamp(path), tuple(sorted(options.items())))
 
 
 def _stamp(path: str | os.PathLike[str]) -> int:
@@ -128,6 +147,7 @@ def _vessels_in(path: Path, stamp: int, low: float, high: float, options: tuple[
 
 @lru_cache(maxsize=1)
 def _finder_of(path: Path, _stamp: int, options: tuple[tuple[str, Any], ...]) -> imaging.VesselFinder:
-    pixels = read_pixels(path)
+    given = dict(options)
+    pixels = read_pixels(path, channel=given.pop("channel", None), frame=given.pop("frame", None))
     with errors_at(path):
-        return imaging.VesselFinder(pixels, **dict(options))
+        return imaging.VesselFinder(pixels, **given)
