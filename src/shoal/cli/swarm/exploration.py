@@ -251,7 +251,8 @@ def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
     from shoal.swarm.maps.pictures import read_pixels
     from shoal.views.swarm.photographs import overlay_picture, save_picture
 
-    picture = overlay_picture(read_pixels(Path(problem.map), channel=problem.channel, frame=problem.frame), vessels_of(problem).mask)
+    pixels = read_pixels(Path(problem.map), channel=problem.channel, frame=problem.frame)
+    picture = overlay_picture(pixels, vessels_of(problem).mask)
     return [save_picture(picture, out / "overlay.png")]
 
 

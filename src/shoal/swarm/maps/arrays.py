@@ -22,6 +22,9 @@ MATLAB_NUMBERS = {
 }  # fmt: skip
 """MATLAB's classes of numbers, with the bytes of a number."""
 
+MOST_CHANNELS = 16
+"""Maximum length of the last axis of an array of which a channel is chosen: a longer axis has the columns of a map."""
+
 
 def read_npy(path: Path, options: MapOptions) -> Mask:
     """Read a ``.npy`` file and return the free cells of the map.
@@ -31,13 +34,16 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
     with path.open("rb") as file, reading(path, "a NumPy array file (.npy)"):
         shape, fortran, dtype = _npy_header(file)
         axes = len(shape) - (options.channel is not None)
+        if options.channel is not None and (axes not in (2, 3) or not 2 <= shape[-1] <= MOST_CHANNELS):
+            raise InvalidInputError(
+                f"{path}: channel: expected a last axis of 2 to {MOST_CHANNELS} channels, got an array of shape {shape}"
+            )
         if axes not in (2, 3) or dtype.kind not in "biuf" or min(shape, default=0) < 0:
-            wanted = "a 2-D or 3-D array" if options.channel is None else "a 2-D or 3-D array with a last axis of channels"
-            raise InvalidInputError(f"{path}: expected {wanted} of booleans or numbers, got {dtype} {shape}")
+            raise InvalidInputError(f"{path}: expected a 2-D or 3-D array of booleans or numbers, got {dtype} {shape}")
         check_size(path, *shape[:axes])
         begin, size = file.tell(), prod(shape) * dtype.itemsize
-        if (found := path.stat().st_size - begin) < size:
-            raise ValueError(f"cannot read {size} bytes of data, got {found}")
+        if path.stat().st_size - begin < size:
+            raise ValueError(f"the length of the data, {size} bytes, is greater than file size")
         channel = None
         if options.channel is not None:
             channel = index_of([""] * shape[-1], options.channel, where=str(path))

@@ -279,9 +279,12 @@ class _Source:
 def _one_channel(page: Page, channel: int | str | None, path: Path) -> Page:
     """Return one channel of a page as a grey page."""
     where = str(path)
-    if page.palette is not None:
+    if page.palette is not None and (page.palette[:, :3] != page.palette[:, :1]).any():
         index = index_of(COLOURS["RGBA"], channel, where=where)
         return Page(page.palette[page.numbers][..., index], [""], 255.0)
+    if page.palette is not None:
+        index = index_of(COLOURS["LA"] if (page.palette[:, 3] < 255).any() else ["grey"], channel, where=where)
+        return Page(page.palette[page.numbers][..., 3 * index], [""], 255.0)
     if page.numbers.ndim == 2:
         index_of(["grey"], channel, where=where)
         return page
@@ -301,9 +304,7 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
             return np.asarray(page.palette[page.numbers][..., 0])
         if option == "label":
             return page.numbers
-        raise InvalidInputError(
-            f"{name}: expected one number for each pixel for a level, got a palette of colours (--label, --channel)"
-        )
+        raise InvalidInputError(f"{name}: level: expected one number for each pixel, got a palette of colours (--label, --channel)")
     numbers = page.numbers
     if numbers.ndim == 2:
         return numbers
@@ -544,6 +545,7 @@ def _palette_of(image: Image) -> NDArray[np.uint8]:
     """Return the colours and the opacity of the numbers of a picture with a palette."""
     colours = image.getpalette("RGBA") or []
     palette = np.zeros((256, 4), dtype=np.uint8)
+    palette[:, 3] = 255
     palette[: len(colours) // 4] = np.reshape(colours[:1024], (-1, 4))
     nothing = image.info.get("transparency")
     if isinstance(nothing, bytes):  # an opacity for each of the first numbers

@@ -284,5 +284,7 @@ def reading(path: Path, what: str) -> Iterator[None]:
         except ShoalError:
             raise
         except Exception as error:  # file readers raise many kinds of exceptions
+            if isinstance(error, OSError) and error.filename is not None:
+                raise  # the file cannot be opened, which says nothing about its content
             why = " ".join(str(error).split())[:160] or type(error).__name__
             raise InvalidInputError(f"{path}: expected {what}, got a damaged or truncated file: {why}") from None

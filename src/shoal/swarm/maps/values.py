@@ -112,7 +112,8 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
         if options.threshold is None and piece.dtype.kind in "iu":
             raise InvalidInputError(
                 f"{where}: expected a picture whose white is known, got {piece.dtype} values from {extremes.low} to "
-                f"{extremes.high} (--level N takes the values from N as free, --label N the value N, --threshold a share of the largest value)"
+                f"{extremes.high} (--level N takes the values from N as free, --label N the value N, --threshold a share of the "
+                "largest value)"
             )
         tell_once(
             f"shoal: {where}: the numbers from {extremes.low:g} to {extremes.high:g} have no white of their own; the largest "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import io
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -215,8 +216,9 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
     nrrd = _library("nrrd", "NRRD volumes", package="pynrrd")
     with reading(path, "a NRRD file"):
         with path.open("rb") as file:
-            header = nrrd.read_header(file)
-            begin = file.tell()
+            start = io.BytesIO(file.read(CHUNK))  # a header ends at an empty line, and other files may have lines without end
+        header = nrrd.read_header(start)
+        begin = start.tell()
         sides = [int(side) for side in header["sizes"]]
         kinds = [str(kind).lower() for kind in header.get("kinds", [])] or ["domain"] * len(sides)
         domain: list[int] = []
@@ -262,8 +264,10 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
     skip_lines, skip_bytes = (int(header.get(f"{unit} skip", header.get(f"{unit}skip", 0))) for unit in ("line", "byte"))
     encoding = str(header.get("encoding", "raw")).lower()
     openers: dict[str, Callable[[BinaryIO], Any]] = {
-        "raw": lambda file: file, "gzip": gzip.GzipFile, "gz": gzip.GzipFile, "bzip2": bz2.BZ2File, "bz2": bz2.BZ2File
-    }  # fmt: skip
+        "raw": lambda file: file,
+        **dict.fromkeys(("gzip", "gz"), lambda file: gzip.GzipFile(fileobj=file)),
+        **dict.fromkeys(("bzip2", "bz2"), bz2.BZ2File),
+    }
     with source.open("rb") as file:
         file.seek(begin)
         for _ in range(skip_lines):
@@ -276,7 +280,7 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
             return numbers if dtype.kind == "f" else numbers.astype(dtype)
         if encoding not in openers:
             raise InvalidInputError(f"{path}: expected the encoding raw, gzip, bzip2 or ascii, got {encoding[:20]!r}")
-        opened = openers[encoding](file)  # type: ignore[arg-type]
+        opened = openers[encoding](file)
         if skip_bytes == -1 and encoding == "raw":
             file.seek(-size, 2)
         elif skip_bytes > 0:

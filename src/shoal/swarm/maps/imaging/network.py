@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.generators.components import Mask, crop, largest_part
 from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
+from shoal.swarm.maps.parts import box_of
 
 DEFAULT_WIDTH = 160  # cells
 
@@ -79,6 +80,12 @@ def pixels_a_cell(mask: Mask, *, width: int | None = None) -> float:
         Raised if ``width`` is less than 1 cell.
     """
     return _pixels_a_cell(crop(_joined(mask)), width)
+
+
+def place_of_network(mask: Mask) -> tuple[tuple[tuple[int, int], ...], float]:
+    """Return the first and last row and column of the network that `map_of_vessels` maps, and its share of all vessel pixels."""
+    network = _joined(mask)
+    return box_of(network), float((mask & network).sum() / max(1, mask.sum()))
 
 
 def _pixels_a_cell(network: Mask, width: int | None) -> float:
