@@ -98,7 +98,9 @@ def test_few_bits(tmp_path, bits):
     if bits > 1:
         image.putpalette([0, 0, 0, 85, 85, 85, 170, 170, 170])
     image.save(tmp_path / "few.png", bits=bits)
-    is_lines(tmp_path / "few.png", **({} if bits == 1 else {"level": 85}))
+    np.testing.assert_array_equal(
+        read_map(tmp_path / "few.png", level=1 if bits == 1 else 85).free, FREE if bits == 1 else GREYS > 0
+    )
 
 
 @pytest.mark.parametrize("planar", ["contig", "separate"])
@@ -450,7 +452,6 @@ def test_nifti_with_slope_frames_and_vectors(tmp_path):
     image.header.set_slope_inter(0.5, 10)
     for suffix in (".nii", ".nii.gz"):
         nibabel.save(image, tmp_path / f"five{suffix}")
-        nibabel.save(nibabel.Nifti1Image(np.roll(stored, 1, axis=0) * 0.5 + 10, np.eye(4)), tmp_path / "plain.nii")
         five = nibabel.load(tmp_path / f"five{suffix}").get_fdata()
         nibabel.save(nibabel.Nifti1Image(five[..., 1, 0], np.eye(4)), tmp_path / "plain.nii")
         level = float(np.median(five[..., 1, 0][five[..., 1, 0] > five.min()]))
@@ -474,7 +475,7 @@ def test_labels_of_a_stack(tmp_path, said):
 def test_names_of_slices_may_have_any_digits(tmp_path):
     for number, name in enumerate(["1.png", "10.png", "2.png", "3².png", "٣.png"]):
         Image.fromarray(np.full((2, 2), 255 * (number % 2 == 0), np.uint8)).save(tmp_path / name)
-    assert read_map(tmp_path).free[:, 0, 0].tolist() == [True, True, False, True, True]  # 1, 2, 10 first, then the strange names
+    assert read_map(tmp_path).free[:, 0, 0].tolist() == [True, True, False, False, True]  # 1, 2, 3², 10, and a name without digits
 
 
 def test_limits_count_after_scaling(tmp_path, monkeypatch):

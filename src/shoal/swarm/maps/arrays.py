@@ -42,6 +42,7 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
             raise InvalidInputError(f"{path}: expected a 2-D or 3-D array of booleans or numbers, got {dtype} {shape}")
         check_size(path, *shape[:axes])
         begin, size = file.tell(), prod(shape) * dtype.itemsize
+        check_data(path, size)
         if path.stat().st_size - begin < size:
             raise ValueError(f"the length of the data, {size} bytes, is greater than file size")
         channel = None
@@ -57,7 +58,6 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
         if channel is None:
             free = np.concatenate([np.zeros(0, np.bool_), *free_by_number(pieces, options, where=str(path))]).reshape(stored)
             return np.ascontiguousarray(free.T) if fortran else free
-        check_data(path, size)
         whole = np.concatenate([*pieces()]).reshape(stored)
         chosen = np.ascontiguousarray((whole.T if fortran else whole)[..., channel])
         return np.concatenate(free_by_number(lambda: in_pieces(chosen), options, where=str(path)))
