@@ -56,9 +56,9 @@ def array(values, *, cut=None):
     return buffer.getvalue()[:cut]
 
 
-def not_a_number():
+def infinite():
     values = np.ones((3, 4))
-    values[1, 2] = np.nan
+    values[1, 2] = np.inf
     return array(values)
 
 
@@ -77,7 +77,7 @@ FILES = {
     "two.csv": b"1,1\n1,2\n",
     "word.csv": b"1,1\nfree,1\n",
     "ragged.csv": b"1,1,1\n1,1\n",
-    "semicolons.csv": b"1;0;1\n",
+    "semicolons.csv": b"1;0.5;1\n",
     "trailing.csv": b"1,0,\n",
     "header.map": b"type octile\nhigh 2\nwidth 2\nmap\n..\n..\n",
     "height.map": b"type octile\nheight 3\nwidth 4\nmap\n....\n....\n",
@@ -97,13 +97,14 @@ FILES = {
     "cut.tif": picture("TIFF", cut=900),
     "cut.bmp": picture("BMP", cut=1500),
     "zipped.tif": picture("TIFF", compression="tiff_adobe_deflate").replace(b"x\x9c", b"x\x00"),  # libtiff prints lines of its own
-    "cells.gif": picture("GIF"),
+    "cells.webp": picture("WEBP"),
+    "cut.gif": picture("GIF")[:40],
     "gif.png": picture("GIF"),
     # Arrays
     "text.npy": b"....\n....\n",
     "picture.npy": picture("PNG"),
     "object.npy": array(np.array([[1, None]], dtype=object)),
-    "nan.npy": not_a_number(),
+    "nan.npy": infinite(),
     "line.npy": array([1, 1, 1]),
     "four.npy": array(np.ones((1, 2, 2, 2))),
     "complex.npy": array([[1j, 1]]),
@@ -248,7 +249,8 @@ MAPS = [
     ("map {bad}/folder.png", "{bad}/folder.png: expected a map file, got a folder"),
     ("map {bad}", "{bad}: expected slices of one kind, got .bmp and"),
     ("map {bad}/cells", "{bad}/cells: expected a map file | got the suffix ''"),
-    ("map {bad}/cells.gif", "{bad}/cells.gif: expected a map file | got the suffix '.gif'"),
+    ("map {bad}/cells.webp", "{bad}/cells.webp: expected a map file | got the suffix '.webp'"),
+    ("map {bad}/cut.gif", "cut.gif: expected a picture, got a damaged or truncated file"),
     ("map {bad}/cells.npz", "{bad}/cells.npz: expected a map file | got the suffix '.npz'"),
     ("map ''", "expected a map file | got the suffix ''"),
     ("map " + "x" * 400, "unknown map generator | known: line, rectangle"),
@@ -270,7 +272,7 @@ MAPS = [
     ("map {bad}/two.csv", "two.csv, line 2, column 2: expected 0 or 1, got '2'"),
     ("map {bad}/word.csv", "word.csv, line 2, column 1: expected 0 or 1, got 'free'"),
     ("map {bad}/ragged.csv", "ragged.csv, line 2: expected 3 cells as in the first row, got 2"),
-    ("map {bad}/semicolons.csv", "semicolons.csv, line 1, column 1: expected 0 or 1, got '1;0;1'"),
+    ("map {bad}/semicolons.csv", "semicolons.csv, line 1, column 2: expected 0 or 1, got '0.5' (--level and --label take other"),
     ("map {bad}/trailing.csv", "trailing.csv, line 1, column 3: expected 0 or 1, got ''"),
     ("map {bad}/header.map", "header.map, line 2: expected 'type NAME', 'height N', 'width N' or 'map', got 'high 2'"),
     ("map {bad}/height.map", "height.map: expected height 3 according to the header, got 2"),
@@ -299,7 +301,7 @@ MAPS = [
     ("map {bad}/text.npy", "text.npy: expected a NumPy array file"),
     ("map {bad}/picture.npy", "picture.npy: expected a NumPy array file | PNG"),
     ("map {bad}/object.npy", "object.npy: expected a NumPy array file (.npy), got a damaged | Python objects in dtype"),
-    ("map {bad}/nan.npy", "nan.npy: workspace: expected finite numbers, got nan at cell (1, 2)"),
+    ("map {bad}/nan.npy", "nan.npy: expected finite numbers, got inf at cell (1, 2)"),
     ("map {bad}/line.npy", "line.npy: expected a 2-D or 3-D array | got int64 (3,)"),
     ("map {bad}/four.npy", "four.npy: expected a 2-D or 3-D array | got float64 (1, 2, 2, 2)"),
     ("map {bad}/complex.npy", "complex.npy: expected | booleans or numbers, got complex128 (1, 2)"),

@@ -17,6 +17,7 @@ from shoal.core.registry import Registry, name_of
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
+from shoal.swarm.maps.reading import check_channel
 from shoal.swarm.maps.workspace import GridWorkspace
 
 # Tasks, placements and policies call kernels, whose compiler takes a second to load. They are imported when a field is checked, so
@@ -29,19 +30,9 @@ if TYPE_CHECKING:
 Cells = tuple[tuple[int, ...], ...]
 
 READING = (
-    "vessels",
-    "width",
-    "low",
-    "high",
-    "bright",
-    "thickest",
-    "threshold",
-    "invert",
-    "scale",
-    "level",
-    "label",
+    "vessels", "width", "low", "high", "bright", "thickest", "threshold", "invert", "scale", "level", "label", "channel", "frame",
     "join_diagonals",
-)
+)  # fmt: skip
 """Names of the problem fields that control the reading of a map file."""
 
 DRIVEN = (
@@ -150,8 +141,8 @@ class SwarmProblem(Problem):
     censored: ClassVar[tuple[str, ...]] = ("moves", "scans", "cost", "distance")
 
     map: Any = option(
-        help="Map: a generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, "
-        "a TIFF of several pages, or a folder of slices.",
+        help="Map: a generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, .mat, "
+        "NIfTI, NRRD, DICOM, a TIFF of several pages, or a folder of slices.",
         argument=True, metavar="MAP", check=_check_map, dump=lambda given: given if isinstance(given, str) else given.to_dict(),
     )  # fmt: skip
     task: Any = option("mapping", help=f"Task: {', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.", names=TASK_NAMES, **_named("task"))
@@ -221,10 +212,11 @@ class SwarmProblem(Problem):
         None, help="With --vessels: width of the thickest vessel, as a fraction of the picture's larger side; by default 0.0185 "
         "if the picture shows a round field of view, else 0.035.", above=0, most=0.5,
     )  # fmt: skip
-    threshold: float = option(
-        0.5, help="For pictures: minimum brightness of a free pixel, from 0 (black) to 1 (white).", least=0, most=1
-    )
-    invert: bool = option(False, help="For pictures: dark pixels are free, and bright pixels are obstacles.")
+    threshold: float | None = option(
+        None, help="For pictures: minimum brightness of a free pixel, from 0 (black) to 1 (white). By default, a picture of two "
+        "brightnesses is a mask, whose brighter pixels are free, and every other picture has the threshold 0.5.", least=0, most=1,
+    )  # fmt: skip
+    invert: bool = option(False, help="For map files: exchange free cells and obstacles. In a picture, dark pixels are free.")
     scale: float = option(
         1.0, help="For pictures: number of cells for each pixel along each side; what was connected stays connected.",
         above=0, most=64,
@@ -233,8 +225,19 @@ class SwarmProblem(Problem):
         False,
         help="For files: where parts of the map touch only diagonally, open one cell, because particles cannot move diagonally.",
     )
-    level: float | None = option(None, help="For arrays and volumes: minimum value of a free cell.")
-    label: int | None = option(None, help="For arrays and volumes: value (label) of all free cells.")
+    level: float | None = option(
+        None, help="For grey pictures, tables, arrays and volumes: minimum number of a free cell, as the file stores it."
+    )
+    label: int | None = option(
+        None, help="For grey pictures, pictures with a palette, tables, arrays and volumes: number (label) of all free cells."
+    )
+    channel: int | str | None = option(
+        None, help="For pictures, arrays and volumes of several channels: the channel that is read, by its number from 1 or by its "
+        "name, such as red, green, blue or alpha.", metavar="CHANNEL", parse=check_channel, check=check_channel,
+    )  # fmt: skip
+    frame: int | None = option(
+        None, help="For pictures and volumes with a time axis: the point in time that is read, from 1.", least=1
+    )
     largest_component: bool = option(False, help="Keep the largest connected part of the free space, and remove all other parts.")
     cell_size: float | None = option(None, help="Side of a cell; by default as in the map file.", unit="mm", above=0, most=1e6)
 

@@ -117,7 +117,10 @@ def test_float_pictures_use_the_range_of_their_data(tmp_path):
     Image.fromarray(np.array([[0, 1.9, 2.1, 4]], dtype=np.float32)).save(path)
     assert cells(path) == [[0, 0, 1, 1]]
     Image.fromarray(np.array([[0, 1.9], [2.1, np.nan]], dtype=np.float32)).save(path)
-    with pytest.raises(InvalidInputError, match=r"float.tif: expected finite brightness, got nan at row 2, column 2"):
+    assert cells(path) == [[0, 1], [1, 0]]  # where there is no number, there is no free cell
+    assert cells(path, invert=True) == [[1, 0], [0, 0]]
+    Image.fromarray(np.array([[0, 1.9], [2.1, np.inf]], dtype=np.float32)).save(path)
+    with pytest.raises(InvalidInputError, match=r"float.tif: expected finite numbers, got inf at cell \(1, 1\)"):
         read_map(path)
 
 

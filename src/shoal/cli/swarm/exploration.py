@@ -240,7 +240,8 @@ def vessels_of(problem: SwarmProblem) -> Vessels:
     """Return the vessels that Shoal finds in the photograph of a problem."""
     from shoal.swarm.maps.open import vessels_in
 
-    return vessels_in(problem.map, **{name: getattr(problem, name) for name in ("low", "high", "bright", "thickest")})
+    names = ("low", "high", "bright", "thickest", "channel", "frame")
+    return vessels_in(problem.map, **{name: getattr(problem, name) for name in names})
 
 
 def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
@@ -250,7 +251,8 @@ def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
     from shoal.swarm.maps.pictures import read_pixels
     from shoal.views.swarm.photographs import overlay_picture, save_picture
 
-    picture = overlay_picture(read_pixels(Path(problem.map)), vessels_of(problem).mask)
+    pixels = read_pixels(Path(problem.map), channel=problem.channel, frame=problem.frame)
+    picture = overlay_picture(pixels, vessels_of(problem).mask)
     return [save_picture(picture, out / "overlay.png")]
 
 

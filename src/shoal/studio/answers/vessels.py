@@ -63,7 +63,7 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.swarm.maps.open import finder_of, vessels_in
 
     problem: Any = checked_problem(about["problem"], folder)
-    fields = {name: getattr(problem, name) for name in ("bright", "thickest")}
+    fields = {name: getattr(problem, name) for name in ("bright", "thickest", "channel", "frame")}
     thresholds = {"low": problem.low, "high": problem.high}
     told: dict[str, Any] = {"exact": bool(about.get("exact"))}
     if told["exact"]:

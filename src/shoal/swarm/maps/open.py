@@ -12,16 +12,21 @@ from numpy.typing import ArrayLike
 
 from shoal.core import notices
 from shoal.core.checks import check_integer
-from shoal.core.errors import InvalidInputError, errors_at
+from shoal.core.errors import errors_at
 from shoal.core.notices import tell_once
 from shoal.swarm.maps import imaging
-from shoal.swarm.maps.arrays import free_by_number
+from shoal.swarm.maps.arrays import free_in_array
 from shoal.swarm.maps.files import named_after, read_map
 from shoal.swarm.maps.generators import generate_cached, is_spec
 from shoal.swarm.maps.pictures import read_pixels
-from shoal.swarm.maps.reading import MapOptions
+from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
 from shoal.swarm.maps.resampling import diagonal_contacts, factors_of_width, join_diagonals, scale_cells
 from shoal.swarm.maps.workspace import GridWorkspace
+
+VESSEL_DEFAULTS: dict[str, Any] = {
+    "vessels": False, "width": None, "low": imaging.LOW, "high": imaging.HIGH, "bright": None, "thickest": None,
+}  # fmt: skip
+"""The options for finding vessels, with their defaults."""
 
 
 def open_map(
@@ -51,8 +56,9 @@ def open_map(
     low, high, bright, thickest
         Options for finding vessels in a photograph. `shoal.swarm.maps.imaging.segment_vessels` explains the options.
     **options
-        Options for reading a map file: threshold, invert, scale, level, label and join_diagonals.
-        `shoal.swarm.maps.reading.MapOptions` explains the options for reading a map file.
+        Options for reading a map file: threshold, invert, scale, level, label, channel, frame and join_diagonals.
+        `shoal.swarm.maps.reading.MapOptions` explains the options for reading a map file. An option without effect on the map is
+        refused.
 
     Raises
     ------
@@ -70,30 +76,30 @@ def open_map(
     chosen = MapOptions(**options)  # checks all values, whatever the source of the map
     if width is not None:
         check_integer(width, what="width", least=1)
+    of_vessels = {"vessels": vessels, "width": width, "low": low, "high": high, "bright": bright, "thickest": thickest}
+    given = {name: value for name, value in of_vessels.items() if value != VESSEL_DEFAULTS[name]} | chosen.given
     if isinstance(place, GridWorkspace):
-        _refuse_resizing("a finished workspace", width, chosen)
+        check_used(KINDS["workspace"], given)
         return place
     if not isinstance(place, str | os.PathLike):
+        check_used(KINDS["numbers"], given)
         array = np.asarray(place)
-        by_number = chosen.level is not None or chosen.label is not None
-        workspace = GridWorkspace(free_by_number(array, chosen, where="map") if by_number else array)
+        workspace = GridWorkspace(free_in_array(array, chosen, where="map") if chosen.given else array)
         if chosen.join_diagonals:
             workspace = GridWorkspace(join_diagonals(workspace.free))
         return fit_width(workspace, width)
     text = os.fspath(place)
     path = Path(text)
     named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file, it accepts names of any length
+    if named or (not path.suffix and not os.path.exists(path)):
+        check_used(Kind(f"the generated map {text!r}"), given)
+        return GridWorkspace(generate_cached(text), name=text)
     if vessels:
-        if named:
-            raise InvalidInputError(f"vessels: expected a photograph, got the generated map {text!r}")
-        if chosen.join_diagonals:
-            raise InvalidInputError("join-diagonals: expected no such option for the vessels of a photograph, which are connected")
-        mask = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest).mask
+        check_used(KINDS["photograph"], given, where=text)
+        mask = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest, **_axes(chosen)).mask
         tell_once(imaging.dropped_text(str(path), mask))
         return named_after(path, imaging.map_of_vessels(mask, width=width))
-    if named or (not path.suffix and not os.path.exists(path)):
-        _refuse_resizing(f"the generated map {text!r}", width, chosen)
-        return GridWorkspace(generate_cached(text), name=text)
+    check_used(Kind("a map file", frozenset((*chosen.given, "width"))), given, where=text)
     workspace = fit_width(read_map(path, **options), width)
     if notices.listeners and (contacts := diagonal_contacts(workspace.free)):
         separate = "1 diagonal contact separates" if contacts == 1 else f"{contacts} diagonal contacts separate"
@@ -102,14 +108,6 @@ def open_map(
             "(--join-diagonals opens one cell at each contact)"
         )
     return workspace
-
-
-def _refuse_resizing(what: str, width: int | None, options: MapOptions) -> None:
-    """Refuse options for the size and the contacts of a map that is complete without them."""
-    if width is not None:
-        raise InvalidInputError(f"width: expected a map file, whose size can be changed, got {what} and the width {width}")
-    if options.join_diagonals:
-        raise InvalidInputError(f"join-diagonals: expected a map file, got {what}")
 
 
 def fit_width(workspace: GridWorkspace, width: int | None) -> GridWorkspace:
@@ -129,6 +127,10 @@ def fit_width(workspace: GridWorkspace, width: int | None) -> GridWorkspace:
     return GridWorkspace(free, name=workspace.name, spacing=spacing)
 
 
+def _axes(options: MapOptions) -> dict[str, Any]:
+    return {"channel": options.channel, "frame": options.frame}
+
+
 def vessels_in(
     path: str | os.PathLike[str], *, low: float = imaging.LOW, high: float = imaging.HIGH, **options: Any
 ) -> imaging.Vessels:
@@ -139,7 +141,8 @@ def vessels_in(
     path : path
         Path of the photograph, a picture file.
     low, high, **options
-        Options of the function `shoal.swarm.maps.imaging.find_vessels`, including ``bright`` and ``thickest``.
+        Options of the function `shoal.swarm.maps.imaging.find_vessels`, including ``bright`` and ``thickest``, and the options
+        ``channel`` and ``frame`` of `shoal.swarm.maps.pictures.read_pixels`.
 
     Raises
     ------
@@ -149,7 +152,14 @@ def vessels_in(
     return _vessels_in(Path(path), _stamp(path), low, high, tuple(sorted(options.items())))
 
 
-def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thickest: float | None = None) -> imaging.VesselFinder:
+def finder_of(
+    path: str | os.PathLike[str],
+    *,
+    bright: bool | None = None,
+    thickest: float | None = None,
+    channel: int | str | None = None,
+    frame: int | None = None,
+) -> imaging.VesselFinder:
     """Return the vessel finder of a photograph. Reuse the last finder if the file and the options have not changed.
 
     Raises
@@ -157,7 +167,8 @@ def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thick
     InvalidInputError, MissingExtraError
         Raised if the file is not a picture.
     """
-    return _finder_of(Path(path), _stamp(path), (("bright", bright), ("thickest", thickest)))
+    options = {"bright": bright, "channel": channel, "frame": frame, "thickest": thickest}
+    return _finder_of(Path(path), _stamp(path), tuple(sorted(options.items())))
 
 
 def _stamp(path: str | os.PathLike[str]) -> int:
@@ -173,6 +184,7 @@ def _vessels_in(path: Path, stamp: int, low: float, high: float, options: tuple[
 
 @lru_cache(maxsize=1)
 def _finder_of(path: Path, _stamp: int, options: tuple[tuple[str, Any], ...]) -> imaging.VesselFinder:
-    pixels = read_pixels(path)
+    given = dict(options)
+    pixels = read_pixels(path, channel=given.pop("channel", None), frame=given.pop("frame", None))
     with errors_at(path):
-        return imaging.VesselFinder(pixels, **dict(options))
+        return imaging.VesselFinder(pixels, **given)

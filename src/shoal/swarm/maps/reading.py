@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
+from typing import Any
 
-from shoal.core.checks import check_integer, check_number
+from shoal.core.checks import check_integer, check_number, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
 
@@ -18,6 +19,103 @@ MAX_CELLS = 2**28
 MAX_LAYERS = 2**13
 """Maximum number of layers in a map: pages of a TIFF file, or pictures in a folder."""
 
+LARGEST_DATA = 2**30
+"""Maximum number of bytes to which the data of a map file unfold. Shoal checks the number before it unfolds the data."""
+
+PIECE = 1 << 22
+"""Number of values that a reader converts at a time, so that a file of wide numbers costs no more memory than its map."""
+
+WHITE = 0.5
+"""Smallest brightness of a free pixel if no ``threshold`` is given."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of map source, and the reading options that have a meaning for it.
+
+    Parameters
+    ----------
+    words : str
+        The kind in the words of an error message, such as "a picture".
+    options : frozenset of str
+        Names of the reading options that the reader uses. `check_used` refuses the others.
+    """
+
+    words: str
+    options: frozenset[str] = frozenset()
+
+
+_SIZE = ("width", "join_diagonals")
+_NUMBERS = ("invert", "level", "label", *_SIZE)
+_PICTURES = ("threshold", "scale", "channel", "frame", *_NUMBERS)
+_VESSELS = ("vessels", "width", "low", "high", "bright", "thickest")
+
+KINDS: dict[str, Kind] = {
+    "generated": Kind("a generated map"),
+    "workspace": Kind("a finished workspace"),
+    "numbers": Kind("an array", frozenset(_NUMBERS)),
+    "picture": Kind("a picture", frozenset(_PICTURES)),
+    "slices": Kind("a folder of slices", frozenset(_PICTURES)),
+    "photograph": Kind("a photograph", frozenset((*_VESSELS, "channel", "frame"))),
+    "letters": Kind("a map of letters", frozenset(("invert", *_SIZE))),
+    "table": Kind("a table of numbers", frozenset(_NUMBERS)),
+    "array": Kind("an array file", frozenset((*_NUMBERS, "channel"))),
+    "volume": Kind("a volume", frozenset((*_NUMBERS, "channel", "frame"))),
+}
+"""All kinds of map sources. A reading option that is not among the options of a kind is refused for each map of the kind."""
+
+REASONS: dict[str, str] = {
+    "threshold": "a threshold is a share of the brightness of white in a picture; --level gives a number",
+    "invert": "invert exchanges the free cells and the obstacles of a map file",
+    "scale": "a scale gives the number of cells for each pixel of a picture",
+    "level": "a level needs one number for each cell",
+    "label": "a label needs one number for each cell",
+    "channel": "only pictures, arrays and volumes have channels",
+    "frame": "only pictures and volumes have several points in time",
+    "vessels": "vessels are found in a photograph",
+    "width": "the size of a map file can be changed",
+    "join_diagonals": "diagonal contacts are joined in map files",
+    **dict.fromkeys(("low", "high", "bright", "thickest"), "it belongs to the option vessels, which finds vessels in a photograph"),
+}
+"""For each reading option, the reason for which a kind of map does not take it."""
+
+PHOTOGRAPH_REASONS: dict[str, str] = {
+    "threshold": "--low and --high are the thresholds of vessels",
+    "invert": "--bright and --no-bright say which lines are vessels",
+    "scale": "--width gives the size of the map of vessels",
+    "level": "--low and --high are the thresholds of vessels",
+    "label": "vessels are found by their shape",
+    "join_diagonals": "the network of vessels is connected",
+}
+"""The reasons for which the option ``vessels`` excludes another reading option."""
+
+
+def check_used(kind: Kind, given: Mapping[str, Any], *, where: str = "") -> None:
+    """Refuse reading options that have no effect on a kind of map.
+
+    Parameters
+    ----------
+    kind : Kind
+    given : mapping
+        Name and value of each option that the user has set.
+    where : str
+        Name of the map in the error message.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    for name, value in given.items():
+        if name not in kind.options:
+            reasons = REASONS | (PHOTOGRAPH_REASONS if kind is KINDS["photograph"] else {})
+            place = f"{where}: " if where else ""
+            if name == "vessels":
+                raise InvalidInputError(f"{place}vessels: expected a photograph, got {kind.words}")
+            of_vessels = kind.words != "a photograph" and name in _VESSELS and name != "width"
+            expected = "without the option vessels" if of_vessels else f"for {kind.words}"
+            flag = name.replace("_", "-")
+            raise InvalidInputError(f"{place}{flag}: expected no {flag} {expected}, got {shortened(value)} ({reasons[name]})")
+
 
 @dataclass(frozen=True)
 class MapOptions:
@@ -25,43 +123,125 @@ class MapOptions:
 
     Parameters
     ----------
-    threshold : float
-        For pictures: the smallest brightness of a free pixel, on a scale from 0 (black) to 1 (white).
+    threshold : float, optional
+        For pictures: the smallest brightness of a free pixel, on a scale from 0 (black) to 1 (white). By default, a picture of two
+        colours is a mask, whose brighter colour is free, and the threshold of every other picture is 0.5.
     invert : bool
-        For pictures: whether dark pixels are free, instead of bright pixels.
+        Whether the free cells and the obstacles are exchanged. In an inverted picture, dark pixels are free.
     scale : float
         For pictures: the number of cells per pixel along each side, above 0 and at most 64. A scale of 0.5 halves both sides of the
         picture.
     level : float, optional
-        For arrays and volumes: the smallest value of a free cell.
+        The smallest number of a free cell, for grey pictures, tables, arrays and volumes.
     label : int, optional
-        For arrays and volumes: the exact value of all free cells. If neither ``level`` nor ``label`` is given, all obstacles
-        must have the value 0, and all free cells must have one common value other than 0.
+        The exact number of all free cells, for grey pictures, pictures with a palette, tables, arrays and volumes.
+    channel : int or str, optional
+        The channel of a picture, array or volume that is read: a number from 1, or a name such as "red" or "alpha".
+    frame : int, optional
+        The point in time that is read, from 1, in a file with a time axis.
     join_diagonals : bool
         Whether parts of the map that touch only diagonally are joined, by one more free cell at each contact.
 
     Raises
     ------
     InvalidInputError
-        Raised if an option is out of range, or if both ``level`` and ``label`` are given.
+        Raised if an option is out of range, or if more than one of ``threshold``, ``level`` and ``label`` is given.
     """
 
-    threshold: float = 0.5
+    threshold: float | None = None
     invert: bool = False
     scale: float = 1.0
     level: float | None = None
     label: int | None = None
+    channel: int | str | None = None
+    frame: int | None = None
     join_diagonals: bool = False
 
     def __post_init__(self) -> None:
-        check_number(self.threshold, what="threshold", least=0, most=1)
+        if self.threshold is not None:
+            check_number(self.threshold, what="threshold", least=0, most=1)
         check_number(self.scale, what="scale", above=0, most=64)
         if self.level is not None:
             check_number(self.level, what="level")
         if self.label is not None:
             check_integer(self.label, what="label")
+        check_channel(self.channel)
+        if self.frame is not None:
+            check_integer(self.frame, what="frame", least=1)
         if self.level is not None and self.label is not None:
             raise InvalidInputError(f"level: expected a level or a label, got both: {self.level:g} and {self.label}")
+        for name, value in (("level", self.level), ("label", self.label)):
+            if self.threshold is not None and value is not None:
+                raise InvalidInputError(f"threshold: expected a threshold or a {name}, got both: {self.threshold:g} and {value:g}")
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Name and value of each option that differs from its default."""
+        return {name: value for name, value in vars(self).items() if value != getattr(type(self), name)}
+
+    @property
+    def by_number(self) -> bool:
+        """Whether a level or a label decides about each number of the file."""
+        return self.level is not None or self.label is not None
+
+
+def check_channel(given: Any) -> int | str | None:
+    """Check the name or the number of a channel. A text of digits is a number.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> check_channel("2"), check_channel("green")
+    (2, 'green')
+    """
+    if given is None:
+        return None
+    if isinstance(given, str) and given.strip() and not given.strip().isdecimal():
+        return given.strip()
+    number = int(given) if isinstance(given, str) and given.strip().isdecimal() and given.isascii() and len(given) < 10 else given
+    if isinstance(number, str):
+        raise InvalidInputError(f"channel: expected the name of a channel or its number from 1, got {shortened(given)}")
+    return check_integer(number, what="channel", least=1)
+
+
+def index_of(names: list[str], channel: int | str | None, *, where: str, axis: str = "channel", flag: str = "") -> int:
+    """Return the index of the chosen entry of an axis, such as the channels or the points in time.
+
+    Parameters
+    ----------
+    names : list of str
+        Name of each entry of the axis, or empty texts for entries without a name.
+    channel : int or str, optional
+        The chosen entry: its name, or its number from 1. For an axis with one entry, the choice may be None.
+    where : str
+        Name of the file in error messages.
+    axis, flag : str
+        Word for an entry of the axis, and the command line option that chooses it (by default, the option of the same name).
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the axis has several entries and none is chosen, or if the axis does not contain the chosen entry.
+    """
+    flag = flag or f"--{axis}"
+    named = [f"{number} ({name})" if name else str(number) for number, name in enumerate(names[:8], start=1)]
+    there = ", ".join(named) + (f", … {len(names)}" if len(names) > 8 else "")
+    if channel is None:
+        if len(names) == 1:
+            return 0
+        raise InvalidInputError(f"{where}: expected the choice of one {axis} ({flag}), got {len(names)}: {there}")
+    number = check_channel(channel)
+    if len(names) == 1 and not names[0] and number == 1:
+        return 0
+    if isinstance(number, int) and number <= len(names):
+        return number - 1
+    lower = [name.lower() for name in names]
+    if isinstance(number, str) and number.lower() in lower:
+        return lower.index(number.lower())
+    raise InvalidInputError(f"{where}: {axis}: expected one of {there}, got {shortened(channel)}")
 
 
 def check_layers(where: Path, count: int) -> None:
@@ -75,7 +255,7 @@ def check_layers(where: Path, count: int) -> None:
         raise InvalidInputError(f"{where}: expected at most {MAX_LAYERS} layers, got more")
 
 
-def check_size(where: Path, *sides: int) -> None:
+def check_size(where: Path | str, *sides: int) -> None:
     """Refuse a map of more than `MAX_CELLS` cells.
 
     Raises
@@ -84,6 +264,17 @@ def check_size(where: Path, *sides: int) -> None:
     """
     if prod(int(side) for side in sides) > MAX_CELLS:
         raise InvalidInputError(f"{where}: expected at most {MAX_CELLS} cells, got {'x'.join(map(str, sides))}")
+
+
+def check_data(where: Path | str, size: int) -> None:
+    """Refuse a file whose data unfold to more than `LARGEST_DATA` bytes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if size > LARGEST_DATA:
+        raise InvalidInputError(f"{where}: expected at most {LARGEST_DATA} bytes of data, got {size}")
 
 
 @contextmanager
@@ -101,5 +292,7 @@ def reading(path: Path, what: str) -> Iterator[None]:
         except ShoalError:
             raise
         except Exception as error:  # file readers raise many kinds of exceptions
+            if isinstance(error, OSError) and error.filename is not None:
+                raise  # the file cannot be opened, which says nothing about its content
             why = " ".join(str(error).split())[:160] or type(error).__name__
             raise InvalidInputError(f"{path}: expected {what}, got a damaged or truncated file: {why}") from None

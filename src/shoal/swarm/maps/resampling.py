@@ -79,6 +79,9 @@ def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
     counts: NDArray[Any] = free
     pixels = np.ones((), dtype=np.float32)
     for axis, blocks in enumerate(shape):
+        if blocks == free.shape[axis]:  # nothing to add, and the counts of all cells would take four bytes each
+            pixels = np.multiply.outer(pixels, np.ones(blocks, dtype=np.float32))
+            continue
         begins = -(-np.arange(blocks) * free.shape[axis] // blocks)  # cell i belongs to block i * blocks // side
         counts = np.add.reduceat(counts, begins, axis=axis, dtype=np.int32)
         sizes = np.diff([*begins, free.shape[axis]]).astype(np.float32)

@@ -1,32 +1,51 @@
-"""Maps as text files: rows of ``.`` and ``#``, comma-separated ones and zeros (CSV), and MovingAI's format ``.map``."""
+"""Maps as text: rows of ``.`` and ``#``, tables of numbers (CSV, blanks, ``np.savetxt``), and MovingAI's format ``.map``."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import read_text
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.reading import MapOptions, check_size
+from shoal.swarm.maps.reading import KINDS, MapOptions, check_size, check_used
+from shoal.swarm.maps.values import Mask, free_by_number, in_pieces
 from shoal.swarm.maps.workspace import GridWorkspace
 
+LARGEST_TEXT = 2**26
+"""Maximum number of bytes of a map as text."""
 
-def read_rows(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a text map. In a text map, ``.`` is a free cell, and ``#`` is an obstacle."""
-    return _cells(path, _lines(path), 1, free=".", blocked="#")
+MOST_LINES = 2**22
+"""Maximum number of lines of a map as text."""
 
-
-def read_csv(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a CSV map. In a CSV map, 1 is a free cell, and 0 is an obstacle."""
-    rows = [[value.strip() for value in line.split(",")] for line in _lines(path)]
-    return _cells(path, rows, 1, free="1", blocked="0", expected="0 or 1")
+LONGEST_LINE = 2**24
+"""Maximum number of characters in a line of numbers that are not single digits."""
 
 
-def read_movingai(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
+def read_rows(path: Path, options: MapOptions) -> Mask:
+    """Return the free cells of a text map: rows of ``.`` (free) and ``#`` (obstacle), or a table of numbers.
+
+    The first line decides: a line of ``.`` and ``#`` only begins a map of letters. In a table, blanks, tabs, commas or semicolons
+    separate the numbers, or every cell is one digit. Lines that begin with ``#`` are comments of a table.
+    """
+    lines = _lines(path)
+    if any(line[:1].isdigit() or line[:1] in {"+", "-"} for line in map(str.lstrip, lines[:100])):
+        return _table(path, lines, options)
+    check_used(KINDS["letters"], options.given, where=str(path))
+    free = _cells(path, lines, 1, free=".", blocked="#")
+    return ~free if options.invert else free
+
+
+def read_csv(path: Path, options: MapOptions) -> Mask:
+    """Return the free cells of a table of numbers. Without a level or a label, 1 is a free cell, and 0 is an obstacle."""
+    return _table(path, _lines(path), options)
+
+
+def read_movingai(path: Path, options: MapOptions) -> Mask:
     """Return the free cells of a MovingAI map: the cells with the letters ``.``, ``G`` and ``S``."""
     lines = _lines(path)
     sizes: dict[str, int] = {}
@@ -49,7 +68,7 @@ def read_movingai(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
     for key, got in (("height", cells.shape[0]), ("width", cells.shape[1])):
         if sizes.get(key, got) != got:
             raise InvalidInputError(f"{path}: expected {key} {sizes[key]} according to the header, got {got}")
-    return cells
+    return ~cells if options.invert else cells
 
 
 def encode_rows(workspace: GridWorkspace) -> bytes:
@@ -68,28 +87,107 @@ def encode_movingai(workspace: GridWorkspace) -> bytes:
     return f"type octile\nheight {height}\nwidth {width}\nmap\n{workspace.text.replace('#', '@')}\n".encode()
 
 
-LARGEST_TEXT = 2**26  # bytes; reading takes up to 100 bytes of memory per cell
-
-
 def _lines(path: Path) -> list[str]:
-    text = read_text(path, what="map", most=LARGEST_TEXT)
-    return text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\n").split("\n")
+    text = read_text(path, what="map", most=LARGEST_TEXT).replace("\r\n", "\n").replace("\r", "\n").rstrip("\n")
+    if text.count("\n") >= MOST_LINES:
+        raise InvalidInputError(f"{path}: expected at most {MOST_LINES} lines, got {text.count(chr(10)) + 1}")
+    return text.split("\n")
 
 
-def _cells(
-    path: Path, rows: Sequence[Sequence[str]], first_line: int, *, free: str, blocked: str, expected: str = ""
-) -> NDArray[np.bool_]:
-    """Convert rows of words to cells. Error messages contain the line and the column of a wrong word."""
+def _cells(path: Path, rows: Sequence[str], first_line: int, *, free: str, blocked: str) -> Mask:
+    """Convert rows of letters to cells. Error messages contain the line and the column of a wrong letter."""
     width = len(rows[0])
     if not width:
         raise InvalidInputError(f"{path}, line {first_line}: expected a row of cells, got an empty line")
     check_size(path, len(rows), width)
-    table = dict.fromkeys(free, True) | dict.fromkeys(blocked, False)
-    for number, row in enumerate(rows, start=first_line):
-        for column, word in enumerate(row, start=1):
-            if word not in table:
-                wanted = expected or f"one of {free + blocked!r}"
-                raise InvalidInputError(f"{path}, line {number}, column {column}: expected {wanted}, got {word[:20]!r}")
+    known = re.compile(f"[{re.escape(free + blocked)}]*")
+    table = np.zeros(128, dtype=np.bool_)
+    table[[ord(letter) for letter in free]] = True
+    cells = np.zeros((len(rows), width), dtype=np.bool_)
+    for number, row in enumerate(rows):
+        good = known.match(row)
+        end = good.end() if good else 0
+        if end < len(row):
+            raise InvalidInputError(
+                f"{path}, line {first_line + number}, column {end + 1}: expected one of {free + blocked!r}, got {row[end]!r}"
+            )
         if len(row) != width:
-            raise InvalidInputError(f"{path}, line {number}: expected {width} cells as in the first row, got {len(row)}")
-    return np.array([[table[word] for word in row] for row in rows], dtype=np.bool_)
+            raise InvalidInputError(
+                f"{path}, line {first_line + number}: expected {width} cells as in the first row, got {len(row)}"
+            )
+        cells[number] = table[np.frombuffer(row.encode("ascii"), dtype=np.uint8)]
+    return cells
+
+
+def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
+    """Return the free cells of a table of numbers."""
+
+    def rows() -> Iterator[tuple[int, str]]:
+        for number, line in enumerate(lines, start=1):
+            row = line.strip()
+            if row and row[0] != "#":
+                yield number, row
+
+    count = sum(1 for _ in rows())
+    if not count:
+        raise InvalidInputError(f"{path}, line 1: expected a row of cells, got {'a comment' if lines[0] else 'an empty line'}")
+    single = all(row.isascii() and row.isdigit() for _, row in rows())  # one digit a cell, without anything between the digits
+    first = _numbers(path, *next(rows()), single=single, options=options)
+    check_size(path, count, len(first))
+    table = np.zeros((count, len(first)), dtype=first.dtype)
+    for index, (number, line) in enumerate(rows()):
+        row = _numbers(path, number, line, single=single, options=options)
+        if len(row) != len(first):
+            raise InvalidInputError(f"{path}, line {number}: expected {len(first)} cells as in the first row, got {len(row)}")
+        if row.dtype != table.dtype and table.dtype == np.uint8:
+            table = table.astype(np.float64)
+        table[index] = row
+    pieces = list(in_pieces(table))
+    return np.concatenate(free_by_number(lambda: pieces, options, where=str(path)))
+
+
+def _numbers(path: Path, line_number: int, line: str, *, single: bool, options: MapOptions) -> NDArray[Any]:
+    """Return the numbers of one line of a table. Without a level or a label, each number is 0 or 1, or not a number."""
+    digits = np.frombuffer(line.encode(), dtype=np.uint8) - np.uint8(ord("0")) if single else _single_digits(line)
+    if digits is None:
+        if len(line) > LONGEST_LINE:
+            raise InvalidInputError(f"{path}, line {line_number}: expected at most {LONGEST_LINE} characters, got {len(line)}")
+        separated = re.split(" *[,;] *", line) if "," in line or ";" in line else line.split()
+        try:
+            numbers = np.array(separated, dtype=np.float64)
+        except ValueError:
+            numbers = None
+    else:
+        numbers = digits
+    if numbers is not None and (options.by_number or _ones_and_zeros(numbers)):
+        return numbers
+    words = list(line) if single else separated if digits is None else re.split("[ \t,;]", line)
+    for column, word in enumerate(words, start=1):
+        if not _is_number(word) or not (options.by_number or _ones_and_zeros(np.array(float(word)))):
+            hint = " (--level and --label take other numbers)" if _is_number(word) else ""
+            expected = "a number" if options.by_number else "0 or 1"
+            raise InvalidInputError(f"{path}, line {line_number}, column {column}: expected {expected}, got {word[:20]!r}{hint}")
+    raise AssertionError  # one of the words is wrong
+
+
+def _single_digits(line: str) -> NDArray[np.uint8] | None:
+    """Return the numbers of a line of single digits with one separator between two digits, or None for any other line."""
+    if len(line) % 2 == 0 or not line.isascii():
+        return None
+    letters = np.frombuffer(line.encode(), dtype=np.uint8)
+    digits, between = letters[::2] - np.uint8(ord("0")), letters[1::2]
+    if (digits > 9).any() or (between.size and not ((between == between[0]).all() and chr(between[0]) in " \t,;")):
+        return None
+    return digits
+
+
+def _ones_and_zeros(numbers: NDArray[Any]) -> bool:
+    return bool(((numbers == 0) | (numbers == 1) | np.isnan(numbers)).all())
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

@@ -57,7 +57,7 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
         raise InvalidInputError(f"workspace: expected at least one cell, got shape {array.shape}")
     if array.size > MAX_CELLS:
         raise InvalidInputError(f"workspace: expected at most {MAX_CELLS} cells, got {array.size} {array.shape}")
-    checked = np.array(array != 0, order="C")
+    checked = np.array(array if array.dtype == np.bool_ else array != 0, order="C", copy=array.dtype == np.bool_ or None)
     if not checked.any():
         raise InvalidInputError(f"workspace: expected at least one free cell, got {checked.size} obstacles only")
     checked.setflags(write=False)

@@ -15,7 +15,7 @@ const SECTIONS = [
   { title: "Task and policy", open: true, fields: ["task", "subset", "policy", "rule", "budget", "time_per_move", "max_moves"] },
   { title: "Scans and prices", fields: ["scan_every", "scan_cost", "move_cost"] },
   { title: "Noise", fields: ["slip", "misplace", "miss", "confidence"] },
-  { title: "How the file is read", fields: ["threshold", "invert", "scale", "level", "label", "largest_component", "cell_size"] },
+  { title: "How the file is read", fields: ["threshold", "invert", "scale", "level", "label", "channel", "frame", "largest_component", "cell_size"] },
 ];
 const ENDS = { low: [0.1, 3], high: [0.1, 4] }; // where a hand looks for thresholds; the field takes all that it may
 const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
@@ -217,7 +217,7 @@ export function vessels({ remember }) {
       const { file } = await ask("sketch", { shape: map.shape, free: pack(map.free), name: map.name });
       painted = false;
       const kept = form.values();
-      for (const name of ["vessels", ...VESSEL_FIELDS, "threshold", "invert", "scale", "largest_component"]) delete kept[name];
+      for (const name of ["vessels", ...VESSEL_FIELDS, "threshold", "invert", "scale", "level", "label", "channel", "frame", "largest_component"]) delete kept[name];
       problem = { map: file, ...kept };
       form.write(problem);
       source.textContent = file;

@@ -7,7 +7,14 @@ the map. The package `imaging` needs scikit-image, which the extra ``shoal[imagi
 """
 
 from shoal.swarm.maps.imaging.centre_lines import CentreLines, Segment, centre_lines
-from shoal.swarm.maps.imaging.network import dropped_parts, dropped_text, map_of_vessels, pixels_a_cell, segment_vessels
+from shoal.swarm.maps.imaging.network import (
+    dropped_parts,
+    dropped_text,
+    map_of_vessels,
+    pixels_a_cell,
+    place_of_network,
+    segment_vessels,
+)
 from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, VesselFinder, Vessels, find_vessels
 from shoal.swarm.maps.imaging.vessel_statistics import VesselStatistics, box_dimension, murray_exponents, vessel_statistics
 
@@ -27,6 +34,7 @@ __all__ = [
     "map_of_vessels",
     "murray_exponents",
     "pixels_a_cell",
+    "place_of_network",
     "segment_vessels",
     "vessel_statistics",
 ]

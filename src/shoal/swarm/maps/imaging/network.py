@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.generators.components import Mask, crop, largest_part
 from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
+from shoal.swarm.maps.parts import box_of
 
 DEFAULT_WIDTH = 160  # cells
 MUCH = 0.1  # share of the vessel pixels outside the map from which a notice is a warning
@@ -106,6 +107,12 @@ def dropped_text(name: str, mask: Mask) -> str:
     )
     kind = "warning" if share > MUCH else "notice"
     return f"shoal: {kind}: {name}: the map has the largest network of vessels; {which} dropped (a smaller --low connects more)"
+
+
+def place_of_network(mask: Mask) -> tuple[tuple[tuple[int, int], ...], float]:
+    """Return the first and last row and column of the network that `map_of_vessels` maps, and its share of all vessel pixels."""
+    network = _joined(mask)
+    return box_of(network), float((mask & network).sum() / max(1, mask.sum()))
 
 
 def _pixels_a_cell(network: Mask, width: int | None) -> float:

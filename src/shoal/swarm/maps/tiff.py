@@ -1,0 +1,249 @@
+"""TIFF files that Pillow does not read exactly, read by tifffile: wide numbers, planes of channels, and the axes of microscopes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.notices import tell_once
+from shoal.swarm.maps.reading import MapOptions, check_data, check_layers, index_of
+from shoal.swarm.maps.units import millimetres
+
+LAYERS = "ZQIR"
+"""Axes of tifffile that count the layers of a map: depth, and pages without a name."""
+
+SIMPLE = {1, 2, 4, 8, 16}
+"""Numbers of bits of a grey pixel that Pillow reads exactly."""
+
+
+def needs_tifffile(path: Path, tags: Any) -> bool:
+    """Return whether Pillow would not read the first page of a TIFF file exactly, or not its axes.
+
+    Parameters
+    ----------
+    tags : mapping
+        The tags of the first page by number, as Pillow returns them.
+    """
+    bits = tags.get(258, (1,))
+    bits = bits if isinstance(bits, tuple) else (bits,)
+    description = str(tags.get(270, ""))
+    samples, kind = int(tags.get(277, 1)), tags.get(339, (1,))
+    kind = kind[0] if isinstance(kind, tuple) else kind
+    if description.startswith("ImageJ=") or "<OME" in description[:2000]:
+        return True
+    photometric, planar = int(tags.get(262, 1)), int(tags.get(284, 1))
+    if samples == 1:
+        exact = (kind == 1 and bits[0] in SIMPLE) or (kind == 2 and bits[0] in {16, 32}) or (kind == 3 and bits[0] == 32)
+        return not exact or (photometric == 0 and bits[0] > 8)
+    extra = tags.get(338, ())
+    extra = extra if isinstance(extra, tuple) else (extra,)
+    plain = {1: 1, 2: 3, 5: 4, 6: 3, 8: 3}.get(photometric, 0)  # samples by photometric interpretation
+    known = samples == plain or (samples == plain + 1 and extra and extra[0] in (1, 2) and photometric in (1, 2))
+    return max(bits) > 8 or kind != 1 or not known or (planar == 2 and samples != 3)
+
+
+def library() -> Any:
+    """Return the library tifffile.
+
+    Raises
+    ------
+    MissingExtraError
+    """
+    try:
+        return import_module("tifffile")
+    except ImportError:
+        raise MissingExtraError(
+            "TIFF files of floats, planes, many channels or microscopes need tifffile: pip install 'shoal[imaging]'"
+        ) from None
+
+
+class Tiff:
+    """A TIFF file as pages of the map: each page has the shape (rows, columns) or (rows, columns, samples).
+
+    Parameters
+    ----------
+    path : path
+    options : MapOptions
+        The options ``channel`` and ``frame`` choose an entry of the file's channel axis and time axis.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the file has several channels or points in time, and none is chosen, or if it has axes that a map does not have.
+    MissingExtraError
+    """
+
+    def __init__(self, path: Path, options: MapOptions) -> None:
+        self.path = path
+        self._file = library().TiffFile(path)
+        try:
+            self._choose(options)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _choose(self, options: MapOptions) -> None:
+        if not self._file.pages:
+            raise ValueError("no pages")
+        self._series = self._file.series[0]
+        if len(self._file.series) > 1 and any(one.shape != self._series.shape for one in self._file.series):
+            names = " and ".join("x".join(map(str, one.shape)) for one in self._file.series[:3])
+            raise InvalidInputError(f"{self.path}: expected pages of one size, got series of {names}")
+        page = self._series.keyframe
+        self.white_is_zero = page.photometric is not None and int(page.photometric) == 0
+        self.photometric = int(page.photometric)
+        self.dtype, self.bits = np.dtype(self._series.dtype), int(page.bitspersample)
+        if self.dtype.kind not in "biuf":
+            raise InvalidInputError(f"{self.path}: expected a picture of numbers, got {self.dtype}")
+        self.orientation = int(page.tags.get(274).value) if page.tags.get(274) is not None else 1
+        self.extra = tuple(int(one) for one in page.extrasamples)
+        axes, shape = self._series.axes, tuple(int(side) for side in self._series.shape)
+        rows, columns = int(page.imagelength), int(page.imagewidth)
+        index: list[Any] = []
+        self.channels_chosen = False
+        self.samples = 1
+        depth = 1
+        unused = {name: value for name in ("channel", "frame") if (value := getattr(options, name)) is not None}
+        names = self._channel_names()
+        for axis, side in zip(axes, shape, strict=True):
+            if axis in "YX":
+                index.append(slice(None))
+            elif axis == "S":
+                index.append(slice(None))
+                self.samples = side
+            elif axis == "C":
+                some = names if len(names) == side else [""] * side
+                index.append(index_of(some, unused.pop("channel", None), where=str(self.path)))
+                self.channels_chosen = side > 1
+            elif axis == "T":
+                index.append(
+                    index_of([""] * side, unused.pop("frame", None), where=str(self.path), axis="point in time", flag="--frame")
+                )
+            elif axis in LAYERS and depth == 1:
+                index.append(slice(None))
+                depth = side
+            elif side == 1:
+                index.append(0)
+            else:
+                raise InvalidInputError(
+                    f"{self.path}: expected rows, columns, layers, channels and time, got an axis {axis!r} of {side} (axes {axes})"
+                )
+        if "frame" in unused:
+            raise InvalidInputError(f"{self.path}: frame: expected no frame for a file without a time axis, got {unused['frame']}")
+        check_layers(self.path, depth)
+        self.size, self.depth, self._index = (rows, columns), depth, index
+        self.sample_axis_first = "S" in axes and axes.index("S") < axes.index("Y")
+        self._spacing(axes)
+
+    def pages(self) -> Iterator[NDArray[Any]]:
+        """Return the pages one after the other. Each call starts again with the first page."""
+        series = self._series
+        axes = series.axes
+        outer = [axis for axis in axes if axis not in "YXS"]
+        sides = [int(side) for axis, side in zip(axes, series.shape, strict=True) if axis not in "YXS"]
+        chosen = [one for axis, one in zip(axes, self._index, strict=True) if axis not in "YXS"]
+        within = tuple(axis for axis in axes if axis in "YXS")
+        count = int(np.prod(sides, dtype=np.int64))
+        by_page = len(series.pages) == count and not ("S" in axes and any(axes.index("S") < axes.index(axis) for axis in outer))
+        whole = None
+        if not by_page:
+            check_data(self.path, int(np.prod(series.shape, dtype=np.int64)) * self.dtype.itemsize)
+            whole = self._decoded(series)
+            order = [axes.index(axis) for axis in (*outer, *within)]
+            whole = whole.transpose(order).reshape(count, *(whole.shape[axes.index(axis)] for axis in within))
+        numbers = np.arange(count).reshape(sides) if sides else np.zeros((), dtype=np.int64)
+        for number in np.atleast_1d(numbers[tuple(chosen)] if sides else numbers).ravel():
+            if whole is not None:
+                page = whole[number]
+            else:
+                source = series.pages[int(number)]
+                if source is None:
+                    raise ValueError(f"page {int(number) + 1} is missing")
+                check_data(self.path, int(source.size) * self.dtype.itemsize)
+                page = self._decoded(source)
+                page = page.reshape([series.shape[axes.index(axis)] for axis in within])
+            if "S" in within and within[0] == "S":
+                page = np.moveaxis(page, 0, -1)
+            yield page
+
+    def _decoded(self, source: Any) -> NDArray[Any]:
+        try:
+            return np.asarray(source.asarray())
+        except ValueError as error:
+            if "imagecodecs" not in str(error):
+                raise
+            if (page := self._by_pillow(source)) is not None:
+                return page
+            raise InvalidInputError(
+                f"{self.path}: expected a TIFF file without compression or with Deflate or PackBits, got another compression "
+                "together with numbers that need tifffile (save the file without compression)"
+            ) from None
+
+    def _by_pillow(self, source: Any) -> NDArray[Any] | None:
+        """Return a compressed page by Pillow, which knows more compressions, or None if Pillow changes the numbers of the page."""
+        from PIL import Image
+
+        if self.samples != 1 or self.white_is_zero or not hasattr(source, "index"):
+            return None
+        with Image.open(self.path, formats=("TIFF",)) as image:
+            image.seek(int(source.index))
+            page = np.asarray(image)
+        return page if page.dtype == self.dtype and page.shape == self.size and self.orientation == 1 else None
+
+    def _channel_names(self) -> list[str]:
+        """Return the names of the channels of an OME or ImageJ file, if the file contains them."""
+        if self._file.is_ome:
+            found = re.findall(r"<(?:\w+:)?Channel\b[^>]*", self._file.ome_metadata or "")
+            names = [re.search(r'\bName="([^"]{0,80})"', one) for one in found]
+            return [one.group(1) if one else "" for one in names]
+        return []
+
+    def _spacing(self, axes: str) -> None:
+        """Find the size of a pixel in the metadata of ImageJ or OME. The resolution of other files is that of a printer."""
+        self.spacing: tuple[float | None, float, float] | None = None
+        if self._file.is_ome:
+            pixels = re.search(r"<(?:\w+:)?Pixels\b[^>]*", self._file.ome_metadata or "")
+            told = dict(re.findall(r'\b(PhysicalSize[XYZ](?:Unit)?)="([^"]{0,40})"', pixels.group(0) if pixels else ""))
+            sides = [self._length(told.get(f"PhysicalSize{axis}"), told.get(f"PhysicalSize{axis}Unit", "µm")) for axis in "ZYX"]
+        elif self._file.is_imagej:
+            metadata = self._file.imagej_metadata or {}
+            unit = str(metadata.get("unit", ""))
+            within = [self._pixel(tag, unit) for tag in (283, 282)]
+            sides = [self._length(metadata.get("spacing"), unit), *within]
+        else:
+            return
+        if sides[1] is not None and sides[2] is not None:
+            self.spacing = (sides[0], sides[1], sides[2])
+            if sides[0] is None and self.depth > 1:
+                tell_once(
+                    f"shoal: {self.path}: the file gives the size of a pixel, {sides[1]:g} by {sides[2]:g} mm, but no distance "
+                    "between layers; the map has no size of cells (--cell-size)"
+                )
+
+    def _pixel(self, tag: int, unit: str) -> float | None:
+        found = self._file.pages[0].tags.get(tag)
+        if found is None:
+            return None
+        value = found.value
+        count, length = value if isinstance(value, tuple) else (value, 1)
+        return self._length(length / count if count else None, unit)
+
+    @staticmethod
+    def _length(value: Any, unit: str) -> float | None:
+        factor = millimetres(unit)
+        try:
+            length = float(value) * factor if factor is not None else 0.0
+        except (TypeError, ValueError):
+            return None
+        return length if 0 < length < 1e6 else None

@@ -1,0 +1,218 @@
+"""The decision which cells are free: by the numbers of a file, or by the brightness of its pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
+from shoal.swarm.maps.reading import PIECE, WHITE, MapOptions
+
+Numbers = NDArray[Any]
+Mask = NDArray[np.bool_]
+Pieces = Callable[[], Iterable[Numbers]]
+"""A function that returns the numbers of a file piece by piece. Each call starts again with the first piece."""
+
+MIDDLE = 0.8  # width of the range of brightness, around 0.5, that counts as neither black nor white
+SHOWN = 8  # numbers that an error message lists
+
+
+def free_by_number(pieces: Pieces, options: MapOptions, *, where: str) -> list[Mask]:
+    """Return the free cells of each piece of an array of numbers.
+
+    If ``level`` is given, a cell is free if its number is at least ``level``. If ``label`` is given, a cell is free if its number
+    equals ``label``. If neither ``level`` nor ``label`` is given, all obstacles must have the number 0, and all free cells must
+    have one common number other than 0. NaN is never free, and a notice gives the number of NaN cells.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if a number is infinite, or if no cell has the number ``label``. InvalidInputError is raised if neither ``level``
+        nor ``label`` is given for an array of more than two different numbers, such as intensities or probabilities.
+    """
+    free: list[Mask] = []
+    missing, other = 0, Extremes()
+    for piece in pieces():
+        nan = _not_a_number(piece, where)
+        missing += 0 if nan is None else int(np.count_nonzero(nan))
+        if options.level is not None:
+            cells = piece >= options.level
+        elif options.label is not None:
+            cells = piece == options.label
+        else:
+            cells = piece != 0
+            if nan is not None:
+                cells &= ~nan
+            other.add(piece[cells] if piece.dtype.kind != "b" else np.zeros(0))
+            if other.low != other.high:
+                raise InvalidInputError(
+                    f"{where}: expected 0 for obstacles and one other number for free cells, got {other.low} and {other.high}"
+                    f"{_cell_of(pieces, other.high)} (choose the level from which cells are free, or the label of free cells)"
+                )
+        free.append(_inverted(np.asarray(cells), nan, options))
+    _tell_of_missing(missing, where)
+    if options.label is not None and not options.invert and not any(cells.any() for cells in free):
+        raise InvalidInputError(f"{where}: expected cells of label {options.label}, got none ({_there(pieces)})")
+    if options.label is not None and options.invert and all(cells.all() for cells in free):
+        raise InvalidInputError(f"{where}: expected cells of label {options.label}, got none ({_there(pieces)})")
+    return free
+
+
+def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions, *, where: str) -> list[Mask]:
+    """Return the free pixels of each piece of a grey picture.
+
+    Parameters
+    ----------
+    pieces : callable
+        Function that returns arrays of brightness, with the number 0 for black.
+    white : float, optional
+        Brightness of white. If ``white`` is None, as in a picture of floats, the largest number of the picture is white.
+    options : MapOptions
+    where : str
+        Name of the file in error messages and notices.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if a number is infinite, or if no pixel is as bright as the threshold.
+
+    Notes
+    -----
+    Without a threshold, a picture of exactly two brightnesses is a mask: the brighter pixels are free. Masks with the values 0
+    and 1, as other programs write them, are almost black, so that half of white is no boundary for them.
+    """
+    known = white is not None
+    white = _largest(pieces, where) if white is None else white
+    threshold = WHITE if options.threshold is None else options.threshold
+    least = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
+    free: list[Mask] = []
+    extremes, missing, middle, looked_at = Extremes(), 0, 0, 0
+    for piece in pieces():
+        nan = _not_a_number(piece, where)
+        missing += 0 if nan is None else int(np.count_nonzero(nan))
+        extremes.add(piece if nan is None else piece[~nan])
+        free.append(_inverted(np.asarray(piece >= least), nan, options))
+        sample = piece[tuple(slice(None, None, max(1, side // 256)) for side in piece.shape)]
+        middle += int(np.count_nonzero(np.abs(sample / max(white, 1e-30) - 0.5) < MIDDLE / 2))
+        looked_at += sample.size
+    _tell_of_missing(missing, where)
+    if options.threshold is None and extremes.two_valued:
+        if not extremes.low < least <= extremes.high:
+            tell_once(
+                f"shoal: {where}: the picture has two brightnesses, {extremes.low:g} and {extremes.high:g} of {white:g}; it is "
+                f"read as a mask, in which {extremes.low if options.invert else extremes.high:g} is free"
+            )
+            free = [_inverted(np.asarray(piece == extremes.high), _not_a_number(piece, where), options) for piece in pieces()]
+        return free
+    if not known and extremes.low != extremes.high:
+        if options.threshold is None and piece.dtype.kind in "iu":
+            raise InvalidInputError(
+                f"{where}: expected a picture whose white is known, got {piece.dtype} values from {extremes.low} to "
+                f"{extremes.high} (--level N takes the values from N as free, --label N the value N, --threshold a share of the "
+                "largest value)"
+            )
+        tell_once(
+            f"shoal: {where}: the numbers from {extremes.low:g} to {extremes.high:g} have no white of their own; the largest "
+            f"counts as white, and {'less than ' if options.invert else ''}{least:g} {'' if options.invert else 'or more '}is free"
+        )
+    if extremes.high is not None and extremes.high < least and extremes.high > 0:
+        raise InvalidInputError(
+            f"{where}: expected pixels with a brightness of at least {threshold:g} ({least:g} of {white:g}), got values from "
+            f"{extremes.low:g} to {extremes.high:g} (--threshold takes a smaller share of white, --level N the values from N, and "
+            "--label N the value N as free)"
+        )
+    share = 100 * sum(int(np.count_nonzero(cells)) for cells in free) / max(1, sum(cells.size for cells in free))
+    if middle > 0.5 * looked_at:
+        tell_once(
+            f"shoal: warning: {where}: most pixels are neither black nor white, as in a photograph; {share:.3g} % of "
+            "them count as free (--vessels finds the vessels of a photograph)"
+        )
+    return free
+
+
+class Extremes:
+    """The smallest and the largest of all numbers added, and whether there are no others."""
+
+    def __init__(self) -> None:
+        self.low: Any = None
+        self.high: Any = None
+        self._only_two = True
+
+    @property
+    def two_valued(self) -> bool:
+        """Whether exactly two different numbers were added."""
+        return bool(self._only_two and self.low is not None and self.low != self.high)
+
+    def add(self, numbers: Numbers) -> None:
+        """Add an array of numbers that are not NaN."""
+        if not numbers.size:
+            return
+        low, high = numbers.min(), numbers.max()
+        if self._only_two:
+            seen = {*(() if self.low is None else (self.low, self.high)), low, high}
+            self._only_two = len(seen) <= 2 and bool(((numbers == low) | (numbers == high)).all())
+        self.low = low if self.low is None else min(self.low, low)
+        self.high = high if self.high is None else max(self.high, high)
+
+
+def in_pieces(array: Numbers) -> Iterator[Numbers]:
+    """Return an array in pieces of whole layers or rows, with at most about `PIECE` numbers each."""
+    step = max(1, PIECE // max(1, int(np.prod(array.shape[1:]))))
+    for first in range(0, len(array), step):
+        yield array[first : first + step]
+
+
+def _inverted(cells: Mask, nan: Mask | None, options: MapOptions) -> Mask:
+    """Exchange free cells and obstacles if ``invert`` is set. What has no number is an obstacle in both cases."""
+    if not options.invert:
+        return cells
+    return ~cells if nan is None else ~cells & ~nan
+
+
+def _not_a_number(piece: Numbers, where: str) -> Mask | None:
+    """Return the mask of NaN cells, or None if there are none. Refuse infinite numbers."""
+    if piece.dtype.kind != "f":
+        return None
+    finite = np.isfinite(piece)
+    if finite.all():
+        return None
+    nan = np.isnan(piece)
+    if (finite | nan).all():
+        return nan
+    cell = tuple(int(i) for i in np.argwhere(~finite & ~nan)[0])
+    raise InvalidInputError(f"{where}: expected finite numbers, got {piece[cell]} at cell {cell}")
+
+
+def _tell_of_missing(count: int, where: str) -> None:
+    if count:
+        tell_once(f"shoal: {where}: {count} cells have no number (NaN) and count as not free")
+
+
+def _largest(pieces: Pieces, where: str) -> float:
+    extremes = Extremes()
+    for piece in pieces():
+        nan = _not_a_number(piece, where)
+        extremes.add(piece if nan is None else piece[~nan])
+    return max(float(extremes.high or 0), 1e-30)
+
+
+def _there(pieces: Pieces) -> str:
+    """Return a text that lists the first numbers of a file."""
+    seen: set[Any] = set()
+    for piece in pieces():
+        seen.update(np.unique(piece)[: SHOWN + 1].tolist())
+        if len(seen) > SHOWN:
+            break
+    numbers = sorted(number for number in seen if not np.isnan(number))[:SHOWN]
+    return f"the labels in the map are {', '.join(f'{number:g}' for number in numbers)}{', …' * (len(seen) > SHOWN)}"
+
+
+def _cell_of(pieces: Pieces, number: Any) -> str:
+    """Return the place of the first cell with a number as text. A file in several pieces gives no place."""
+    parts = [piece for _, piece in zip(range(2), pieces(), strict=False)]
+    found = np.argwhere(parts[0] == number) if len(parts) == 1 else []
+    return f" at cell {tuple(int(i) for i in found[0])}" if len(found) else ""

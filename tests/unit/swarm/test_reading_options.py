@@ -1,0 +1,139 @@
+"""Every reading option on every kind of map: it changes what is read, or it is refused with the reason."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.unit.swarm.map_samples import GREYS, write_samples
+
+from shoal.core.errors import InvalidInputError
+from shoal.swarm import GridWorkspace
+from shoal.swarm.maps.files import FORMATS
+from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.reading import KINDS, REASONS
+from shoal.swarm.problem import READING
+
+for library in ("tifffile", "nibabel", "nrrd", "pydicom"):  # extras
+    pytest.importorskip(library)
+
+OPTIONS = {
+    "threshold": 0.2, "invert": True, "scale": 2.0, "level": 50, "label": 100, "channel": 2, "frame": 2, "width": 40, "low": 0.5,
+    "high": 1.0, "bright": True, "thickest": 0.1,
+}  # fmt: skip
+GREY = {"threshold", "invert", "scale", "level", "label"}
+COLOUR = {"threshold", "invert", "scale", "channel"}
+NUMBERS = {"invert", "level", "label"}
+# The options that change what is read, and those that the file needs before another option can be tried.
+USED = {
+    "grey.png": (GREY, {}),
+    "grey.bmp": (GREY, {}),
+    "deep.tif": (GREY, {}),
+    "double.tif": (GREY, {}),
+    "stack.tif": (GREY, {}),
+    "slices": (GREY, {}),
+    "colour.png": (COLOUR, {}),
+    "colour.jpg": (COLOUR, {}),
+    "planes.tif": (COLOUR, {}),
+    "palette.png": ({*COLOUR, "label"}, {}),
+    "film.gif": ({*GREY, "frame"}, {"frame": 1}),
+    "imagej.tif": ({*GREY, "channel", "frame"}, {"channel": 1, "frame": 1}),
+    "cells.ome.tif": ({*GREY, "channel", "frame"}, {"channel": 1, "frame": 1}),
+    "rows.txt": ({"invert"}, {}),
+    "octile.map": ({"invert"}, {}),
+    "table.csv": (NUMBERS, {"label": 220}),
+    "savetxt.txt": (NUMBERS, {"label": 220}),
+    "flat.npy": (NUMBERS, {"label": 220}),
+    "fortran.npy": (NUMBERS, {"label": 220}),
+    "colour.npy": ({*NUMBERS, "channel"}, {"label": 220}),
+    "matrix.mat": (NUMBERS, {"label": 220}),
+    "volume.nii.gz": (NUMBERS, {"label": 220}),
+    "film.nii": ({*NUMBERS, "frame"}, {"label": 220, "frame": 1}),
+    "volume.nrrd": (NUMBERS, {"label": 220}),
+    "series": (NUMBERS, {"label": 220}),
+    "line:7": (set(), {}),
+}
+SCALED_LABEL = {"deep.tif": {"level": 50 * 290, "label": 100 * 290}, "palette.png": {"label": 2}}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    return write_samples(tmp_path_factory.mktemp("kinds")) | {"line:7": "line:7"}
+
+
+def test_the_table_has_every_option_and_every_format(files):
+    assert {*OPTIONS, "vessels"} == set(READING) == set(REASONS)
+    names = [name.lower() for name in USED]
+    for suffix in set(FORMATS) - {".tiff", ".jpeg", ".nii", ".nhdr", ".dcm"}:  # second names of the same readers
+        assert any(name.endswith(suffix) for name in names), suffix
+    assert set(files) == set(USED)
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize("name", USED)
+def test_an_option_is_used_or_refused(files, name, option):
+    used, needed = USED[name]
+    value = SCALED_LABEL.get(name, {}).get(option, OPTIONS[option])
+    others = {key: one for key, one in needed.items() if not (option in {"level", "label"} and key == "label")}
+    if option not in used:
+        with pytest.raises(InvalidInputError, match=rf"{option}: expected .*, got .*") as refused:
+            open_map(files[name], **{**others, option: value})
+        assert "\n" not in str(refused.value)
+        return
+    plain = open_map(files[name], **needed)
+    changed = open_map(files[name], **{**others, option: value})
+    assert changed.n_free > 0
+    assert changed.shape != plain.shape or not np.array_equal(changed.free, plain.free)
+
+
+@pytest.mark.parametrize("name", [name for name in USED if not name.endswith((".png", ".tif", ".gif", ".bmp", ".jpg"))])
+def test_vessels_are_found_in_photographs_only(files, name):
+    with pytest.raises(InvalidInputError, match=r"expected (a photograph|a picture)"):
+        open_map(files[name], vessels=True)
+
+
+@pytest.mark.parametrize("option", ["threshold", "invert", "scale", "level", "label"])
+def test_vessels_exclude_the_options_of_masks(files, option):
+    with pytest.raises(InvalidInputError, match=rf"grey\.png: {option}: expected no {option} for a photograph, got .* \(.+\)"):
+        open_map(files["grey.png"], vessels=True, **{option: OPTIONS[option]})
+
+
+@pytest.mark.parametrize("option", [name for name in OPTIONS if name not in {"invert", "level", "label"}])
+def test_arrays_and_workspaces(option):
+    given = {option: OPTIONS[option]}
+    with pytest.raises(InvalidInputError, match=rf"{option}: expected no {option} .*, got .* \(.+\)"):
+        open_map(GREYS, **given)
+    with pytest.raises(InvalidInputError, match=rf"{option}: expected no {option} .*, got .* \(.+\)"):
+        open_map(GridWorkspace(GREYS), **given)
+
+
+def test_a_number_decides_in_arrays():
+    assert open_map(GREYS, label=220).n_free == np.count_nonzero(GREYS == 220)
+    assert open_map(GREYS, label=220, invert=True).n_free == np.count_nonzero(GREYS != 220)
+    assert open_map(GREYS, level=100).n_free == np.count_nonzero(GREYS)
+    assert open_map(GREYS > 0, invert=True).n_free == np.count_nonzero(GREYS == 0)
+    with pytest.raises(InvalidInputError, match="expected no label for a finished workspace"):
+        open_map(GridWorkspace(GREYS), label=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"threshold": 0.2, "level": 3}, "threshold: expected a threshold or a level, got both"),
+        ({"threshold": 0.2, "label": 3}, "threshold: expected a threshold or a label, got both"),
+        ({"channel": 0}, "channel: expected a whole number, 1 or more, got 0"),
+        ({"channel": ""}, "channel: expected the name of a channel or its number from 1"),
+        ({"channel": "²"}, "channel: expected one of"),
+        ({"channel": "9" * 400}, "channel: expected the name of a channel or its number from 1"),
+        ({"channel": "violet"}, r"channel: expected one of 1 \(red\), 2 \(green\), 3 \(blue\), got 'violet'"),
+        ({"frame": 0}, "frame: expected a whole number, 1 or more, got 0"),
+        ({"frame": 3}, "frame: expected no frame for a file without a time axis, got 3"),
+    ],
+)
+def test_wrong_values(files, options, words):
+    with pytest.raises(InvalidInputError, match=words):
+        open_map(files["colour.png"], **options)
+
+
+def test_every_kind_has_known_options():
+    for kind in KINDS.values():
+        assert kind.options <= set(READING)
