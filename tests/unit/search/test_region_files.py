@@ -230,7 +230,7 @@ def test_neighbours_with_long_common_borders_are_no_crossing():
     [
         ("a.kml", kml(placemark("1,1 " * 700_000)), "expected at most 600000 commas, got 700000"),
         ("b.kml", kml(placemark("1,1 " * 250_000)), "polygon 1 .*: expected at most 200000 vertices, got 200001"),
-        ("c.kml", kml("<a " + " ".join(f'b{k}=""' for k in range(300_000)) + "/>"), "at most 300000 elements and attributes"),
+        ("c.kml", kml("<a " + " ".join(f'b{k}=""' for k in range(600_001)) + "/>"), "at most 300000 elements and attributes"),
         ("b.geojson", "[" + "{}," * 4_000_000 + "{}]", "expected JSON of at most 600000000 bytes in memory, got about"),
         ("c.geojson", "[" * 100_000, "expected JSON, got lists and objects that are nested too deeply"),
         ("d.geojson", '{"type": "Point", "type": "Polygon"}', "expected each name once, got 'type' again, with 'Polygon'"),
@@ -276,3 +276,24 @@ def test_a_problem_file_with_a_repeated_field_is_refused(tmp_path):
     text = json.dumps({"kind": "search", "region": "square:100", "robots": 2})[:-1] + ', "robots": 3}'
     with pytest.raises(InvalidInputError, match=r"a.json: expected each name once, got 'robots' again, with 3"):
         load_problem(saved(tmp_path, "a.json", text))
+
+
+def test_a_ring_of_spikes_is_refused_before_it_is_planned(tmp_path):
+    def star(spikes, inner, outer):
+        ways = np.arange(2 * spikes) * np.pi / spikes
+        far = np.where(np.arange(2 * spikes) % 2, outer, inner)
+        return shapely.Polygon(np.stack([far * np.cos(ways), far * np.sin(ways)], axis=1))
+
+    for shape, footprint in ((star(3000, 100, 1000), 50.0), (star(3000, 100, 110), 10.0)):
+        problem = SearchProblem(open_region(shape), robots=2, footprint=footprint)
+        with pytest.raises(InvalidInputError, match=r"wider than its footprint .* got 6000 sides and a mean width"):
+            problem.check_at_place()
+    corridor = shapely.LineString([(k * 20.0, 40 * (k % 2)) for k in range(1000)]).buffer(2.5)
+    round_field = shapely.Point(0, 0).buffer(300, quad_segs=20_000)
+    for shape, footprint in (
+        (star(40, 300, 500), 20.0),
+        (corridor, 20.0),
+        (round_field, 20.0),
+        (shapely.box(0, 0, 0.3, 400), 20.0),
+    ):
+        SearchProblem(open_region(shape), robots=2, footprint=footprint).check_at_place()

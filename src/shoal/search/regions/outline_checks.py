@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.limits import MOST_CROSSINGS, MOST_PAIRS, check_count
+from shoal.search.regions.limits import MOST_CROSSINGS, MOST_CUTS, MOST_PAIRS, check_count
 
 Points = NDArray[np.float64]
 
@@ -219,6 +219,30 @@ def check_overlaps(polygons: list[Any], where: str) -> None:
                     f"{where}: expected polygons with at most {MOST_CROSSINGS} sides that may cross each other, got more; simplify "
                     "their borders"
                 )
+
+
+def check_spikes(area: Any, footprint: float, where: str) -> None:
+    """Refuse an area that its border cuts into far more pieces than it has cells, before the area is divided into cells.
+
+    The measure is the number of sides longer than a quarter of a cell, times the length of the border in cells for each cell of
+    area. A smooth border has few such sides for its area, and a long corridor has many cells. A ring of 3,000 spikes of one
+    kilometre around 0.3 km2 has 6,000 sides and 860 cells of border for each cell of 50 m.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    import shapely
+
+    points, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(area)), return_index=True)
+    lengths = np.hypot(*np.diff(points, axis=0).T)[ring[1:] == ring[:-1]]
+    sides = int((lengths > footprint / 4).sum())
+    if sides * float(lengths.sum()) * footprint > MOST_CUTS * float(area.area):
+        wide = 2 * float(area.area) / float(lengths.sum())
+        raise InvalidInputError(
+            f"{where}: expected a region that is wider than its footprint of {footprint:g} m in most places, got {sides} "
+            f"sides and a mean width of {wide:.2g} m; simplify the border, or use a smaller footprint"
+        )
 
 
 def _sides(polygon: Any, box: list[float]) -> Any:
