@@ -278,12 +278,20 @@ def test_a_problem_file_with_a_repeated_field_is_refused(tmp_path):
         load_problem(saved(tmp_path, "a.json", text))
 
 
-def test_a_ring_of_spikes_is_refused_before_it_is_planned(tmp_path):
-    def star(spikes, inner, outer):
-        ways = np.arange(2 * spikes) * np.pi / spikes
-        far = np.where(np.arange(2 * spikes) % 2, outer, inner)
-        return shapely.Polygon(np.stack([far * np.cos(ways), far * np.sin(ways)], axis=1))
+def star(spikes, inner, outer):
+    ways = np.arange(2 * spikes) * np.pi / spikes
+    far = np.where(np.arange(2 * spikes) % 2, outer, inner)
+    return shapely.Polygon(np.stack([far * np.cos(ways), far * np.sin(ways)], axis=1))
 
+
+def test_a_ring_whose_sides_all_meet_is_refused_before_it_is_checked(monkeypatch):
+    monkeypatch.setattr(outline_checks, "MOST_CONTACTS", 1_000_000)
+    with pytest.raises(InvalidInputError, match=r"expected at most 1000000 pairs of sides .* got more, with 10000 vertices"):
+        open_region(star(5000, 100, 1000))
+    assert open_region(shapely.Point(0, 0).buffer(300, quad_segs=2500)).area_m2 > 0
+
+
+def test_a_ring_of_spikes_is_refused_before_it_is_planned():
     for shape, footprint in ((star(3000, 100, 1000), 50.0), (star(3000, 100, 110), 10.0)):
         problem = SearchProblem(open_region(shape), robots=2, footprint=footprint)
         with pytest.raises(InvalidInputError, match=r"wider than its footprint .* got 6000 sides and a mean width"):
