@@ -682,6 +682,29 @@ def test_commands(tmp_path, monkeypatch, capsys):
     assert not Path("none.sqlite").exists()
 
 
+def test_tables_in_80_columns_keep_their_names_whole(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    policies = ["closest-frontier", "elect-particle", "random-moves", "sweep"]
+    axes = {"policy": policies, "placement": ["uniform", "flood-fill"], "particles": [5, 39]}
+    run_sweep(Sweep(name="s", problem=SWARM, axes=axes, trials=3, paired=("policy",)), tmp_path / "s", workers=0)
+    for method in ("auto", "log"):
+        capsys.readouterr()
+        assert command(["sweep", "summary", str(tmp_path / "s"), "--compare", "policy", "--method", method]) == 0
+        lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+        assert max(map(len, lines)) <= 80
+        text = " ".join(" ".join(lines).split())
+        for policy in policies[1:]:
+            assert f"placement = flood-fill, particles = 5, policy = {policy} less closest-frontier" in text
+            assert sum(policy in line for line in lines) >= 8
+        assert ("ratio [95 % interval]" in text) == (method == "log")
+    monkeypatch.setenv("COLUMNS", "200")
+    assert command(["sweep", "summary", str(tmp_path / "s")]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split() == ["policy", "placement", "particles", "mean", "[95", "%", "interval]"]
+    assert command(["sweep", "summary", str(tmp_path / "s"), "--compare", "policy", "--method", "log", "--json"]) == 0
+    compared = json.loads(capsys.readouterr().out)["comparisons"]
+    assert any(one["comparison"] and one["comparison"]["ratio_low"] < one["comparison"]["ratio"] for one in compared)
+
+
 def test_a_spreadsheet_takes_no_text_for_a_formula(tmp_path):
     sweep = Sweep(
         name="words",
