@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,14 @@ from shoal.core.version import versions
 from shoal.search.allocation.allocators import ALLOCATORS
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.allocation.starts import start_points
-from shoal.search.cells.grid import cells_of
+from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.episode import SearchEpisode
 from shoal.search.problem import ALLOCATIONS, TOURS, SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.problem.keys import read_key
 from shoal.search.problem.network import network_of
 from shoal.search.regions.places import places_of, read_points
+from shoal.search.regions.region import SearchRegion
 from shoal.search.simulation.live.trace import live_trace
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
@@ -100,7 +102,7 @@ def check(problem: SearchProblem) -> None:
         if asked not in (*names, AUTO):
             registry.get(asked)
     side = float(np.min(problem.chosen_footprint))
-    grid = cells_of(region, side, angle=problem.chosen_angle or 0.0)
+    grid = _cells_of(region, side, problem.chosen_angle or 0.0)
     start_points(problem, grid, np.random.default_rng(0))
     if problem.land is not None:
         places_of(problem.land, region, robots, what="land")
@@ -118,6 +120,12 @@ def check(problem: SearchProblem) -> None:
         scenario = scenario_of(problem, plan, 0)
         if not _is_simulated(problem, plan):
             _refuse_unsimulated(problem, plan, scenario)
+
+
+@lru_cache(maxsize=4)
+def _cells_of(region: SearchRegion, side: float, angle: float) -> CellGrid:
+    """Return the cells of a region. The points of a sweep often share one region, which compares by identity."""
+    return cells_of(region, side, angle=angle)
 
 
 def _is_simulated(problem: SearchProblem, plan: SearchPlan) -> bool:

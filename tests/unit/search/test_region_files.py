@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import sqlite3
 import zipfile
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from tests.unit.search.test_regions import FIELD, POND, collection, feature, geo
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, open_region
 from shoal.search.regions import outline_checks
-from shoal.search.regions.formats import table
+from shoal.search.regions.formats import geopackage, table
 from shoal.search.regions.outline_checks import check_overlaps
 from shoal.search.regions.places import read_points
 
@@ -305,3 +307,24 @@ def test_a_ring_of_spikes_is_refused_before_it_is_planned():
         (shapely.box(0, 0, 0.3, 400), 20.0),
     ):
         SearchProblem(open_region(shape), robots=2, footprint=footprint).check_at_place()
+
+
+def test_shapes_of_a_geopackage_have_a_budget_and_are_never_computed(tmp_path, monkeypatch):
+    import pyogrio
+
+    path = tmp_path / "a.gpkg"
+    shapes = np.array([shapely.to_wkb(shapely.Polygon(FIELD))] * 20, dtype=object)
+    pyogrio.raw.write(path, shapes, [], [], crs="EPSG:4326", geometry_type="Polygon", driver="GPKG", layer="a")
+    assert open_region(path).area_m2 == pytest.approx(geodesic_area(FIELD), rel=1e-6)
+    with closing(sqlite3.connect(path)) as database:
+        (column,) = database.execute("SELECT column_name FROM gpkg_geometry_columns").fetchone()
+        database.execute("ALTER TABLE a ADD COLUMN huge BLOB GENERATED ALWAYS AS (zeroblob(19000000)) VIRTUAL")
+        database.execute("UPDATE gpkg_geometry_columns SET column_name = 'huge'")
+        database.commit()
+        with pytest.raises(InvalidInputError, match="layer 'a': expected a stored column 'huge' of shapes, got none"):
+            open_region(path)
+        database.execute("UPDATE gpkg_geometry_columns SET column_name = ?", (column,))
+        database.commit()
+    monkeypatch.setattr(geopackage, "LARGEST_FILE", 1000)
+    with pytest.raises(InvalidInputError, match="layer 'a': expected at most 1000 bytes of shapes, got"):
+        open_region(path)
