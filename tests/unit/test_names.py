@@ -23,7 +23,7 @@ GLOSSARY = {
 }
 
 # Verbs that the parts share, since who knows one part is to know the others, and what each format or view of a kind has.
-SHARED = {"run", "main", "scan", "write", "clip_of", "page_data", "player_page"}
+SHARED = {"run", "check", "main", "scan", "write", "clip_of", "page_data", "player_page"}
 
 
 def words_of(name: str) -> list[str]:

@@ -165,3 +165,30 @@ def test_intervals_of_two_lines_do_not_hide_each_other():
         assert (second - first > 3).all()
         assert np.allclose((first + second) / 2, middle)
         assert axes.get_ylabel() == "mean moves, with 95 % confidence intervals"
+
+
+def test_differences_by_the_method_log_are_ratios_on_a_log_scale():
+    rng = np.random.default_rng(3)
+    a = rng.lognormal(3, 1, size=400)
+    found = compare(a, 2 * a * rng.lognormal(0, 0.05, size=400), method="log")
+    assert found.ratio_low < 2 < found.ratio_high < 2.05
+    assert found.ratio_low * found.ratio_high == pytest.approx(found.ratio**2)  # symmetric on a log scale
+    assert found.difference.method == "t"
+    swapped = compare([9, 11, 12, 13], [10, 12, 14, 16], method="log")
+    forth = compare([10, 12, 14, 16], [9, 11, 12, 13], method="log")
+    assert (1 / swapped.ratio_high, 1 / swapped.ratio_low) == pytest.approx((forth.ratio_low, forth.ratio_high))
+    assert compare([10, 12], [9, 11]).ratio_low is None
+    with pytest.raises(InvalidInputError, match="method log: expected values of 0 or more, got -1"):
+        compare([1, -1, 3], [1, 2, 3], method="log")
+    assert np.isnan(compare([0, 0, 0], [1, 2, 3], method="log").ratio_low)
+
+
+def test_intervals_of_ratios_hold_the_ratio_as_often_as_they_say():
+    rng = np.random.default_rng(5)
+    held = 0
+    for _ in range(400):
+        shared = rng.lognormal(4, 0.5, size=15)
+        a, b = shared * rng.lognormal(0, 0.3, size=15), 1.5 * shared * rng.lognormal(0, 0.3, size=15)
+        found = compare(a, b, method="log")
+        held += found.ratio_low <= 1.5 <= found.ratio_high
+    assert 0.9 < held / 400 < 0.99

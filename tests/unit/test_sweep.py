@@ -122,6 +122,61 @@ def test_what_no_trial_could_play_is_refused_before_any_work(problem, words, tmp
         run_sweep(Sweep(name="s", problem=problem), tmp_path / "store.sqlite", workers=0)
 
 
+SEARCH = {"kind": "search", "region": "square:60", "robots": 2, "footprint": 10}
+
+
+@pytest.mark.parametrize(
+    ("problem", "axes", "words"),
+    [
+        (
+            SEARCH,
+            {"tour": ["auto", "tests.unit.sweep_functions:number"]},
+            "at tour = tests.unit.* expected name, dimensions and make",
+        ),
+        (SEARCH, {"tour": ["comb", "nope"]}, "at tour = nope: unknown tour 'nope'"),
+        (
+            SEARCH,
+            {"allocation": ["hop", "tests.unit.sweep_functions:number"]},
+            "at allocation = tests.*: expected arcs for each of 2",
+        ),
+        (SEARCH, {"allocation": ["hop", "hops"]}, "at allocation = hops: unknown allocation 'hops'"),
+        (
+            SEARCH,
+            {"starts": ["random", "none.csv"]},
+            "at starts = none.csv: none.csv: expected a table of starts",
+        ),
+        (SEARCH, {"launch": ["5,5", "1,1;2,2;3,3"]}, "at launch = 1,1;2,2;3,3: launch: expected one point for all, or 2"),
+        (SEARCH, {"land": ["5,5", "none.csv"]}, "at land = none.csv: none.csv: expected a table of land"),
+        (SEARCH, {"targets": [36, 37]}, "at targets = 37: targets: expected a number from 0 to 36, one per cell, got 37"),
+        (SEARCH, {"obstacles": [3, 36]}, "at obstacles = 36: obstacles: expected a number from 0 to 3., no obstacle at the start"),
+        (SEARCH, {"footprint": [10, 0.01]}, "at footprint = 0.01: footprint: expected at most 4000000 cells"),
+        (SEARCH, {"margin": [0, 40]}, "sweep s, at margin = 40: margin: expected a margin that leaves some area"),
+        (SEARCH, {"key": ["none"]}, "at key = none: none: expected a readable file with a key"),
+        (SEARCH, {"network": ["perfect", "forgeries:0.5"]}, "at network = forgeries:0.5: network: expected a key"),
+        (SEARCH | {"simulate": False}, {"loss": [0, 0.5]}, "at loss = 0.5: search: loss or a network: expected a simulation"),
+        (SWARM | {"particles": 3}, {"placement": ["uniform", "json:dumps"]}, "at placement = json:dumps: .*"),
+        (SWARM | {"particles": 3}, {"policy": ["best", "json:dumps"]}, "at policy = json:dumps: policy: expected a name, or an"),
+        ({"kind": "steering"}, {"planner": ["shortest", "json:dumps"]}, "at planner = json:dumps: planner: expected a name"),
+        ({"kind": "steering"}, {"workspace": ["square", "none.json"]}, "at workspace = none.json: none.json: expected a workspace"),
+    ],
+)
+def test_a_point_that_cannot_run_is_refused_before_the_first_trial(problem, axes, words, tmp_path):
+    store = tmp_path / "store.sqlite"
+    with pytest.raises((InvalidInputError, UnknownNameError), match=words):
+        run_sweep(Sweep(name="s", problem=problem, axes=axes), store, workers=0)
+    assert not store.exists()
+
+
+def test_an_extension_that_cannot_run_adds_nothing(tmp_path):
+    store = tmp_path / "store.sqlite"
+    run_sweep(Sweep(name="s", problem=SEARCH, axes={"targets": [1]}), store, workers=0)
+    with pytest.raises(InvalidInputError, match="at targets = 37: "):
+        run_sweep(Sweep(name="s", problem=SEARCH, axes={"targets": [1, 2, 37]}), store, workers=0, extend=True)
+    with Store(store) as opened:
+        assert [values for _, values in opened.points("s")] == [{"targets": 1}]
+        assert opened.status("s").complete
+
+
 def test_ranges():
     values = numbers(axes={"factor": {"from": 0, "to": 1, "step": 0.1}}).axes["factor"]
     assert values == (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -625,6 +680,29 @@ def test_commands(tmp_path, monkeypatch, capsys):
         assert command(["sweep", "run", "bad.toml", "--store", "none.sqlite"]) == 2
         assert told in capsys.readouterr().err
     assert not Path("none.sqlite").exists()
+
+
+def test_tables_in_80_columns_keep_their_names_whole(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    policies = ["closest-frontier", "elect-particle", "random-moves", "sweep"]
+    axes = {"policy": policies, "placement": ["uniform", "flood-fill"], "particles": [5, 39]}
+    run_sweep(Sweep(name="s", problem=SWARM, axes=axes, trials=3, paired=("policy",)), tmp_path / "s", workers=0)
+    for method in ("auto", "log"):
+        capsys.readouterr()
+        assert command(["sweep", "summary", str(tmp_path / "s"), "--compare", "policy", "--method", method]) == 0
+        lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+        assert max(map(len, lines)) <= 80
+        text = " ".join(" ".join(lines).split())
+        for policy in policies[1:]:
+            assert f"placement = flood-fill, particles = 5, policy = {policy} less closest-frontier" in text
+            assert sum(policy in line for line in lines) >= 8
+        assert ("ratio [95 % interval]" in text) == (method == "log")
+    monkeypatch.setenv("COLUMNS", "200")
+    assert command(["sweep", "summary", str(tmp_path / "s")]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split() == ["policy", "placement", "particles", "mean", "[95", "%", "interval]"]
+    assert command(["sweep", "summary", str(tmp_path / "s"), "--compare", "policy", "--method", "log", "--json"]) == 0
+    compared = json.loads(capsys.readouterr().out)["comparisons"]
+    assert any(one["comparison"] and one["comparison"]["ratio_low"] < one["comparison"]["ratio"] for one in compared)
 
 
 def test_a_spreadsheet_takes_no_text_for_a_formula(tmp_path):

@@ -60,18 +60,41 @@ def print_table(rows: list[tuple[str, str]], *, title: str, written: Iterable[Pa
 def print_columns(names: list[str], values: list[str], rows: list[list[str]], *, title: str) -> None:
     """Print a table with named columns on stdout.
 
-    On a narrow terminal, the columns ``names`` may wrap, but the columns ``values`` never wrap.
+    If the table is wider than the terminal, each row becomes a block of lines, because a name that is folded to a few characters a
+    line cannot be read.
     """
+    from rich.console import Console, Group
     from rich.table import Table
+    from rich.text import Text
 
+    columns = [*names, *values]
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for name in names:
-        table.add_column(cell(name), overflow="fold", style="cyan")
-    for name in values:
-        table.add_column(cell(name), no_wrap=True)
+    for number, name in enumerate(columns):
+        table.add_column(cell(name), no_wrap=True, style="cyan" if number < len(names) else None)
     for row in rows:
         table.add_row(*map(cell, row))
-    print_drawn(_titled(title, table))
+    widths = [max(map(len, map(visible, entries))) for entries in zip(columns, *rows, strict=True)]
+    if sum(widths) + 2 * len(widths) <= Console().width:
+        print_drawn(_titled(title, table))
+        return
+    head = f"{title}: {values[0]}" if len(values) == 1 else title
+    print_drawn(Group(Text(visible(head), style="bold"), *(_block(names, values, row) for row in rows)))
+
+
+def _block(names: list[str], values: list[str], row: list[str]) -> Any:
+    """Return a row of a table that is too wide for the terminal: its names, and its values in the lines below, without dashes."""
+    from rich.console import Group
+    from rich.padding import Padding
+    from rich.text import Text
+
+    named = [f"{name} = {entry}" for name, entry in zip(names, row, strict=False)]
+    told = [
+        entry if len(values) == 1 else f"{name} {entry}"
+        for name, entry in zip(values, row[len(names) :], strict=True)
+        if entry != "-"
+    ]
+    lines = [Text(visible(", ".join(named)), style="cyan")]
+    return Group(*lines, *[Padding(Text(visible(", ".join(told))), (0, 0, 0, 4))] * bool(told))
 
 
 def _titled(title: str, table: Any) -> Any:

@@ -228,10 +228,7 @@ def parse_json(text: str, *, where: str) -> Any:
         Raised if the text is not JSON, or if parsing it could need more memory than `_LARGEST_VALUES` and twenty times the length
         of the text. The error message contains the line and the column of the error.
     """
-    # Checked before parsing: a text of braces otherwise needs up to a hundred times its own length.
-    memory = sum(text.count(sign) * size for sign, size in _JSON_MEMORY.items())
-    if memory > max(_LARGEST_VALUES, 20 * len(text)):
-        raise InvalidInputError(f"{where}: expected JSON of at most {_LARGEST_VALUES} bytes in memory, got about {memory} bytes")
+    check_json_memory(text, where=where)
     try:
         found = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where))
     except json.JSONDecodeError as error:
@@ -245,6 +242,20 @@ def parse_json(text: str, *, where: str) -> Any:
         raise InvalidInputError(f"{where}: expected JSON, got {why}") from None
     check_depth(found, where=where)
     return found
+
+
+def check_json_memory(text: str, *, where: str) -> None:
+    """Refuse a JSON text before parsing if its values could need more memory than `_LARGEST_VALUES` and twenty times its length.
+
+    A text of braces otherwise needs up to a hundred times its own length.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    memory = sum(text.count(sign) * size for sign, size in _JSON_MEMORY.items())
+    if memory > max(_LARGEST_VALUES, 20 * len(text)):
+        raise InvalidInputError(f"{where}: expected JSON of at most {_LARGEST_VALUES} bytes in memory, got about {memory} bytes")
 
 
 def _once_each(pairs: list[tuple[str, Any]], where: str) -> dict[str, Any]:

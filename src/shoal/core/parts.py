@@ -149,6 +149,16 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     return found
 
 
+def check(problem: Problem) -> None:
+    """Refuse a problem that cannot run, without running it.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+    """
+    importlib.import_module(f"shoal.{problem.part}.run").check(problem)
+
+
 def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
     """Read an episode file of any part.
 

@@ -8,17 +8,19 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager
 from dataclasses import field, replace
 from pathlib import Path
 
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError, UnknownNameError
 from shoal.core.notices import tell_once
+from shoal.lab.problems import check_trial
 from shoal.lab.storage.lock import locked
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.batches import Answer, Batch, Piece, lost_batch, placed, play_batch
 from shoal.lab.sweeps.progress import Gap, SweepProgress, SweepStatus
-from shoal.lab.sweeps.sweep import Sweep, digest_of, distinct_places
+from shoal.lab.sweeps.sweep import Point, Sweep, digest_of, distinct_places
 from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
 from shoal.lab.worker_pools import WorkerPool, make_worker_pool
 from shoal.swarm.problem import SwarmProblem
@@ -142,14 +144,24 @@ def prepare(sweep: Sweep) -> dict[str, str]:
     for point in distinct_places(sweep.points):
         name = point.problem.place_key()
         if name is not None:
-            inputs[name] = digest_of(placed(point.problem).place_digest())
+            with _errors_at(sweep, point):
+                inputs[name] = digest_of(placed(point.problem).place_digest())
     for point in sweep.points:
-        try:
-            placed(point.problem).check_at_place()
-        except ShoalError as error:
-            where = ", ".join(f"{name} = {value}" for name, value in point.values.items())
-            raise InvalidInputError(f"sweep {sweep.name}{', at ' * bool(where)}{where}: {error}") from None
+        with _errors_at(sweep, point):
+            check_trial(placed(point.problem))
     return inputs
+
+
+@contextmanager
+def _errors_at(sweep: Sweep, point: Point) -> Iterator[None]:
+    """Turn errors inside the ``with`` block into an error that gives the axis values of a point that cannot run."""
+    try:
+        yield
+    except Exception as error:  # third-party code may raise any exception
+        where = ", ".join(f"{name} = {value}" for name, value in point.values.items())
+        what = str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
+        kind = UnknownNameError if isinstance(error, UnknownNameError) else InvalidInputError
+        raise kind(f"sweep {sweep.name}{', at ' * bool(where)}{where}: {what}") from None
 
 
 def _load_kernels(sweep: Sweep) -> None:

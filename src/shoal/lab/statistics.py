@@ -80,6 +80,8 @@ class Comparison:
     bound : float, optional
         Upper limit of the compared values: the smallest value at which an unfinished trial ended. In the comparison, a value above
         ``bound`` counts as ``bound``.
+    ratio_low, ratio_high : float, optional
+        Lower and upper end of the confidence interval of the ratio, if the method is "log".
     """
 
     difference: Estimate
@@ -89,9 +91,18 @@ class Comparison:
     p_value: float
     unfinished: int = 0
     bound: float | None = None
+    ratio_low: float | None = None
+    ratio_high: float | None = None
+
+    @property
+    def ratio_text(self) -> str:
+        """The ratio as text, with its confidence interval if the method is "log"."""
+        if self.ratio_low is None or self.ratio_high is None:
+            return f"{self.ratio:.4g}"
+        return f"{self.ratio:.4g} [{self.ratio_low:.4g}, {self.ratio_high:.4g}]"
 
     def __str__(self) -> str:
-        return f"difference {self.difference}, ratio {self.ratio:.4g}, effect {self.effect:.3g}, p {self.p_value:.2g}{self.note}"
+        return f"difference {self.difference}, ratio {self.ratio_text}, effect {self.effect:.3g}, p {self.p_value:.2g}{self.note}"
 
     @property
     def note(self) -> str:
@@ -179,7 +190,10 @@ def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method =
     a, b : array_like of float, shape (n,)
         Values of the two settings: at least two values for each setting.
     level, method, seed
-        Options ``level``, ``method`` and ``seed`` of the function `estimate`.
+        Options ``level``, ``method`` and ``seed`` of the function `estimate`. A difference has no logarithm; with the method "log",
+        the comparison therefore has a confidence interval of the ratio on a logarithmic scale, and Student's interval of the
+        difference. The delta method estimates the standard error of the logarithm of the ratio as s / sqrt(n), where s is the
+        standard deviation of b / mean(b) - a / mean(a) over the n pairs.
 
     Raises
     ------
@@ -190,14 +204,19 @@ def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method =
     >>> found = compare([10, 12, 14, 16], [9, 11, 12, 13])
     >>> found.difference.mean, round(found.effect, 2), found.smaller
     (-1.75, -1.83, 1.0)
+    >>> print(compare([10, 12, 14, 16], [9, 11, 12, 13], method="log").ratio_text)
+    0.8654 [0.7905, 0.9473]
     """
     before, after = _checked(a, level), _checked(b, level)
     if len(before) != len(after) or len(before) < 2:
         raise InvalidInputError(
             f"compare: expected two rows of equal length with 2 values or more, got {len(before)} and {len(after)} values"
         )
+    least = float(min(before.min(), after.min()))
+    if method == "log" and least < 0:
+        raise InvalidInputError(f"method log: expected values of 0 or more, got {least:g}")
     differences = after - before
-    found = estimate(differences, level=level, method=method, seed=seed)
+    found = estimate(differences, level=level, method="t" if method == "log" else method, seed=seed)
     effect = found.mean / found.std if found.std else (0.0 if found.mean == 0 else float(np.copysign(np.inf, found.mean)))
     smaller = float(np.mean((differences < 0) + 0.5 * (differences == 0)))
     p_value = 1.0
@@ -206,4 +225,17 @@ def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method =
 
         p_value = float(stats.wilcoxon(differences, zero_method="zsplit").pvalue)
     ratio = float(after.mean() / before.mean()) if before.mean() else float("nan")
-    return Comparison(found, ratio, effect, smaller, p_value)
+    low, high = _ratio_interval(before, after, level) if method == "log" else (None, None)
+    return Comparison(found, ratio, effect, smaller, p_value, ratio_low=low, ratio_high=high)
+
+
+def _ratio_interval(before: NDArray[np.float64], after: NDArray[np.float64], level: float) -> tuple[float, float]:
+    """Return the ends of the confidence interval of the ratio of two paired means, or NaN if a mean is 0."""
+    from scipy import stats
+
+    if not (before.mean() > 0 and after.mean() > 0):
+        return float("nan"), float("nan")
+    spread = float((after / after.mean() - before / before.mean()).std(ddof=1))
+    half = float(stats.t.ppf((1 + level) / 2, len(before) - 1)) * spread / len(before) ** 0.5
+    ratio = float(after.mean() / before.mean())
+    return ratio / float(np.exp(half)), ratio * float(np.exp(half))

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import time
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
+from shoal.search.allocation.allocators import ALLOCATORS
 from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.allocation.starts import start_points
+from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.episode import SearchEpisode
-from shoal.search.problem import SearchProblem
+from shoal.search.problem import ALLOCATIONS, TOURS, SearchProblem
+from shoal.search.problem.fields import AUTO
 from shoal.search.problem.keys import read_key
+from shoal.search.problem.network import network_of
+from shoal.search.regions.places import places_of, read_points
+from shoal.search.regions.region import SearchRegion
 from shoal.search.simulation.live.trace import live_trace
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
+from shoal.search.tours.base import TOURS as MAKERS
 
 SIMULATED = 1_000_000
 """Size of the largest search that Shoal simulates by default.
@@ -50,23 +62,13 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     key = b"" if problem.key is None else read_key(problem.key)
     plan = plan_search(problem, seed=seed) if plan is None else plan
     scenario = scenario_of(problem, plan, seed)
-    cells, robots = len(plan.tour_cost), problem.robots
-    simulated = problem.live is None and (
-        robots * max(cells, robots**2 // 2) <= SIMULATED if problem.simulate is None else problem.simulate
-    )
+    simulated = _is_simulated(problem, plan)
     if problem.live is not None:
         scenario, trace = live_trace(scenario, live=problem.live, key=key)
     elif simulated:
         trace = simulated_trace(plan, scenario)
-    elif needs := _simulated_only(scenario):
-        what = f"search: {' and '.join(needs)}: expected a simulation, because a plan alone contains no such event"
-        if problem.simulate is False:
-            raise InvalidInputError(f"{what}, got simulate = false (--no-simulate)")
-        raise InvalidInputError(
-            f"{what}, got {cells} cells and {robots} robots, which are simulated only on request; request "
-            "the simulation with simulate = true (--simulate)"
-        )
     else:
+        _refuse_unsimulated(problem, plan, scenario)
         trace = planned_trace(plan, scenario.brief)
     return SearchEpisode(
         problem=problem,
@@ -77,6 +79,73 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
         seed=seed,
         seconds=time.perf_counter() - began,
         versions=versions(),
+    )
+
+
+def check(problem: SearchProblem) -> None:
+    """Refuse a problem that cannot run, without simulating it: unknown names, unreadable files, too many cells or targets.
+
+    The function plans the search only if nothing less can tell whether it can run: if third-party code makes the tour or the
+    allocation, or if the problem has so many targets or obstacles, or so large a search, that the number of cells decides.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+    """
+    problem.check_at_place()
+    region, robots = problem.place, problem.robots
+    if problem.key is not None:
+        read_key(problem.key)
+    elif network_of(problem.network, loss=problem.loss).has("forgeries"):
+        raise InvalidInputError("network: expected a key together with forged messages, got none")
+    for names, registry, asked in ((TOURS, MAKERS, problem.tour), (ALLOCATIONS, ALLOCATORS, problem.allocation)):
+        if asked not in (*names, AUTO):
+            registry.get(asked)
+    side = float(np.min(problem.chosen_footprint))
+    grid = _cells_of(region, side, problem.chosen_angle or 0.0)
+    start_points(problem, grid, np.random.default_rng(0))
+    if problem.land is not None:
+        places_of(problem.land, region, robots, what="land")
+    for name in ("targets", "obstacles"):
+        given = getattr(problem, name)
+        if not isinstance(given, int):
+            points = read_points(Path(given), region, what=name) if isinstance(given, str) else given
+            region.check_inside(points, what=given if isinstance(given, str) else name)
+    fewest = max(1, int(region.area_m2 / side**2))
+    extended = problem.tour not in (*TOURS, AUTO) or problem.allocation not in (*ALLOCATIONS, AUTO)
+    many = any(isinstance(number, int) and number > fewest - robots for number in (problem.targets, problem.obstacles) if number)
+    unsure = problem.simulate is False or (problem.simulate is None and 2 * robots * max(grid.n_cells, robots**2 // 2) > SIMULATED)
+    if extended or many or (unsure and problem.live is None):
+        plan = plan_search(problem, seed=0)
+        scenario = scenario_of(problem, plan, 0)
+        if not _is_simulated(problem, plan):
+            _refuse_unsimulated(problem, plan, scenario)
+
+
+@lru_cache(maxsize=4)
+def _cells_of(region: SearchRegion, side: float, angle: float) -> CellGrid:
+    """Return the cells of a region. The points of a sweep often share one region, which compares by identity."""
+    return cells_of(region, side, angle=angle)
+
+
+def _is_simulated(problem: SearchProblem, plan: SearchPlan) -> bool:
+    """Return whether a search is simulated, as the user asks, or because it is small."""
+    cells, robots = len(plan.tour_cost), problem.robots
+    small = robots * max(cells, robots**2 // 2) <= SIMULATED
+    return problem.live is None and (small if problem.simulate is None else problem.simulate)
+
+
+def _refuse_unsimulated(problem: SearchProblem, plan: SearchPlan, scenario: Scenario) -> None:
+    """Refuse settings that have an effect only in a simulation, for a search without one."""
+    needs = _simulated_only(scenario)
+    if not needs or problem.live is not None:
+        return
+    what = f"search: {' and '.join(needs)}: expected a simulation, because a plan alone contains no such event"
+    if problem.simulate is False:
+        raise InvalidInputError(f"{what}, got simulate = false (--no-simulate)")
+    raise InvalidInputError(
+        f"{what}, got {len(plan.tour_cost)} cells and {problem.robots} robots, which are simulated only on request; request "
+        "the simulation with simulate = true (--simulate)"
     )
 
 

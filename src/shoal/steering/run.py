@@ -26,6 +26,17 @@ from shoal.steering.simulation.apparatus import Apparatus, replay
 from shoal.steering.workspaces.convex_geometry import Points
 
 
+def check(problem: SteeringProblem) -> None:
+    """Refuse a problem that cannot run, without planning it.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+    """
+    problem.check_at_place()
+    problem.endpoints(0)
+
+
 def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     """Plan and simulate a steering problem: bring particles to their goals with one shared input.
 

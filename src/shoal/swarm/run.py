@@ -97,6 +97,17 @@ def run(
     )
 
 
+def check(problem: SwarmProblem) -> None:
+    """Refuse a problem that cannot run, without running it. The function draws one start, as a third-party placement may fail.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+    """
+    problem.check_at_place()
+    draw_start(problem, trial_rng(0, 0))
+
+
 def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:
     """Return the object that runs an episode in compiled code, or None if kernels do not support the problem."""
     policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import sqlite3
 import zipfile
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from tests.unit.search.test_regions import FIELD, POND, collection, feature, geo
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, open_region
 from shoal.search.regions import outline_checks
-from shoal.search.regions.formats import table
+from shoal.search.regions.formats import geopackage, table
 from shoal.search.regions.outline_checks import check_overlaps
 from shoal.search.regions.places import read_points
 
@@ -230,7 +232,7 @@ def test_neighbours_with_long_common_borders_are_no_crossing():
     [
         ("a.kml", kml(placemark("1,1 " * 700_000)), "expected at most 600000 commas, got 700000"),
         ("b.kml", kml(placemark("1,1 " * 250_000)), "polygon 1 .*: expected at most 200000 vertices, got 200001"),
-        ("c.kml", kml("<a " + " ".join(f'b{k}=""' for k in range(300_000)) + "/>"), "at most 300000 elements and attributes"),
+        ("c.kml", kml("<a " + " ".join(f'b{k}=""' for k in range(600_001)) + "/>"), "at most 300000 elements and attributes"),
         ("b.geojson", "[" + "{}," * 4_000_000 + "{}]", "expected JSON of at most 600000000 bytes in memory, got about"),
         ("c.geojson", "[" * 100_000, "expected JSON, got lists and objects that are nested too deeply"),
         ("d.geojson", '{"type": "Point", "type": "Polygon"}', "expected each name once, got 'type' again, with 'Polygon'"),
@@ -276,3 +278,53 @@ def test_a_problem_file_with_a_repeated_field_is_refused(tmp_path):
     text = json.dumps({"kind": "search", "region": "square:100", "robots": 2})[:-1] + ', "robots": 3}'
     with pytest.raises(InvalidInputError, match=r"a.json: expected each name once, got 'robots' again, with 3"):
         load_problem(saved(tmp_path, "a.json", text))
+
+
+def star(spikes, inner, outer):
+    ways = np.arange(2 * spikes) * np.pi / spikes
+    far = np.where(np.arange(2 * spikes) % 2, outer, inner)
+    return shapely.Polygon(np.stack([far * np.cos(ways), far * np.sin(ways)], axis=1))
+
+
+def test_a_ring_whose_sides_all_meet_is_refused_before_it_is_checked(monkeypatch):
+    monkeypatch.setattr(outline_checks, "MOST_CONTACTS", 1_000_000)
+    with pytest.raises(InvalidInputError, match=r"expected at most 1000000 pairs of sides .* got more, with 10000 vertices"):
+        open_region(star(5000, 100, 1000))
+    assert open_region(shapely.Point(0, 0).buffer(300, quad_segs=2500)).area_m2 > 0
+
+
+def test_a_ring_of_spikes_is_refused_before_it_is_planned():
+    for shape, footprint in ((star(3000, 100, 1000), 50.0), (star(3000, 100, 110), 10.0)):
+        problem = SearchProblem(open_region(shape), robots=2, footprint=footprint)
+        with pytest.raises(InvalidInputError, match=r"wider than its footprint .* got 6000 sides and a mean width"):
+            problem.check_at_place()
+    corridor = shapely.LineString([(k * 20.0, 40 * (k % 2)) for k in range(1000)]).buffer(2.5)
+    round_field = shapely.Point(0, 0).buffer(300, quad_segs=20_000)
+    for shape, footprint in (
+        (star(40, 300, 500), 20.0),
+        (corridor, 20.0),
+        (round_field, 20.0),
+        (shapely.box(0, 0, 0.3, 400), 20.0),
+    ):
+        SearchProblem(open_region(shape), robots=2, footprint=footprint).check_at_place()
+
+
+def test_shapes_of_a_geopackage_have_a_budget_and_are_never_computed(tmp_path, monkeypatch):
+    import pyogrio
+
+    path = tmp_path / "a.gpkg"
+    shapes = np.array([shapely.to_wkb(shapely.Polygon(FIELD))] * 20, dtype=object)
+    pyogrio.raw.write(path, shapes, [], [], crs="EPSG:4326", geometry_type="Polygon", driver="GPKG", layer="a")
+    assert open_region(path).area_m2 == pytest.approx(geodesic_area(FIELD), rel=1e-6)
+    with closing(sqlite3.connect(path)) as database:
+        (column,) = database.execute("SELECT column_name FROM gpkg_geometry_columns").fetchone()
+        database.execute("ALTER TABLE a ADD COLUMN huge BLOB GENERATED ALWAYS AS (zeroblob(19000000)) VIRTUAL")
+        database.execute("UPDATE gpkg_geometry_columns SET column_name = 'huge'")
+        database.commit()
+        with pytest.raises(InvalidInputError, match="layer 'a': expected a stored column 'huge' of shapes, got none"):
+            open_region(path)
+        database.execute("UPDATE gpkg_geometry_columns SET column_name = ?", (column,))
+        database.commit()
+    monkeypatch.setattr(geopackage, "LARGEST_FILE", 1000)
+    with pytest.raises(InvalidInputError, match="layer 'a': expected at most 1000 bytes of shapes, got"):
+        open_region(path)

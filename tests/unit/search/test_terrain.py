@@ -16,6 +16,7 @@ from tests.reference.missions import READERS
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.search import LocalFrame
+from shoal.search.flight import terrain_files
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.terrain_files import open_terrain
@@ -271,3 +272,23 @@ def test_a_flight_needs_what_its_altitude_counts_from():
         Flight(vehicle_of("multirotor"), np.zeros(2), altitude_frame="ground")
     rover = Flight(vehicle_of("rover"), np.zeros(2), altitude_frame="ground")
     assert rover.waypoints(np.array([(5.0, 0.0)])).tolist() == [[5.0, 0.0, 0.0]]
+
+
+def test_an_ascii_grid_is_read_piece_by_piece(tmp_path, monkeypatch):
+    head = "ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\nNODATA_value -9999\n"
+    path = tmp_path / "a.asc"
+    path.write_text(head + "1 22.25 333\n-9999\t5\n6" + "\n" * 2_000_000)
+    whole = open_terrain(path).heights
+    monkeypatch.setattr(terrain_files, "_AT_ONCE", 20)
+    pieces = open_terrain(path).heights
+    assert np.array_equal(whole, [[1, 22.25, 333], [np.nan, 5, 6]], equal_nan=True)
+    assert np.array_equal(whole, pieces, equal_nan=True)
+    for numbers, words in (
+        ("1 2 3\n4 5 x6\n", "line 8: expected numbers, got "),
+        ("1 2 3\n4 5 6 7", "expected 6 heights, ncols times nrows, got more"),
+        ("1 2 3\n4 5", "expected 6 heights, ncols times nrows, got 5"),
+        ("1" * 100, "line 7: expected numbers, got '1111"),
+    ):
+        path.write_text(head + numbers)
+        with pytest.raises(InvalidInputError, match=words):
+            open_terrain(path)

@@ -42,9 +42,8 @@ Method = Annotated[
     str,
     typer.Option(
         "--method",
-        help="Method of the confidence intervals: t (Student), log (Student on a log scale, never below 0) or bootstrap. auto "
-        "means "
-        "log for counts.",
+        help="Method of the confidence intervals: t (Student), log (Student on a log scale, never below 0; in comparisons, an "
+        "interval of the ratio) or bootstrap. auto means log for means of counts, and t for differences.",
     ),
 ]
 
@@ -107,10 +106,12 @@ def summary(
         print_json(result)
         return
     title = f"{wanted} along {compare}, on the same seeds"
-    _print_summary(rows, pairs, compare, means=f"{wanted} of {chosen}", along=title, level=level)
+    _print_summary(rows, pairs, compare, means=f"{wanted} of {chosen}", along=title, level=level, method=way)
 
 
-def _print_summary(rows: Sequence[Row], pairs: Sequence[Any], compare: str | None, *, means: str, along: str, level: float) -> None:
+def _print_summary(
+    rows: Sequence[Row], pairs: Sequence[Any], compare: str | None, *, means: str, along: str, level: float, method: str
+) -> None:
     print_columns(
         [*rows[0].values] if rows else [],
         [f"mean [{100 * level:g} % interval]"],
@@ -120,7 +121,7 @@ def _print_summary(rows: Sequence[Row], pairs: Sequence[Any], compare: str | Non
     if pairs:
         print_columns(
             [*pairs[0][0], str(compare)],
-            ["difference", "ratio", "effect", "p"],
+            ["difference", f"ratio [{100 * level:g} % interval]" if method == "log" else "ratio", "effect", "p"],
             [[*map(str, others.values()), *_compared(f"{second} less {first}", found)] for others, first, second, found in pairs],
             title=along,
         )
@@ -128,8 +129,8 @@ def _print_summary(rows: Sequence[Row], pairs: Sequence[Any], compare: str | Non
 
 def _compared(names: str, found: Comparison | None) -> list[str]:
     if found is None:
-        return [f"{names}: not comparable, fewer than two trials of both, or none of them finished", *4 * ["-"]]
-    return [f"{names}{found.note}", str(found.difference), f"{found.ratio:.4g}", f"{found.effect:.3g}", f"{found.p_value:.2g}"]
+        return [names, "not comparable, fewer than two trials of both, or none of them finished", *3 * ["-"]]
+    return [f"{names}{found.note}", str(found.difference), found.ratio_text, f"{found.effect:.3g}", f"{found.p_value:.2g}"]
 
 
 def _say_if_mixed(store: Store, name: str) -> None:

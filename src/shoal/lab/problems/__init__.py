@@ -17,7 +17,16 @@ from shoal.lab.problems.base import MeasuredProblem
 from shoal.lab.problems.function import FunctionProblem
 from shoal.lab.problems.line import LineProblem, ScheduleProblem
 
-__all__ = ["KINDS", "FunctionProblem", "LineProblem", "ScheduleProblem", "trial", "trial_problem", "trial_problem_type"]
+__all__ = [
+    "KINDS",
+    "FunctionProblem",
+    "LineProblem",
+    "ScheduleProblem",
+    "check_trial",
+    "trial",
+    "trial_problem",
+    "trial_problem_type",
+]
 
 _OWN: dict[str, type[MeasuredProblem]] = {kind.part: kind for kind in (LineProblem, ScheduleProblem, FunctionProblem)}
 KINDS = (*parts.PARTS, *_OWN)
@@ -42,6 +51,19 @@ def trial_problem(fields: Mapping[str, Any], *, where: str = "problem") -> Probl
 def trial_problem_type(kind: str) -> type[Problem]:
     """Return the problem class of a kind, such as "swarm" or "line"."""
     return _OWN.get(kind) or parts.problem_type(kind)
+
+
+def check_trial(problem: Problem) -> None:
+    """Refuse a problem of which no trial can run, at its place: settings, names, files and third-party code.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+    """
+    if isinstance(problem, MeasuredProblem):
+        problem.check_at_place()
+    else:
+        parts.check(problem)
 
 
 def trial(problem: Problem, seed: int) -> list[Any]:

@@ -196,7 +196,7 @@ class RegionPaths:
             if not self.transit:
                 raise InvalidInputError(
                     f"path: expected two places in one part of the region {self.grid.region.name!r}, "
-                    f"got {text_of(start)} and {text_of(end)} in different parts; use the option transit if vehicles may "
+                    f"got {text_of(start)} and {text_of(end)} in different parts; use --transit if vehicles may "
                     "leave the region"
                 )
             return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -24,6 +24,7 @@ _MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED, _VERTICAL_UNIT = 1024, 1025, 2048, 307
 _OWN = 32767  # a system without an EPSG code
 _METRE = 9001
 _HEAD = ("ncols", "nrows", "cellsize")
+_AT_ONCE = 2**20  # characters of text that are read at once
 _SANE = 20_000.0  # metres: no point on Earth is higher or deeper
 
 
@@ -151,35 +152,26 @@ def _without(heights: Floats, no_data: str) -> Floats:
         missing = float(no_data)
     except ValueError:
         return heights
-    return np.where(
-        np.isclose(heights, missing, rtol=1e-6, atol=0.0) if np.isfinite(missing) else np.isnan(heights), np.nan, heights
-    )
+    if np.isfinite(missing):
+        heights[np.abs(heights - missing) <= 1e-6 * abs(missing)] = np.nan
+    return heights
 
 
 def _ascii_grid(source: Path) -> Terrain:
-    lines = read_text(source, what="file of heights", most=LARGEST_TERRAIN).split("\n")
-    head: dict[str, float] = {}
-    for begin, line in enumerate(lines):
-        parts = line.split()
-        if len(parts) != 2 or not parts[0][0].isalpha() or parts[0].lower() in head:
-            break
-        try:
-            head[parts[0].lower()] = float(parts[1])
-        except ValueError:
-            raise InvalidInputError(
-                f"{source}, line {begin + 1}: expected a number as {shortened(parts[0])}, got {shortened(parts[1])}"
-            ) from None
-    for name in _HEAD:
-        if not (head.get(name, 0.0) > 0 and np.isfinite(head[name])):
-            raise InvalidInputError(
-                f"{source}: expected {name} above 0 in the head of an ESRI ASCII grid, got {head.get(name, 'none')}"
-            )
+    try:
+        with source.open(encoding="utf-8-sig") as file:
+            head, line, number = _head(source, file)
+            rows, columns = int(head["nrows"]), int(head["ncols"])
+            _check_size(source, rows, columns)
+            heights = _numbers(source, file, line, number, rows * columns).reshape(rows, columns)
+    except UnicodeDecodeError as error:
+        raise InvalidInputError(f"{source}: expected text in UTF-8, got byte 0x{error.object[error.start]:02x}") from None
+    except OSError as error:
+        raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     corner = [next((head[f"{axis}ll{kind}"] for kind in ("center", "corner") if f"{axis}ll{kind}" in head), None) for axis in "xy"]
     if corner[0] is None or corner[1] is None:
         raise InvalidInputError(f"{source}: expected xllcorner and yllcorner, or xllcenter and yllcenter, got none")
-    columns, rows, size = int(head["ncols"]), int(head["nrows"]), head["cellsize"]
-    _check_size(source, rows, columns)
-    heights = _numbers(source, lines, begin, rows * columns).reshape(rows, columns)
+    size = head["cellsize"]
     half = 0.0 if "xllcenter" in head else 0.5
     west, south = corner[0] + half * size, corner[1] + half * size
     heights = _without(heights, str(head.get("nodata_value", -9999.0)))
@@ -187,18 +179,66 @@ def _ascii_grid(source: Path) -> Terrain:
     return Terrain(heights, west, north, (size, size), _system_beside(source), str(source))
 
 
-def _numbers(source: Path, lines: list[str], begin: int, count: int) -> Floats:
-    """Read all numbers in the lines of a file, beginning with the line ``begin``."""
-    rows = []
-    for number, line in enumerate(lines[begin:], start=begin + 1):
+def _head(source: Path, file: TextIO) -> tuple[dict[str, float], str, int]:
+    """Read the head of an ESRI ASCII grid. Return its fields, the first line after the head, and the number of this line."""
+    head: dict[str, float] = {}
+    number = 1
+    while True:
+        line = file.readline(_AT_ONCE)
+        parts = line.split()
+        if len(parts) != 2 or not parts[0][0].isalpha() or parts[0].lower() in head:
+            break
         try:
-            rows.append(np.array(line.split(), dtype=np.float64))
+            head[parts[0].lower()] = float(parts[1])
         except ValueError:
+            raise InvalidInputError(
+                f"{source}, line {number}: expected a number as {shortened(parts[0])}, got {shortened(parts[1])}"
+            ) from None
+        number += 1
+    for name in _HEAD:
+        if not (head.get(name, 0.0) > 0 and np.isfinite(head[name])):
+            raise InvalidInputError(
+                f"{source}: expected {name} above 0 in the head of an ESRI ASCII grid, got {head.get(name, 'none')}"
+            )
+    return head, line, number
+
+
+def _numbers(source: Path, file: TextIO, text: str, number: int, count: int) -> Floats:
+    """Read ``count`` numbers from a text, which begins in the line ``number``, and from the rest of a file, piece by piece."""
+    found, filled = np.empty(count), 0
+    while True:
+        piece = file.read(_AT_ONCE)
+        text += piece
+        cut = len(text) if not piece else max(text.rfind(blank) for blank in " \n\t") + 1
+        words, text = text[:cut], text[cut:]
+        try:
+            numbers = np.array(words.split(), dtype=np.float64)
+        except ValueError:
+            number, line = _wrong_line(words, number)
             raise InvalidInputError(f"{source}, line {number}: expected numbers, got {shortened(line)}") from None
-    found = np.concatenate([np.zeros(0), *rows])
-    if len(found) != count:
-        raise InvalidInputError(f"{source}: expected {count} heights, ncols times nrows, got {len(found)}")
-    return np.where(np.isfinite(found), found, np.nan)
+        if filled + len(numbers) > count:
+            raise InvalidInputError(f"{source}: expected {count} heights, ncols times nrows, got more")
+        if len(text) > _AT_ONCE:
+            raise InvalidInputError(f"{source}, line {number}: expected numbers, got {shortened(text[:60])}")
+        found[filled : filled + len(numbers)] = numbers
+        filled, number = filled + len(numbers), number + words.count("\n")
+        if not piece:
+            break
+    if filled != count:
+        raise InvalidInputError(f"{source}: expected {count} heights, ncols times nrows, got {filled}")
+    found[~np.isfinite(found)] = np.nan
+    return found
+
+
+def _wrong_line(text: str, number: int) -> tuple[int, str]:
+    """Return the number and the text of the first line that holds anything but numbers; the text begins in the line ``number``."""
+    for line in text.split("\n"):
+        try:
+            np.array(line.split(), dtype=np.float64)
+        except ValueError:
+            return number, line
+        number += 1
+    return number, text
 
 
 def _system_beside(source: Path) -> str:

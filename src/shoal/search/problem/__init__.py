@@ -33,6 +33,7 @@ from shoal.search.problem.fields import (
 from shoal.search.regions.builder import INNER, open_region
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import with_margin
+from shoal.search.regions.outline_checks import check_spikes
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR = "spanning-tree"
@@ -344,6 +345,7 @@ class SearchProblem(Problem):
         InvalidInputError
         """
         region: SearchRegion = self.place
+        check_spikes(region.area, float(np.min(self.chosen_footprint)), f"region {region.name!r}")
         if region.height and self.altitudes[-1] > region.height:
             raise InvalidInputError(
                 f"bands: expected altitudes up to {region.height:g} m, the top of the box, got {self.altitudes[-1]:g} m"

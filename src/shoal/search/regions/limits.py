@@ -29,6 +29,12 @@ MOST_PAIRS = 200_000
 MOST_CROSSINGS = 2_000_000
 """Maximum number of pairs of sides of two polygons whose bounding boxes overlap, and which may therefore cross."""
 
+MOST_CONTACTS = 40_000_000
+"""Maximum number of pairs of sides of one ring whose bounding boxes overlap."""
+
+MOST_CUTS = 50_000
+"""Maximum number of long sides of a region, times the length of its border in cells for each cell of area."""
+
 MOST_ELEMENTS = 300_000
 """Maximum number of elements in a KML file."""
 

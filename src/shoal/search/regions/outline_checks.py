@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.limits import MOST_CROSSINGS, MOST_PAIRS, check_count
+from shoal.search.regions.limits import MOST_CONTACTS, MOST_CROSSINGS, MOST_CUTS, MOST_PAIRS, check_count
 
 Points = NDArray[np.float64]
 
@@ -134,6 +134,13 @@ def _check_shape(corners: Points, ring: Ring) -> None:
 
     size = float(np.ptp(corners, axis=0).max())
     alone = Polygon(corners)
+    if len(corners) ** 2 > MOST_CONTACTS:  # the work of the next checks grows with the number of sides that are near each other
+        sides = _sides(alone, [-np.inf, -np.inf, np.inf, np.inf])
+        if _meeting_sides(sides, sides, most=MOST_CONTACTS) > MOST_CONTACTS:
+            raise InvalidInputError(
+                f"{ring.where}: expected at most {MOST_CONTACTS} pairs of sides whose bounding boxes overlap, got more, with "
+                f"{len(corners)} vertices; simplify the ring"
+            )
     flat = MultiPoint(corners).convex_hull.area <= _FLAT * size * size
     if flat or (alone.is_valid and alone.area <= _FLAT * size * size):
         raise InvalidInputError(
@@ -170,12 +177,13 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
         If `check_ring` refuses a ring, or if a hole lies outside the outer ring, crosses another ring, or shares a side with
         another ring.
     """
-    from shapely import Polygon
+    from shapely import Polygon, prepare
     from shapely.validation import explain_validity
 
     corners = [check_ring(ring, closed=closed) for ring in outline.rings]
     shell = Polygon(corners[0])
     holes = [Polygon(ring) for ring in corners[1:]]
+    prepare(shell)
     for ring, hole in zip(outline.holes, holes, strict=True):
         if shell.covers(hole):
             continue
@@ -221,6 +229,30 @@ def check_overlaps(polygons: list[Any], where: str) -> None:
                 )
 
 
+def check_spikes(area: Any, footprint: float, where: str) -> None:
+    """Refuse an area that its border cuts into far more pieces than it has cells, before the area is divided into cells.
+
+    The measure is the number of sides longer than a quarter of a cell, times the length of the border in cells for each cell of
+    area. A smooth border has few such sides for its area, and a long corridor has many cells. A ring of 3,000 spikes of one
+    kilometre around 0.3 km2 has 6,000 sides and 860 cells of border for each cell of 50 m.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    import shapely
+
+    points, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(area)), return_index=True)
+    lengths = np.hypot(*np.diff(points, axis=0).T)[ring[1:] == ring[:-1]]
+    sides = int((lengths > footprint / 4).sum())
+    if sides * float(lengths.sum()) * footprint > MOST_CUTS * float(area.area):
+        wide = 2 * float(area.area) / float(lengths.sum())
+        raise InvalidInputError(
+            f"{where}: expected a region that is wider than its footprint of {footprint:g} m in most places, got {sides} "
+            f"sides and a mean width of {wide:.2g} m; simplify the border, or use a smaller footprint"
+        )
+
+
 def _sides(polygon: Any, box: list[float]) -> Any:
     """Return the sides of a polygon that may lie in a box (left, low, right, high), as Shapely lines."""
     import shapely
@@ -231,15 +263,15 @@ def _sides(polygon: Any, box: list[float]) -> Any:
     return shapely.linestrings(ends[near])
 
 
-def _meeting_sides(sides: Any, others: Any) -> int:
-    """Return the number of pairs of sides whose bounding boxes overlap, or a number above `MOST_CROSSINGS` as soon as it is."""
+def _meeting_sides(sides: Any, others: Any, *, most: int = MOST_CROSSINGS) -> int:
+    """Return the number of pairs of sides whose bounding boxes overlap. The count ends as soon as it is above ``most``."""
     import shapely
 
     tree, count = shapely.STRtree(others), 0
     at_once = max(1, MOST_CROSSINGS // max(1, len(others)))
     for first in range(0, len(sides), at_once):
         count += tree.query(sides[first : first + at_once]).shape[1]
-        if count > MOST_CROSSINGS:
+        if count > most:
             break
     return count
 

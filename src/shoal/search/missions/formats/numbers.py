@@ -8,8 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from shoal.core.checks import check_json_memory
+from shoal.core.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Sheet, decimals_of
 from shoal.search.regions.projection import DECIMALS
+
+_MOST_VALUES = 2_000_000
 
 
 def degrees(value: float) -> str:
@@ -51,8 +55,14 @@ class Number(float):
 
 def load_json(text: str, sheet: Sheet) -> Any:
     """Parse the JSON text of a mission file. Numbers with decimals become `Number`. An invalid text makes the sheet unreadable."""
+    if (values := text.count(",")) > _MOST_VALUES:  # each `Number` needs about 150 bytes
+        sheet.add("unreadable", "", f"expected at most {_MOST_VALUES} values, got {values}")
+        return None
     try:
+        check_json_memory(text, where="")
         return json.loads(text, parse_float=Number)
+    except InvalidInputError as error:
+        sheet.add("unreadable", "", str(error).removeprefix(": "))
     except json.JSONDecodeError as error:
         sheet.add("unreadable", f"line {error.lineno}", f"expected JSON, got something else: {error.msg.lower()}")
     except (RecursionError, ValueError):

@@ -110,6 +110,9 @@ def parse_xml(text: str, *, root: str) -> Element:
         If the text is not XML, is too large or too deeply nested, or has another root element. If only the root element is wrong,
         the attribute ``readable`` of the error is true.
     """
+    # Checked before parsing: the parser collects all attributes of an element before it reports the element.
+    if text.count('="') + text.count("='") > 2 * MOST_ELEMENTS:
+        raise XmlError(f"expected at most {MOST_ELEMENTS} elements and attributes, got more", 1)
     parser = expat.ParserCreate("utf-8")  # the text is already decoded, so the parser ignores the encoding that the text declares
     parser.buffer_text = True
     top = Element("", 0, {})
