@@ -349,7 +349,7 @@ class NoisyRigSwarm(RigSwarm):
             self.monitor.compare(command, self.observations[-1], cells, inside, self._once_free.mask)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
-        self.monitor.count(self._noisy.particles)
+        self.monitor.count(len(cells))
         self._take_over()
         self.moved = self.moved or self.monitor.moved
         self.unproven = self.unproven + classified if self.monitor.since_motion else 0
