@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shoal.core.counts import count_text
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, RigError
 from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.scans import AXES, states_of_run
@@ -35,6 +35,7 @@ KINDS = {
     "rule": "a position does not follow from the command and the known free cells",
     "rates": "the observed rates of errors are far from the stated rates",
     "stop": "the rig has not confirmed the stop command",
+    "failure": "the rig does not answer, or reports an error",
 }
 """The kinds of alarms, and what each kind means."""
 CRITICAL = 1e-9  # probability under the stated rates from which on the rates cannot be true
@@ -65,6 +66,10 @@ class Alarm:
     kind: str
     move: int
     text: str
+
+
+class PositionError(RigError):
+    """Raised if a position is not a cell of the field of view: not two or three whole numbers, or outside."""
 
 
 class AlarmRaised(Exception):  # noqa: N818 - no error for callers: it ends the loop, and becomes an alarm of the result

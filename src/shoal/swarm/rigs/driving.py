@@ -30,9 +30,9 @@ from shoal.swarm.kernels.noise.noisy_episode import PATIENCE
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies import POLICIES, Manual, View, shown_name
 from shoal.swarm.problem import DRIVEN, SwarmProblem
-from shoal.swarm.rigs.checks import Alarm, AlarmRaised, Rate, Trust, trust_of
+from shoal.swarm.rigs.checks import Alarm, AlarmRaised, PositionError, Rate, Trust, trust_of
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, map_digest, read_log
-from shoal.swarm.rigs.protocol import Rig
+from shoal.swarm.rigs.protocol import LARGEST_VIEW, Rig
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.simulated import NoisyRig, SimulatedRig
 from shoal.swarm.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
@@ -41,8 +41,6 @@ from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 ROUNDS = 12  # rounds of test moves in all directions, after which a rig with noise is driven without a verdict
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
-LARGEST_VIEW = 2**24
-"""Maximum number of cells in the field of view of a rig. A larger field needs more than 1 GiB and a second for each move."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,6 +271,8 @@ def _driven(
         raise failure
     if failure is None:
         status = _judged(status, swarm, alarms)
+    elif isinstance(failure, Exception):
+        alarms.insert(0, Alarm("outside" if isinstance(failure, PositionError) else "failure", swarm.moves, str(failure)))
     alarms += swarm.marks()
     trace = recorder.trace
     if log is not None:  # even if the rig did not confirm the stop

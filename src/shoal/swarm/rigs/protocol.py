@@ -7,6 +7,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+LARGEST_VIEW = 2**22
+"""Maximum number of cells in the field of view of a rig, such as 2048 times 2048: a drive then needs less than 1 GiB."""
+
 
 @runtime_checkable
 class Rig(Protocol):
