@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shoal.core.counts import count_text
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, RigError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.scans import AXES, states_of_run
@@ -66,10 +66,6 @@ class Alarm:
     kind: str
     move: int
     text: str
-
-
-class PositionError(RigError):
-    """Raised if a position is not a cell of the field of view: not two or three whole numbers, or outside."""
 
 
 class AlarmRaised(Exception):  # noqa: N818 - no error for callers: it ends the loop, and becomes an alarm of the result

@@ -30,9 +30,9 @@ from shoal.swarm.kernels.noise.noisy_episode import PATIENCE
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies import POLICIES, Manual, View, shown_name
 from shoal.swarm.problem import DRIVEN, SwarmProblem
-from shoal.swarm.rigs.checks import Alarm, AlarmRaised, PositionError, Rate, Trust, trust_of
+from shoal.swarm.rigs.checks import Alarm, AlarmRaised, Rate, Trust, trust_of
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, map_digest, read_log
-from shoal.swarm.rigs.protocol import LARGEST_VIEW, Rig
+from shoal.swarm.rigs.protocol import LARGEST_VIEW, PositionError, Rig
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.simulated import NoisyRig, SimulatedRig
 from shoal.swarm.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm

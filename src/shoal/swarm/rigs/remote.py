@@ -31,7 +31,7 @@ from shoal.swarm.rigs.messages import (
     decode_message,
     encode_message,
 )
-from shoal.swarm.rigs.protocol import LARGEST_VIEW
+from shoal.swarm.rigs.protocol import LARGEST_VIEW, PositionError
 from shoal.swarm.rigs.transports import ConnectionCutError, Transport, open_transport
 
 OnEvent = Callable[[str, dict[str, Any]], None]
@@ -167,7 +167,7 @@ class RemoteRig:
         try:
             return check_cells(answer.cells, self.shape, what=f"{self.transport.name}: positions")
         except InvalidInputError as error:
-            raise RigError(str(error)) from None
+            raise PositionError(str(error)) from None
 
     def stop(self) -> None:
         """Stop the rig, even after an error. Repeat the stop request until the rig confirms the stop.

@@ -20,9 +20,9 @@ from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.trace import Row
 from shoal.swarm.noise.belief import PAD, NoisyBelief, inner_of
 from shoal.swarm.noise.model import LOSS, Noise
-from shoal.swarm.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, PositionError, explain_contradiction
+from shoal.swarm.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, explain_contradiction
 from shoal.swarm.rigs.log import DriveLog
-from shoal.swarm.rigs.protocol import Rig
+from shoal.swarm.rigs.protocol import PositionError, Rig
 from shoal.swarm.simulation.exact import distance_of_push, newly_classified
 
 
