@@ -223,7 +223,7 @@ def prepare(problem: SwarmProblem) -> None:
 @cache
 def _prepare(rule: str, policy: str, fields: tuple[tuple[str, Any], ...]) -> None:
     problem = SwarmProblem("rig", rule=rule, policy=policy, max_moves=40, **dict(fields))
-    workspace = GridWorkspace([[1, 1, 1], [1, 0, 1]])
+    workspace = GridWorkspace(np.array([[1, 1, 1], [1, 0, 1]], dtype=np.bool_))
     problem.check_policy(GridLayout(workspace.shape))
     rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
     if problem.noise is not None:
@@ -341,10 +341,10 @@ def _explored(
         _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
         if status is Status.COMPLETE and test:
             for _ in range(CLOSING):
-                command = swarm.command_that_moves() if swarm.unproven and recorder.moves < most else None
-                if command is None:
+                proof = swarm.command_that_moves() if swarm.unproven and recorder.moves < most else None
+                if proof is None:
                     break
-                send(command)
+                send(proof)
         if status is not Status.COMPLETE or swarm.finished:
             break
     return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED

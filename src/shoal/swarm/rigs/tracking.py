@@ -18,7 +18,7 @@ from shoal.swarm.grid.scans import states_of_run
 from shoal.swarm.grid.state import SwarmState, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.trace import Row
-from shoal.swarm.noise.belief import PAD, NoisyBelief, inner_of
+from shoal.swarm.noise.belief import NoisyBelief, padded_shape
 from shoal.swarm.noise.model import LOSS, Noise
 from shoal.swarm.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, explain_contradiction
 from shoal.swarm.rigs.log import DriveLog
@@ -345,7 +345,7 @@ class NoisyRigSwarm(RigSwarm):
         rows = self.predict(command, steps - 1)
         alone, self._unseen = self._unseen == 0, 0
         if alone:
-            inside = inner_of(self._noisy.state.inside, self.layout.shape, rim=PAD)
+            inside = self._noisy.state.inside.reshape(padded_shape(self.layout.shape))
             self.monitor.compare(command, self.observations[-1], cells, inside, self._once_free.mask)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
