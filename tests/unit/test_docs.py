@@ -89,6 +89,7 @@ MODULES = [
     "swarm.noise.map_errors",
     "swarm.noise.simulated",
     "swarm.grid.placements",
+    "swarm.rigs.checks",
     "swarm.rigs.driving",
     "swarm.rigs.transports",
     "swarm.rigs.log",

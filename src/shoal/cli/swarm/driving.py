@@ -115,7 +115,13 @@ def drive(
         if problem.cell_size is not None:
             spacing = (problem.cell_size,) * len(opened.shape)
         fields = {name: getattr(problem, name) for name in DRIVEN}
-        options = {"seed": seed, "log": book, "on_moves": moves_told(opened.name), "test_move": test_move, "spacing": spacing}
+        options: dict[str, Any] = {
+            "seed": seed,
+            "log": book,
+            "on_moves": moves_told(opened.name),
+            "test_move": test_move,
+            "spacing": spacing,
+        }
         failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)

@@ -205,7 +205,7 @@ class NoisyBelief:
         from scipy import ndimage
 
         passable = self.logit > -bound_of(self.confidence)
-        may_hold = inner_of(self.state.inside, self.layout.shape, rim=1) > MAY_HOLD
+        may_hold = np.asarray(inner_of(self.state.inside > MAY_HOLD, self.layout.shape, rim=1), dtype=np.bool_)
         parts, _ = ndimage.label(passable)
         reachable = np.isin(parts, np.unique(parts[may_hold & passable]))
         return bool(reachable.any()) and not bool((reachable & ~self.belief.open.mask).any())

@@ -35,14 +35,15 @@ KINDS = {
     "rule": "a position does not follow from the command and the known free cells",
     "rates": "the observed rates of errors are far from the stated rates",
     "stop": "the rig has not confirmed the stop command",
+    "failure": "the rig does not answer, or reports an error",
 }
 """The kinds of alarms, and what each kind means."""
 CRITICAL = 1e-9  # probability under the stated rates from which on the rates cannot be true
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 FEW = 30  # observations from which on a rate is judged
-WINDOW, SETTLING = 30, 10  # scans over which the number of particles is averaged; scans before it settles
-CORRELATED = 3  # scans after which the expected number of particles is independent of its value before
+WINDOW, LEAST = 30, 8  # scans over which a number of particles is averaged, and the fewest on each side of a change
+CHANGE = 4.0  # standard errors from which the number of particles has changed, at the most likely of all moments
 SURE, EMPTY = 0.9, 0.1  # probabilities of a particle in a cell that surely holds one, and in cells that hold none
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
 RECENT = 40  # particles with a free cell ahead whose motion is remembered
@@ -180,7 +181,7 @@ class NoiseMonitor:
     Each pair of scans gives three kinds of evidence. (1) Motion along an axis: the number of pairs of detections one cell ahead
     minus the number of pairs one cell behind. If nothing moves, the two scans are exchangeable, so that the difference is 0 on
     average, however dense the particles are. (2) The fate of particles that no other particle is near: missed, moved, stayed, or
-    displaced to the side. (3) The number of particles in the belief, averaged over scans.
+    displaced to the side. (3) The number of detections in each scan.
 
     Parameters
     ----------
@@ -193,13 +194,13 @@ class NoiseMonitor:
         self.noise, self.shape, self.ndim = noise, np.array(shape), len(shape)
         sizes = [size + 8 for size in shape]  # no neighbour of a rim cell wraps around
         self._strides = np.array([int(np.prod(sizes[axis + 1 :])) for axis in range(self.ndim)], dtype=np.int64)
-        self.missed, self.stayed, self.aside = [0, 0], [0, 0], [0, 0]  # events, trials
+        self.missed, self.stayed, self.aside, self.leapt = [0, 0], [0, 0], [0, 0], [0, 0]  # events, trials
         # by the axis of the command and the axis of the motion; positive along the command
         self.advance, self.variance = np.zeros((self.ndim, self.ndim)), np.zeros((self.ndim, self.ndim))
         self.drift = np.zeros(self.ndim)  # sum of the displacements of single particles across the axis of the command
         self.recent: deque[bool] = deque(maxlen=RECENT)  # whether a particle with a free cell ahead stayed
         self.since_motion = 0  # commands since a particle was last seen to move
-        self._numbers: list[float] = []
+        self._numbers: list[int] = []
 
     @property
     def hit(self) -> float:
@@ -249,7 +250,7 @@ class NoiseMonitor:
             ahead[axis] = sign
             self._see_motion(cells, ahead, first, second, inside, free)
             if len(after):
-                self._follow(cells, after, axis, inside)
+                self._follow(cells, after, ahead, inside)
 
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         flat: NDArray[np.int64] = (cells + 4) @ self._strides
@@ -278,8 +279,10 @@ class NoiseMonitor:
         if not stayed.all():
             self.since_motion = 0
 
-    def _follow(self, cells: NDArray[np.int64], after: NDArray[np.int64], axis: int, inside: NDArray[np.float64]) -> None:
-        """Count the single particles that were missed, and that were seen to one side of their line."""
+    def _follow(
+        self, cells: NDArray[np.int64], after: NDArray[np.int64], ahead: NDArray[np.int64], inside: NDArray[np.float64]
+    ) -> None:
+        """Count the single particles that were missed, that were seen to one side of their line, and that moved by two cells."""
         from scipy.spatial import KDTree
 
         boxes = np.lib.stride_tricks.sliding_window_view(inside, (2 * NEAR + 1,) * self.ndim)
@@ -295,24 +298,37 @@ class NoiseMonitor:
                 self.missed[0] += 1
                 continue
             way = after[near[0]] - cell
-            way[axis] = 0
+            self.leapt[0] += int(way @ ahead == NEAR)
+            self.leapt[1] += 1
+            way[ahead != 0] = 0
             self.aside[0] += int(way.any())
             self.aside[1] += 1
             self.drift += way
 
-    def count(self, particles: float) -> None:
-        """Remember the expected number of particles after one scan."""
-        self._numbers.append(particles)
+    def count(self, detections: int) -> None:
+        """Remember the number of detections in one scan."""
+        self._numbers.append(detections)
 
     @property
-    def numbers(self) -> tuple[float, float, float] | None:
-        """Number of particles at the start, now, and the standard error of the difference. None for short drives."""
-        told = np.array(self._numbers[SETTLING:])  # the first scans decide which particles exist
-        window = min(WINDOW, len(told) // 2)
-        if window < SETTLING:
+    def change(self) -> tuple[float, float] | None:
+        """Number of particles before and after the most likely moment of a change, or None if the number did not change.
+
+        Unlike the number of particles in the belief, the number of detections has the same bias in known and in unknown regions.
+        """
+        told = np.array(self._numbers) / (1 - self.noise.miss)
+        before = np.arange(LEAST, len(told) - LEAST + 1)
+        if not len(before):
             return None
-        first, last = told[:window], told[-window:]
-        return float(first.mean()), float(last.mean()), sqrt((first.var() + last.var()) * CORRELATED / window)
+        after = len(told) - before
+        sums, squares = np.cumsum(told), np.cumsum(told**2)
+        left, right = sums[before - 1] / before, (sums[-1] - sums[before - 1]) / after
+        spread = squares[-1] - before * left**2 - after * right**2  # around the two means
+        errors = np.sqrt(np.maximum(spread, 0.1) / len(told) * (1 / before + 1 / after))
+        best = int(np.argmax(np.abs(left - right) / errors))
+        if abs(left[best] - right[best]) < max(0.5, CHANGE * errors[best]):
+            return None
+        window = min(WINDOW, int(before[best]), int(after[best]))
+        return float(told[:window].mean()), float(told[-window:].mean())
 
     @property
     def moved(self) -> bool:
@@ -355,6 +371,10 @@ class NoiseMonitor:
                 f"stated slip {self.noise.slip:g} does not explain: the magnets do nothing, or the camera shows an old picture"
             )
             return Alarm("still", move, f"move {move}: {text}")
+        leaps, trials = self.leapt
+        if leaps > 3 and tail(leaps, trials, 2 * self.share + 1e-3) < CRITICAL:
+            text = f"{leaps} of {count_text(trials, 'single particle')} moved by two cells: commands are carried out twice"
+            return Alarm("twice", move, f"move {move}: {text}")
         # as long as nothing moves along the commands, the scans are exchangeable, and motion to the sides shows as well
         across = np.abs(self.advance) > np.maximum(SIGMAS * np.sqrt(self.variance), 3.0)
         if not self.moved and (across & ~np.eye(self.ndim, dtype=bool)).any():
@@ -378,16 +398,16 @@ class NoiseMonitor:
             amount = self.drift[axis] / trials
             text = f"the particles drift along the {axis_name(axis, self.ndim)} by {amount:+.2f} cells a move, whatever the command"
             alarms.append(Alarm("drift", move, text))
-        if self.numbers is not None:
-            first, last, doubt = self.numbers
-            if abs(last - first) > max(0.6, 3 * doubt) and round(first) != round(last):
-                text = f"about {round(first)} particles at the start, about {round(last)} now"
-                text += (
-                    ": particles that scans did not show for longer than the miss rate explains were taken out of the belief"
-                    if last < first
-                    else ": scans show more particles than the drive began with"
-                )
-                alarms.append(Alarm("number", move, text))
+        if self.change is not None:
+            first, last = (round(number) for number in self.change)
+            text = f"about {first} particles at the start, about {last} now"
+            if first > last:
+                text += ": particles that scans did not show for longer than the miss rate explains were taken out of the belief"
+            elif first < last:
+                text += ": scans show more particles than at the start"
+            else:
+                text += ", and other numbers in between"
+            alarms.append(Alarm("number", move, text))
         return alarms
 
 

@@ -32,7 +32,7 @@ from shoal.swarm.policies import POLICIES, Manual, View, shown_name
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.rigs.checks import Alarm, AlarmRaised, Rate, Trust, trust_of
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, map_digest, read_log
-from shoal.swarm.rigs.protocol import Rig
+from shoal.swarm.rigs.protocol import LARGEST_VIEW, PositionError, Rig
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.simulated import NoisyRig, SimulatedRig
 from shoal.swarm.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
@@ -41,8 +41,6 @@ from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 ROUNDS = 12  # rounds of test moves in all directions, after which a rig with noise is driven without a verdict
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
-LARGEST_VIEW = 2**24
-"""Maximum number of cells in the field of view of a rig. A larger field needs more than 1 GiB and a second for each move."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +223,7 @@ def prepare(problem: SwarmProblem) -> None:
 @cache
 def _prepare(rule: str, policy: str, fields: tuple[tuple[str, Any], ...]) -> None:
     problem = SwarmProblem("rig", rule=rule, policy=policy, max_moves=40, **dict(fields))
-    workspace = GridWorkspace([[1, 1, 1], [1, 0, 1]])
+    workspace = GridWorkspace(np.array([[1, 1, 1], [1, 0, 1]], dtype=np.bool_))
     problem.check_policy(GridLayout(workspace.shape))
     rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
     if problem.noise is not None:
@@ -273,6 +271,8 @@ def _driven(
         raise failure
     if failure is None:
         status = _judged(status, swarm, alarms)
+    elif isinstance(failure, Exception):
+        alarms.insert(0, Alarm("outside" if isinstance(failure, PositionError) else "failure", swarm.moves, str(failure)))
     alarms += swarm.marks()
     trace = recorder.trace
     if log is not None:  # even if the rig did not confirm the stop
@@ -341,10 +341,10 @@ def _explored(
         _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
         if status is Status.COMPLETE and test:
             for _ in range(CLOSING):
-                command = swarm.command_that_moves() if swarm.unproven and recorder.moves < most else None
-                if command is None:
+                proof = swarm.command_that_moves() if swarm.unproven and recorder.moves < most else None
+                if proof is None:
                     break
-                send(command)
+                send(proof)
         if status is not Status.COMPLETE or swarm.finished:
             break
     return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED

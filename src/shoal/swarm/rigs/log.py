@@ -22,7 +22,7 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.state import check_cells
 from shoal.swarm.problem import SwarmProblem
-from shoal.swarm.rigs.protocol import Rig
+from shoal.swarm.rigs.protocol import LARGEST_VIEW, Rig
 
 FORMAT: Literal[1] = 1
 LARGEST_LOG = 2**31  # bytes
@@ -252,6 +252,8 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
     problem = SwarmProblem.from_dict(header.problem, where=f"{source}, line 1")
     commands, scans, events, ended = "", {}, [], None
     shape = tuple(header.shape)
+    if int(np.prod(shape, dtype=object)) > LARGEST_VIEW:
+        raise InvalidInputError(f"{source}, line 1: expected a field of view of at most {LARGEST_VIEW} cells, got {shape}")
     letters = letters_of(len(shape))
     for number, entry in enumerate(entries[1:], start=2):
         where = f"{source}, line {number}"

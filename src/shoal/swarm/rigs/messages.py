@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from shoal.core.errors import InvalidInputError
 
 PROTOCOL: Literal[1] = 1
-LONGEST_LINE = 2**26  # bytes; a longer line counts as damaged
+LONGEST_LINE = 2**24  # bytes, a million positions; a longer line counts as damaged
 _CRC = re.compile(rb',"crc":"([0-9a-f]{8})"}$')
 
 

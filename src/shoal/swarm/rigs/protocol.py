@@ -7,6 +7,15 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.errors import RigError
+
+LARGEST_VIEW = 2**22
+"""Maximum number of cells in the field of view of a rig, such as 2048 times 2048: a drive then needs less than 1 GiB."""
+
+
+class PositionError(RigError):
+    """Raised if a position is not a cell of the field of view: not two or three whole numbers, or outside."""
+
 
 @runtime_checkable
 class Rig(Protocol):

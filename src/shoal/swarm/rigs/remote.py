@@ -15,7 +15,6 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.swarm.grid.commands import RULES, letters_of
 from shoal.swarm.grid.state import check_cells
-from shoal.swarm.maps.reading import MAX_CELLS
 from shoal.swarm.rigs.messages import (
     PROTOCOL,
     Again,
@@ -32,10 +31,11 @@ from shoal.swarm.rigs.messages import (
     decode_message,
     encode_message,
 )
+from shoal.swarm.rigs.protocol import LARGEST_VIEW, PositionError
 from shoal.swarm.rigs.transports import ConnectionCutError, Transport, open_transport
 
 OnEvent = Callable[[str, dict[str, Any]], None]
-"""Function that `RemoteRig` calls for an event: "cut", "reconnected", "damaged" or "resent", and the details of the event."""
+"""Function that `RemoteRig` calls for an event and its details: "cut", "reconnected", "damaged", "resent" or "doubled"."""
 REPEAT_AFTER, END_AFTER = 5.0, 60.0  # seconds
 FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between two attempts to reconnect
 STOP_EVERY = 0.5  # seconds between two stop commands until the rig confirms one
@@ -110,6 +110,7 @@ class RemoteRig:
         self.on_event: OnEvent = on_event or (lambda _what, _details: None)
         self.counts = LinkCounts()
         self._session, self._seq = session or secrets.token_hex(8), 0
+        self._repeated = 0  # the last request that was sent more than once
         self._heard = time.monotonic()
         self._welcome = self._connect(new=True)
 
@@ -166,7 +167,7 @@ class RemoteRig:
         try:
             return check_cells(answer.cells, self.shape, what=f"{self.transport.name}: positions")
         except InvalidInputError as error:
-            raise RigError(str(error)) from None
+            raise PositionError(str(error)) from None
 
     def stop(self) -> None:
         """Stop the rig, even after an error. Repeat the stop request until the rig confirms the stop.
@@ -234,6 +235,7 @@ class RemoteRig:
                 raise RigError(f"{self.transport.name}: expected the answer {kind.__name__.lower()!r}, got {answer.type!r}")
             self._check_silence()
             self.counts.resent += 1
+            self._repeated = request.seq
             self.on_event("resent", {"seq": request.seq})
 
     def _answer(self, seq: int) -> Any:
@@ -247,6 +249,9 @@ class RemoteRig:
             if getattr(message, "seq", None) == seq and not isinstance(message, Welcome):
                 self._heard = time.monotonic()
                 return message
+            if isinstance(message, Done | Positions) and self._repeated < message.seq < seq:
+                self.counts.doubled += 1
+                self.on_event("doubled", {"seq": message.seq})
         return None
 
     def _check_refusal(self, message: Message, seq: int | None) -> None:
@@ -310,9 +315,9 @@ class RemoteRig:
         """Check that the answer to the request hello comes from the expected rig and session."""
         if welcome.protocol != PROTOCOL:
             raise RigError(f"{self.transport.name}: expected a rig that speaks protocol {PROTOCOL}, got {welcome.protocol}")
-        if welcome.rule not in RULES or int(np.prod(welcome.shape, dtype=object)) > MAX_CELLS:
+        if welcome.rule not in RULES or int(np.prod(welcome.shape, dtype=object)) > LARGEST_VIEW:
             raise RigError(
-                f"{self.transport.name}: expected a rule out of {', '.join(RULES)} and at most {MAX_CELLS} cells, "
+                f"{self.transport.name}: expected a rule out of {', '.join(RULES)} and at most {LARGEST_VIEW} cells, "
                 f"got {welcome.rule!r} and {tuple(welcome.shape)}"
             )
         if new:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.errors import InvalidInputError, RigError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import encode, letters_of
@@ -18,11 +18,11 @@ from shoal.swarm.grid.scans import states_of_run
 from shoal.swarm.grid.state import SwarmState, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.trace import Row
-from shoal.swarm.noise.belief import PAD, NoisyBelief, inner_of
+from shoal.swarm.noise.belief import NoisyBelief, padded_shape
 from shoal.swarm.noise.model import LOSS, Noise
 from shoal.swarm.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, explain_contradiction
 from shoal.swarm.rigs.log import DriveLog
-from shoal.swarm.rigs.protocol import Rig
+from shoal.swarm.rigs.protocol import PositionError, Rig
 from shoal.swarm.simulation.exact import distance_of_push, newly_classified
 
 
@@ -108,7 +108,7 @@ class RigSwarm(ABC):
 
         Raises
         ------
-        RigError
+        PositionError
             Raised if a position is not a cell of the field of view or of the rim around it.
         """
         began = time.perf_counter()
@@ -118,7 +118,7 @@ class RigSwarm(ABC):
         try:
             return check_cells(seen, self.rig.shape, what="positions")
         except InvalidInputError as error:
-            raise RigError(f"the rig, after {self.moves} moves: {error}") from None
+            raise PositionError(f"the rig, after {self.moves} moves: {error}") from None
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
         """Send the command ``steps`` times. Observe the particles if ``scan`` is true or the outcome is uncertain.
@@ -152,7 +152,7 @@ class ExactRigSwarm(RigSwarm):
 
     Raises
     ------
-    RigError
+    PositionError
         Raised if the rig observes no particles at the start, or if a position lies outside the field of view.
     AlarmRaised
         Raised if the commands cannot explain the change of the positions between two observations.
@@ -250,13 +250,13 @@ class ExactRigSwarm(RigSwarm):
                     f"move {self.moves}: {self.state.n_particles} particles before, none now: the particles were lost or not seen"
                 )
                 raise AlarmRaised(Alarm("number", self.moves, f"{text}; {NOISY}"))
-            raise RigError(f"{where}: expected the cells of particles, got none")
+            raise PositionError(f"{where}: expected the cells of particles, got none")
         outside = ((cells < 0) | (cells >= np.array(self.layout.shape))).any(axis=1)
         twice = (cells[1:] == cells[:-1]).all(axis=1) & (self.rule != "merge")  # the cells are sorted
         for wrong, at, what in ((outside, cells, f"inside {self.layout.shape}"), (twice, cells[1:], "of one particle each")):
             if wrong.any():
                 cell = tuple(at[wrong][0].tolist())
-                raise RigError(f"{where}: expected cells {what}, got {cell}; {NOISY}")
+                raise PositionError(f"{where}: expected cells {what}, got {cell}; {NOISY}")
         return SwarmState.of_cells(self.layout, cells, shared=self.rule == "merge")
 
     def _wrong(self, belief: Belief, code: int, before: SwarmState, after: SwarmState) -> str | None:
@@ -345,11 +345,11 @@ class NoisyRigSwarm(RigSwarm):
         rows = self.predict(command, steps - 1)
         alone, self._unseen = self._unseen == 0, 0
         if alone:
-            inside = inner_of(self._noisy.state.inside, self.layout.shape, rim=PAD)
+            inside = self._noisy.state.inside.reshape(padded_shape(self.layout.shape))
             self.monitor.compare(command, self.observations[-1], cells, inside, self._once_free.mask)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
-        self.monitor.count(self._noisy.particles)
+        self.monitor.count(len(cells))
         self._take_over()
         self.moved = self.moved or self.monitor.moved
         self.unproven = self.unproven + classified if self.monitor.since_motion else 0
