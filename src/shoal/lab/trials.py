@@ -29,6 +29,7 @@ def run_trials(
     seed: int = 0,
     on_trial: OnTrial | None = None,
     on_moves: OnMoves | None = None,
+    keep: bool = False,
 ) -> list[SwarmEpisode]:
     """Run the given number of trials of one swarm problem, and return their episodes.
 
@@ -47,6 +48,10 @@ def run_trials(
     on_moves : callable, optional
         Function that is called during the first trial, with the number of moves made and the number of remaining frontier cells.
         The function is not called if the first trial runs in another process.
+    keep : bool
+        Whether Ctrl-C keeps the results so far. Running trials then end after the moves made so far, with the status "interrupted",
+        and the result has fewer episodes than trials. Trials in other processes are lost. If ``keep`` is false, or if no episode
+        has begun, Ctrl-C raises KeyboardInterrupt.
 
     Returns
     -------
@@ -71,22 +76,32 @@ def run_trials(
         _check_importable(problem.policy)
     executor = make_executor(min(workers, trials), compiled=compiled or alone)
     stop = Event()
-    watch = partial(_watch, stop, on_moves) if compiled or alone else None
+    watch = partial(_watch, stop, on_moves, keep) if compiled or alone else None
     episodes: dict[int, SwarmEpisode] = {}
+    pending: dict[Future[SwarmEpisode], int] = {}
     try:
-        for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed):
+        for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed, pending):
             episodes[index] = episode
             if on_trial is not None:
                 on_trial(len(episodes))
     except BrokenExecutor as error:  # for example if every worker starts a script without a guard again
         raise _not_importable(problem.policy, error) from error
+    except KeyboardInterrupt:
+        stop.set()
+        if not keep or watch is None:
+            give_up(executor)
+        else:
+            running = {future: index for future, index in pending.items() if not future.cancel()}
+            episodes |= {running[future]: future.result() for future in wait(running).done}
+        if not keep or not episodes:
+            raise
     except BaseException:
         give_up(executor)
         raise
     finally:
         stop.set()
         executor.shutdown(wait=True, cancel_futures=True)
-    return [episodes[index] for index in range(trials)]
+    return [episodes[index] for index in sorted(episodes)]
 
 
 def _check_importable(policy: Any) -> None:
@@ -105,19 +120,19 @@ def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
     )
 
 
-def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
-    """Return the function that a trial in a thread calls after moves. The function ends the trial as soon as ``stop`` is set.
+def _watch(stop: Event, on_moves: OnMoves | None, keep: bool, trial: int) -> dict[str, Any]:
+    """Return the functions that a trial in a thread calls after moves. They end the trial as soon as ``stop`` is set.
 
-    In trial 0, the returned function also calls ``on_moves``.
+    With ``keep``, the trial ends as an interrupted episode. In trial 0, the functions also call ``on_moves``.
     """
 
     def watch(moves: int, frontier: int) -> None:
-        if stop.is_set():
+        if stop.is_set() and not keep:
             raise CancelledError
         if on_moves is not None and trial == 0:
             on_moves(moves, frontier)
 
-    return watch
+    return {"on_moves": watch, "stop": stop.is_set if keep else None}
 
 
 def _finished(
@@ -125,16 +140,20 @@ def _finished(
     problem: SwarmProblem,
     trials: int,
     at_once: int,
-    watch: Callable[[int], OnMoves] | None,
+    watch: Callable[[int], dict[str, Any]] | None,
     seed: int,
+    pending: dict[Future[SwarmEpisode], int],
 ) -> Iterator[tuple[int, SwarmEpisode]]:
-    """Yield (trial number, episode) in the order in which trials finish. Submit at most ``at_once`` trials at the same time."""
-    pending: dict[Future[SwarmEpisode], int] = {}
+    """Yield (trial number, episode) in the order in which trials finish. Submit at most ``at_once`` trials at the same time.
+
+    ``pending`` holds the trials that are submitted and not yet yielded.
+    """
     following = 0
     while following < trials or pending:
         while following < trials and len(pending) < at_once:
-            on_moves = None if watch is None else watch(following)
-            pending[executor.submit(run, problem, seed=seed, trial=following, on_moves=on_moves)] = following
+            watched = {} if watch is None else watch(following)
+            pending[executor.submit(run, problem, seed=seed, trial=following, **watched)] = following
             following += 1
         for future in wait(pending, return_when=FIRST_COMPLETED).done:
-            yield pending.pop(future), future.result()
+            yield pending[future], future.result()
+            del pending[future]

@@ -56,6 +56,15 @@ POLICY_NAMES = (
     "best", "beam-rollout", "rollout", "greedy-classify", "closest-frontier", "elect-particle", "random-moves", "depth-first",
     "sweep", "offline", "manual",
 )  # fmt: skip
+RIG = "rig"
+"""Map of a problem whose place is a rig: nothing but the size of the place is known."""
+
+STRONG_NOISE = 0.6
+"""Sum of the error probabilities above which the planner best needs no fewer moves than the policy closest-frontier.
+
+The command `python -m benchmarks.noise --policies` compares the two policies.
+"""
+
 NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
 
 
@@ -170,8 +179,9 @@ class SwarmProblem(Problem):
     policy: Any = option(
         "auto", help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
         "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options of a policy follow a colon, as "
-        "in closest-frontier:ties=row-major. auto stands for best if the task is mapping without noise, with a scan after each "
-        "move and rule block or merge, and for closest-frontier in all other cases.", names=POLICY_NAMES, **_named("policy"),
+        "in closest-frontier:ties=row-major. auto stands for best if the task is mapping with a scan after each move, with rule "
+        "block or merge and without strong noise, on huge maps with a smaller budget, and for closest-frontier in all other cases.",
+        names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
         None, help="For the planners best, rollout and offline: mean number of simulated moves for each move sent, with 1000 "
@@ -317,9 +327,27 @@ class SwarmProblem(Problem):
         wanted = {name: value for name, value in thinking.items() if value is not None}
         policy: Any = self.policy
         if isinstance(policy, str) and policy == "auto":
-            plannable = self.rule != "tilt" and self.scanning.every_move and not self.noise
-            policy = "best" if isinstance(self.chosen_task, Mapping) and (plannable or wanted) else "closest-frontier"
+            policy = (
+                self._chosen_automatically(planned=bool(wanted)) if isinstance(self.chosen_task, Mapping) else "closest-frontier"
+            )
         return with_budget(make_policy(policy), **wanted)
+
+    def _chosen_automatically(self, *, planned: bool) -> Any:
+        """Return the policy for a mapping: the planner best, unless the map is too large or the noise too strong for it.
+
+        If ``planned`` is true, the user has set a planning limit, which only planners have.
+        """
+        from shoal.swarm.policies.planners.cost import affordable
+
+        if planned:
+            return "best"
+        plannable = self.rule != "tilt" and self.scanning.every_move
+        if not plannable or self.slip + self.misplace + self.miss > STRONG_NOISE:
+            return "closest-frontier"
+        if self.map == RIG:  # a rig is slower than any planner
+            return "best"
+        workspace: GridWorkspace = self.place
+        return affordable(workspace.shape, workspace.n_free, self.particles, noisy=bool(self.noise)) or "closest-frontier"
 
     def open_place(self) -> GridWorkspace:
         """Open the problem's map and return the workspace."""
