@@ -92,7 +92,7 @@ def run_trials(
             give_up(executor)
         else:
             running = {future: index for future, index in pending.items() if not future.cancel()}
-            episodes |= {running[future]: future.result() for future in wait(running).done}
+            episodes |= {running[future]: future.result() for future in wait(running).done if future.exception() is None}
         if not keep or not episodes:
             raise
     except BaseException:

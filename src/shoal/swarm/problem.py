@@ -320,34 +320,39 @@ class SwarmProblem(Problem):
         InvalidInputError, UnknownNameError
             Raised if the name of the policy is unknown, or if a policy that does not plan has a planning budget.
         """
-        from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies import make_policy, with_budget
 
         thinking = {"budget": self.budget, "milliseconds": self.time_per_move}
         wanted = {name: value for name, value in thinking.items() if value is not None}
         policy: Any = self.policy
         if isinstance(policy, str) and policy == "auto":
-            policy = (
-                self._chosen_automatically(planned=bool(wanted)) if isinstance(self.chosen_task, Mapping) else "closest-frontier"
-            )
+            policy = self._automatic(planned=bool(wanted))
         return with_budget(make_policy(policy), **wanted)
 
-    def _chosen_automatically(self, *, planned: bool) -> Any:
-        """Return the policy for a mapping: the planner best, unless the map is too large or the noise too strong for it.
+    @property
+    def chosen_for_size(self) -> bool:
+        """Whether the policy is ``auto``, and the size of the map decides about it."""
+        wanted = self.budget is not None or self.time_per_move is not None
+        return isinstance(self.policy, str) and self.policy == "auto" and not wanted and self._plannable and self.map != RIG
 
-        If ``planned`` is true, the user has set a planning limit, which only planners have.
-        """
+    @property
+    def _plannable(self) -> bool:
+        """Whether the planner best works, and needs fewer moves than the policy closest-frontier on a small map."""
+        from shoal.swarm.grid.tasks import Mapping
+
+        quiet = self.slip + self.misplace + self.miss <= STRONG_NOISE
+        return isinstance(self.chosen_task, Mapping) and self.rule != "tilt" and self.scanning.every_move and quiet
+
+    def _automatic(self, *, planned: bool) -> Any:
+        """Return the policy that ``auto`` stands for. If ``planned`` is true, the user has set a limit that only planners have."""
+        from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies.planners.cost import affordable
 
-        if planned:
-            return "best"
-        plannable = self.rule != "tilt" and self.scanning.every_move
-        if not plannable or self.slip + self.misplace + self.miss > STRONG_NOISE:
-            return "closest-frontier"
-        if self.map == RIG:  # a rig is slower than any planner
-            return "best"
-        workspace: GridWorkspace = self.place
-        return affordable(workspace.shape, workspace.n_free, self.particles, noisy=bool(self.noise)) or "closest-frontier"
+        if self.chosen_for_size:
+            workspace: GridWorkspace = self.place
+            size = (workspace.shape, workspace.n_free, self.particles)
+            return affordable(*size, noisy=self.noise is not None) or "closest-frontier"
+        return "best" if self._plannable or (planned and isinstance(self.chosen_task, Mapping)) else "closest-frontier"
 
     def open_place(self) -> GridWorkspace:
         """Open the problem's map and return the workspace."""

@@ -18,9 +18,8 @@ from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.grid.randomness import trial_rng
-from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.policies import Budgeted, ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves, shown_name
-from shoal.swarm.policies.planners.cost import SHARE
+from shoal.swarm.policies.planners.cost import SHARE, expected_moves
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.deciders import make_decider
@@ -124,7 +123,7 @@ class Duration(NamedTuple):
 
 
 def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -> Duration | None:
-    """Return how long an episode is expected to take, or None if the policy is no planner or the task is no mapping.
+    """Return how long an episode is expected to take, or None if the policy is no planner or the task is a third party's.
 
     The function plays the episode with the policy closest-frontier, which takes a fraction of a second, and `MEASURED` seconds of
     the episode itself. The expectation is right within a factor of about 2.
@@ -135,11 +134,15 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
         Raised if the settings of the problem are invalid.
     """
     policy = problem.chosen_policy
-    if not isinstance(policy, Budgeted) or not isinstance(problem.chosen_task, Mapping):
+    if not isinstance(policy, Budgeted) or not is_compiled(problem.chosen_task):
         return None
     pilot = problem.replaced(policy="closest-frontier", budget=None, time_per_move=None).at_place(problem.place)
     watch = Stopwatch()
-    moves = float(min(problem.max_moves, SHARE * run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT).moves))
+    piloted = run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT)
+    moves = SHARE * piloted.moves
+    if piloted.status is Status.INTERRUPTED:
+        moves = max(moves, expected_moves(problem.place.n_free, problem.particles, noisy=problem.noise is not None))
+    moves = min(float(problem.max_moves), moves)
     if policy.milliseconds:
         return Duration(moves, moves * policy.milliseconds / 1000)
     load_kernels(problem)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import statistics
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import typer
 
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import (
     check_outputs,
+    duration_text,
     moves_told,
     patience,
     print_json,
@@ -22,12 +26,16 @@ from shoal.cli.output import (
 )
 from shoal.core.checks import check_integer
 from shoal.core.counts import shape_text
+from shoal.core.episode import Status
+from shoal.core.interruption import patient
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 
 if TYPE_CHECKING:
     from shoal.swarm import SwarmEpisode
     from shoal.swarm.maps.imaging import Vessels
 
+INTERRUPTED = 130  # exit code after Ctrl-C
+TOLD = 10.0  # seconds of planning from which the expected duration is said before the first move
 MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
 COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
 
@@ -78,21 +86,65 @@ def _play(
     load_kernels(problem)
     whole = isinstance(problem.chosen_policy, Offline)
     planned = patience("computing the complete plan before the first move ...") if whole else nullcontext()
-    with planned, progress("trials", trials, shown=trials > 1) as advance:
-        episodes = run_trials(
-            problem,
-            trials=trials,
-            workers=workers,
-            seed=seed,
-            on_trial=advance,
-            on_moves=moves_told(workspace.name) if trials == 1 else None,
-        )
-    result = summary(episodes, seed=seed)
-    written = write_outputs(episodes, result, out, film)
-    if json_:
-        print_json(result)
+    _tell_duration(problem, trials=trials, workers=workers, seed=seed, out=out)
+    with patient():  # after Ctrl-C, the results so far are written and printed before the process ends
+        with planned, progress("trials", trials, shown=trials > 1) as advance:
+            episodes = run_trials(
+                problem,
+                trials=trials,
+                workers=workers,
+                seed=seed,
+                on_trial=advance,
+                on_moves=moves_told(workspace.name) if trials == 1 else None,
+                keep=True,
+            )
+        result = summary(episodes, seed=seed)
+        written = write_outputs(episodes, result, out, film)
+        if json_:
+            print_json(result)
+        else:
+            print_trials(episodes, result, written)
+        if len(episodes) < trials or any(episode.status is Status.INTERRUPTED for episode in episodes):
+            sys.stdout.flush()
+            say(f"shoal: interrupted: {_kept_text(episodes, trials, out)}")
+            raise typer.Exit(INTERRUPTED)
+
+
+def _kept_text(episodes: list[SwarmEpisode], trials: int, out: Path | None) -> str:
+    """Return a text about the episodes that an interruption has left."""
+    done = sum(episode.status is not Status.INTERRUPTED for episode in episodes)
+    begun = f"{done} of {trials} trials ended" if trials > 1 else f"{episodes[0].moves} moves made"
+    return f"{begun}; {'--out DIR keeps the moves' if out is None else f'{out} has all moves so far'}"
+
+
+def _tell_duration(problem: SwarmProblem, *, trials: int, workers: int | None, seed: int, out: Path | None) -> None:
+    """Say before the first move what auto has chosen for a large map, and how long planning will take if it takes long."""
+    from shoal.lab.executors import default_workers
+    from shoal.swarm.policies import Budgeted
+    from shoal.swarm.policies.planners.beam_rollout import BeamRollout
+    from shoal.swarm.policies.planners.cost import planning_seconds
+    from shoal.swarm.run import expected_duration
+
+    policy, workspace = problem.chosen_policy, problem.place
+    sizes = (workspace.shape, workspace.n_free, problem.particles)
+    noisy = problem.noise is not None
+    usual = BeamRollout()
+    seconds = planning_seconds(usual, *sizes, noisy=noisy)
+    if problem.chosen_for_size and policy != usual:
+        why = f"because best with its usual budget would take about {duration_text(seconds)}"
+        say(f"shoal: notice: {workspace.name}: the policy auto chose {policy.name}, {why}")
+    rounds = -(-trials // min(trials, workers or default_workers()))
+    if not isinstance(policy, Budgeted) or rounds * planning_seconds(policy, *sizes, noisy=noisy) < TOLD:
         return
-    print_trials(episodes, result, written)
+    expected = expected_duration(problem, seed=seed)
+    if expected is None or rounds * expected.seconds < TOLD:
+        return
+    each = f" in each of {trials} trials" if trials > 1 else ""
+    kept = "" if out is not None else " if --out is given"
+    say(
+        f"shoal: notice: {workspace.name}: {policy.name} takes about {duration_text(rounds * expected.seconds)}, for about "
+        f"{expected.moves:.0f} moves{each} (Ctrl-C ends it and keeps the moves so far{kept}; a smaller --budget is faster)"
+    )
 
 
 def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:

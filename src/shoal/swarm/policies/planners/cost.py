@@ -49,4 +49,4 @@ def affordable(shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bo
     if budget < LEAST_BUDGET:
         return None
     unit = 10.0 ** floor(log10(budget))
-    return BeamRollout(budget=floor(budget / unit) * unit)
+    return BeamRollout(budget=round(floor(budget / unit) * unit))
