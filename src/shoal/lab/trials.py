@@ -5,12 +5,15 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import nullcontext
 from functools import partial
 from threading import Event
 from typing import Any
 
 from shoal.core.checks import check_integer
+from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
+from shoal.core.interruption import interruption_noted
 from shoal.lab.executors import default_workers, give_up, make_executor
 from shoal.swarm import SwarmEpisode, SwarmProblem
 from shoal.swarm.policies import Compiled
@@ -50,8 +53,8 @@ def run_trials(
         The function is not called if the first trial runs in another process.
     keep : bool
         Whether Ctrl-C keeps the results so far. Running trials then end after the moves made so far, with the status "interrupted",
-        and the result has fewer episodes than trials. Trials in other processes are lost. If ``keep`` is false, or if no episode
-        has begun, Ctrl-C raises KeyboardInterrupt.
+        and trials that have not begun have no episode. If ``keep`` is false, if trials run in other processes, or at a second
+        Ctrl-C, the function raises KeyboardInterrupt.
 
     Returns
     -------
@@ -76,32 +79,27 @@ def run_trials(
         _check_importable(problem.policy)
     executor = make_executor(min(workers, trials), compiled=compiled or alone)
     stop = Event()
-    watch = partial(_watch, stop, on_moves, keep) if compiled or alone else None
+    threads = compiled or alone
+    watch = partial(_watch, stop, on_moves, keep) if threads else None
     episodes: dict[int, SwarmEpisode] = {}
-    pending: dict[Future[SwarmEpisode], int] = {}
     try:
-        for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed, pending):
-            episodes[index] = episode
-            if on_trial is not None:
-                on_trial(len(episodes))
+        with interruption_noted(stop) if keep and threads else nullcontext():
+            for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed, stop):
+                episodes[index] = episode
+                if on_trial is not None:
+                    on_trial(len(episodes))
     except BrokenExecutor as error:  # for example if every worker starts a script without a guard again
         raise _not_importable(problem.policy, error) from error
-    except KeyboardInterrupt:
-        stop.set()
-        if not keep or watch is None:
-            give_up(executor)
-        else:
-            running = {future: index for future, index in pending.items() if not future.cancel()}
-            episodes |= {running[future]: future.result() for future in wait(running).done if future.exception() is None}
-        if not keep or not episodes:
-            raise
     except BaseException:
         give_up(executor)
         raise
     finally:
         stop.set()
         executor.shutdown(wait=True, cancel_futures=True)
-    return [episodes[index] for index in sorted(episodes)]
+    if not episodes:  # interrupted before the first trial
+        raise KeyboardInterrupt
+    ordered = [episodes[index] for index in sorted(episodes)]
+    return [episode for episode in ordered if episode.trial == 0 or episode.moves or episode.status is not Status.INTERRUPTED]
 
 
 def _check_importable(policy: Any) -> None:
@@ -142,18 +140,20 @@ def _finished(
     at_once: int,
     watch: Callable[[int], dict[str, Any]] | None,
     seed: int,
-    pending: dict[Future[SwarmEpisode], int],
+    stop: Event,
 ) -> Iterator[tuple[int, SwarmEpisode]]:
     """Yield (trial number, episode) in the order in which trials finish. Submit at most ``at_once`` trials at the same time.
 
-    ``pending`` holds the trials that are submitted and not yet yielded.
+    As soon as ``stop`` is set, no further trial begins.
     """
+    pending: dict[Future[SwarmEpisode], int] = {}
     following = 0
-    while following < trials or pending:
-        while following < trials and len(pending) < at_once:
+    while pending or (following < trials and not stop.is_set()):
+        while following < trials and len(pending) < at_once and not stop.is_set():
             watched = {} if watch is None else watch(following)
             pending[executor.submit(run, problem, seed=seed, trial=following, **watched)] = following
             following += 1
+        if stop.is_set():
+            pending = {future: index for future, index in pending.items() if not future.cancel()}
         for future in wait(pending, return_when=FIRST_COMPLETED).done:
-            yield pending[future], future.result()
-            del pending[future]
+            yield pending.pop(future), future.result()
