@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from shoal.core.checks import shortened
+from shoal.core.checks import check_number, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
@@ -116,6 +116,35 @@ def _check_start(given: Any) -> Cells:
 
 def _parse_start(text: str) -> list[list[int]]:
     return [[int(number) for number in cell.split(",")] for cell in text.split()]
+
+
+def _parse_cell_size(text: str) -> float | tuple[float, ...]:
+    sizes = tuple(float(size) for size in text.split(","))
+    return sizes if len(sizes) > 1 else sizes[0]
+
+
+def _check_cell_size(given: Any) -> float | tuple[float, ...]:
+    if isinstance(given, list | tuple) and len(given) in (2, 3):
+        return tuple(check_number(size, what="cell_size", above=0, most=1e6) for size in given)
+    return check_number(given, what="cell_size", above=0, most=1e6)
+
+
+def spacing_of(cell_size: float | tuple[float, ...] | None, ndim: int) -> tuple[float, ...] | None:
+    """Return the size of a cell along each axis in mm, for a value of the field ``cell_size``.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the number of sizes is neither 1 nor ``ndim``.
+    """
+    if cell_size is None:
+        return None
+    sizes = cell_size if isinstance(cell_size, tuple) else (cell_size,) * ndim
+    if len(sizes) != ndim:
+        raise InvalidInputError(
+            f"cell_size: expected 1 size or {ndim} sizes for a {ndim}-D map, got {len(sizes)}: {shortened(sizes)}"
+        )
+    return sizes
 
 
 def _check_scan_every(given: Any) -> int | str:
@@ -246,7 +275,13 @@ class SwarmProblem(Problem):
     level: float | None = option(None, help="For arrays and volumes: minimum value of a free cell.")
     label: int | None = option(None, help="For arrays and volumes: value (label) of all free cells.")
     largest_component: bool = option(False, help="Keep the largest connected part of the free space, and remove all other parts.")
-    cell_size: float | None = option(None, help="Side of a cell; by default as in the map file.", unit="mm", above=0, most=1e6)
+    cell_size: float | tuple[float, ...] | None = option(
+        None, help="Side of a cell of the map, or its size along each axis, layers first, such as 2,0.5,0.5; by default as in the "
+        "map file.", unit="mm", metavar="MM", parse=_parse_cell_size, check=_check_cell_size,
+        dump=lambda given: list(given) if isinstance(given, tuple) else given,
+    )  # fmt: skip
+    move_seconds: float | None = option(None, help="Time that the apparatus takes for a move.", unit="s", least=0, most=1e6)
+    scan_seconds: float | None = option(None, help="Time that the apparatus takes for a scan.", unit="s", least=0, most=1e6)
 
     def check_together(self) -> None:
         """Refuse a problem whose fields contradict each other. Do not open the map file."""
@@ -361,7 +396,7 @@ class SwarmProblem(Problem):
         reading = {name: getattr(self, name) for name in READING}
         workspace = open_map(self.map, **reading)
         if self.cell_size is not None:
-            workspace = GridWorkspace(workspace.free, name=workspace.name, spacing=(self.cell_size,) * workspace.ndim)
+            workspace = GridWorkspace(workspace.free, name=workspace.name, spacing=spacing_of(self.cell_size, workspace.ndim))
         if not self.largest_component:
             return workspace
         largest = workspace.largest_component()

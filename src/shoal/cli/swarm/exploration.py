@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from shoal.swarm import SwarmEpisode
     from shoal.swarm.maps.imaging import Vessels
 
+SIDES = ("layer", "row", "column")
 INTERRUPTED = 130  # exit code after Ctrl-C
 TOLD = 10.0  # seconds of planning from which the expected duration is said before the first move
 MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
@@ -153,12 +154,13 @@ def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
     The data contain the values that all trials share, and lists with one entry for each trial.
     """
     reports = [episode.report() for episode in episodes]
-    each = ("status", "moves", "scans", "cost", "distance", *NOISE_MEASURES)
+    each = ("status", "moves", "scans", "cost", "distance", "distance_mm", "apparatus_seconds", *NOISE_MEASURES)
     rates = ("false_free_rate", "false_obstacle_rate")
     left_out = (*each, *rates, "reason")
     result = {name: value for name, value in reports[0].items() if name not in left_out} | {"seed": seed, "trials": len(episodes)}
     result |= {name: [report[name] for report in reports] for name in each if name in reports[0]}
     result |= {name: statistics.fmean(report[name] for report in reports) for name in rates if name in reports[0]}
+    result |= {name: None for name in ("distance_mm", "apparatus_seconds") if result[name][0] is None}
     moves = result["moves"]
     return result | {
         "mean": statistics.fmean(moves),
@@ -200,6 +202,7 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
     first = episodes[0]
     rows = [
         ("map", f"{first.workspace.name}, {shape_text(first.workspace.shape)}, {first.workspace.n_free} free cells"),
+        *cell_rows(first.workspace.spacing),
         ("particles", f"{first.particles}, {first.placement} placement, rule {first.rule}"),
         ("policy", _policy_text(first)),
     ]
@@ -211,7 +214,8 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
             *_ratio_rows(first),
             *_noise_rows(episodes, result),
             ("cost", _cost(first)),
-            ("distance", f"{first.distance} cells travelled by all particles"),
+            ("distance", _distance(first)),
+            *_apparatus_rows(first.quantities),
             ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs per move"),
         ]
         return rows
@@ -223,7 +227,32 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
         ("status", ", ".join(f"{count} {status}" for status, count in counts.items())),
         *_noise_rows(episodes, result),
     ]
+    if first.quantities["apparatus_seconds"] is not None:
+        rows.append(("apparatus", f"{statistics.fmean(result['apparatus_seconds']):.4g} s on average for moves and scans"))
     return rows
+
+
+def cell_rows(spacing: tuple[float, ...] | None) -> list[tuple[str, str]]:
+    """Return a row with the size of a cell, if it is known."""
+    if spacing is None:
+        return []
+    sizes = spacing[:1] if len(set(spacing)) == 1 else spacing
+    sides = "" if len(sizes) == 1 else f" ({', '.join(SIDES[-len(sizes) :])})"
+    return [("cell", f"{' × '.join(f'{size:g}' for size in sizes)} mm{sides}")]
+
+
+def _distance(episode: SwarmEpisode) -> str:
+    length = episode.quantities["distance_mm"]
+    return f"{episode.distance} cells{'' if length is None else f' ({length:.6g} mm)'} travelled by all particles"
+
+
+def _apparatus_rows(quantities: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return a row with the time that the apparatus takes, if the time of a move or of a scan is given."""
+    total, move, scan = (quantities[name] for name in ("apparatus_seconds", "move_seconds", "scan_seconds"))
+    if total is None:
+        return []
+    parts = [f"{value:g} s per {what}" for what, value in (("move", move), ("scan", scan)) if value is not None]
+    return [("apparatus", f"{total:.6g} s ({', '.join(parts)})")]
 
 
 def _cost(episode: SwarmEpisode) -> str:

@@ -10,6 +10,7 @@ from math import floor, log10, prod
 
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
+from shoal.swarm.policies.planners.planner_policy import Budgeted
 
 MOST_SECONDS = 60.0  # longest planning time, estimated for a usual machine, that the policy auto chooses
 LEAST_BUDGET = 10.0  # a smaller budget gives no fewer moves than the policy closest-frontier
@@ -24,10 +25,11 @@ def expected_moves(n_free: int, particles: int, *, noisy: bool = False) -> float
     The formula is a fit to episodes of 500 to 100,000 free cells with 5 to 200 free cells for each particle. It is right within
     a factor of 2.
     """
-    return SHARE * 8.0 * max(1.0, n_free / max(1, particles)) ** 0.8 * n_free**0.25 * (NOISY if noisy else 1.0)
+    crowding = max(1.0, n_free / max(1, particles))
+    return SHARE * 8.0 * float(crowding**0.8 * n_free**0.25) * (NOISY if noisy else 1.0)
 
 
-def planning_seconds(policy: BeamRollout, shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bool = False) -> float:
+def planning_seconds(policy: Budgeted, shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bool = False) -> float:
     """Return the planning time of an episode of mapping on a usual machine, in seconds."""
     moves = expected_moves(n_free, particles, noisy=noisy)
     if policy.milliseconds:
