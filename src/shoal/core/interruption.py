@@ -95,7 +95,7 @@ def interruption_held() -> Iterator[None]:
 
 
 @contextmanager
-def interruption_noted(stop: Event) -> Iterator[None]:
+def stop_on_interruption(stop: Event) -> Iterator[None]:
     """Let the first Ctrl-C inside the ``with`` block set ``stop`` instead of raising KeyboardInterrupt at an arbitrary place.
 
     The block then ends its work in good order. A second Ctrl-C has its usual effect. The other signals that a command of Shoal

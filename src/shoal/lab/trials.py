@@ -13,7 +13,7 @@ from typing import Any
 from shoal.core.checks import check_integer
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
-from shoal.core.interruption import interruption_noted
+from shoal.core.interruption import stop_on_interruption
 from shoal.lab.executors import default_workers, give_up, make_executor
 from shoal.swarm import SwarmEpisode, SwarmProblem
 from shoal.swarm.policies import Compiled
@@ -83,7 +83,7 @@ def run_trials(
     watch = partial(_watch, stop, on_moves, keep) if threads else None
     episodes: dict[int, SwarmEpisode] = {}
     try:
-        with interruption_noted(stop) if keep and threads else nullcontext():
+        with stop_on_interruption(stop) if keep and threads else nullcontext():
             for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed, stop):
                 episodes[index] = episode
                 if on_trial is not None:

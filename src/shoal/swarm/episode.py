@@ -16,7 +16,7 @@ from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
 from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.scans import physical_quantities
+from shoal.swarm.grid.scans import lengths_and_times
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.trace import Trace, WithTrace
 from shoal.swarm.grid.world import GridWorld
@@ -130,10 +130,10 @@ class SwarmEpisode(WithTrace, Episode):
         return int(self.trace.travelled.sum())
 
     @property
-    def quantities(self) -> dict[str, Any]:
-        """Lengths in metres and millimetres, and times of the apparatus in seconds; see `physical_quantities`."""
+    def lengths_and_times(self) -> dict[str, Any]:
+        """Lengths in metres and millimetres, and times of the apparatus in seconds (`shoal.swarm.grid.scans.lengths_and_times`)."""
         about = {name: getattr(self.problem, name) for name in ("move_seconds", "scan_seconds")}
-        return physical_quantities(self.trace, scans=self.scans, spacing=self.workspace.spacing, **about)
+        return lengths_and_times(self.trace, scans=self.scans, spacing=self.workspace.spacing, **about)
 
     @property
     def seconds_per_move(self) -> float:
@@ -201,7 +201,7 @@ class SwarmEpisode(WithTrace, Episode):
         if problem.noise is not None:
             told |= {"noise": dict(vars(problem.noise)), "confidence": problem.confidence}
         told |= {name: value for name, value in self.metrics.items() if name != "seconds"}
-        return told | self.quantities | {"reason": self.reason}
+        return told | self.lengths_and_times | {"reason": self.reason}
 
     @cached_property
     def replay(self) -> Replay:

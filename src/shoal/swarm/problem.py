@@ -381,12 +381,12 @@ class SwarmProblem(Problem):
     def _automatic(self, *, planned: bool) -> Any:
         """Return the policy that ``auto`` stands for. If ``planned`` is true, the user has set a limit that only planners have."""
         from shoal.swarm.grid.tasks import Mapping
-        from shoal.swarm.policies.planners.cost import affordable
+        from shoal.swarm.policies.planners.cost import fit_planner
 
         if self.chosen_for_size:
             workspace: GridWorkspace = self.place
             size = (workspace.shape, workspace.n_free, self.particles)
-            return affordable(*size, noisy=self.noise is not None) or "closest-frontier"
+            return fit_planner(*size, noisy=self.noise is not None) or "closest-frontier"
         return "best" if self._plannable or (planned and isinstance(self.chosen_task, Mapping)) else "closest-frontier"
 
     def open_place(self) -> GridWorkspace:

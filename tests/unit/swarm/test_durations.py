@@ -122,15 +122,15 @@ def test_an_expected_duration_counts_a_given_time_per_move():
 
 
 def test_auto_takes_a_smaller_budget_on_large_maps_and_no_planner_on_huge_ones():
-    assert cost.affordable((150, 150), 5000, 1000) == BeamRollout()
-    budgets = [cost.affordable((700, 700), 100_000, particles) for particles in (50_000, 20_000, 5_000)]
+    assert cost.fit_planner((150, 150), 5000, 1000) == BeamRollout()
+    budgets = [cost.fit_planner((700, 700), 100_000, particles) for particles in (50_000, 20_000, 5_000)]
     assert budgets == sorted(budgets, key=lambda policy: -policy.budget)
     assert budgets[-1].budget < 1000
     assert all(
         cost.planning_seconds(policy, (700, 700), 100_000, particles) <= 1.01 * cost.MOST_SECONDS
         for policy, particles in zip(budgets, (50_000, 20_000, 5_000), strict=True)
     )
-    assert cost.affordable((3000, 3000), 2_000_000, 10) is None
+    assert cost.fit_planner((3000, 3000), 2_000_000, 10) is None
 
 
 def test_auto_names_what_it_chose(monkeypatch, capsys):

@@ -215,7 +215,7 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
             *_noise_rows(episodes, result),
             ("cost", _cost(first)),
             ("distance", _distance(first)),
-            *_apparatus_rows(first.quantities),
+            *_apparatus_rows(first.lengths_and_times),
             ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs per move"),
         ]
         return rows
@@ -227,7 +227,7 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
         ("status", ", ".join(f"{count} {status}" for status, count in counts.items())),
         *_noise_rows(episodes, result),
     ]
-    if first.quantities["apparatus_seconds"] is not None:
+    if first.lengths_and_times["apparatus_seconds"] is not None:
         rows.append(("apparatus", f"{statistics.fmean(result['apparatus_seconds']):.4g} s on average for moves and scans"))
     return rows
 
@@ -242,7 +242,7 @@ def cell_rows(spacing: tuple[float, ...] | None) -> list[tuple[str, str]]:
 
 
 def _distance(episode: SwarmEpisode) -> str:
-    length = episode.quantities["distance_mm"]
+    length = episode.lengths_and_times["distance_mm"]
     return f"{episode.distance} cells{'' if length is None else f' ({length:.6g} mm)'} travelled by all particles"
 
 

@@ -207,7 +207,7 @@ def _by_line(cells: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
     return cells[np.lexsort((cells[:, axis], *(cells[:, i] for i in others)))]
 
 
-def physical_quantities(
+def lengths_and_times(
     trace: Any,
     *,
     scans: int,

@@ -37,7 +37,7 @@ def planning_seconds(policy: Budgeted, shape: tuple[int, ...], n_free: int, part
     return moves * prod(GridLayout(shape).words) * (PREDICTION + SIMULATION * policy.settings(particles)[0])
 
 
-def affordable(shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bool = False) -> BeamRollout | None:
+def fit_planner(shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bool = False) -> BeamRollout | None:
     """Return the planner best with a budget at which an episode takes at most about `MOST_SECONDS`.
 
     If the usual budget is small enough, the planner has the usual budget. If even the budget `LEAST_BUDGET` takes longer, return
