@@ -32,6 +32,7 @@ LEVELS = {
     "usual": NOISE,
     "scans": Noise(misplace=0.05, miss=0.1),
     "hard": HARD,
+    "harder": Noise(slip=0.3, misplace=0.075, miss=0.15),
     "worst": Noise(slip=0.4, misplace=0.1, miss=0.2),
 }
 PLACES = (("vessels:500", 10), ("vessels:500", 50), ("maze:21x15", 10), ("maze:21x15", 50), ("cave:30x20", 30))

@@ -19,6 +19,7 @@ from shoal.core.version import __version__
 ROOT = Path(__file__).parents[2]
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
 FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost", "distance", "unreachable_cells"]
+FIELDS += ["cell_m", "cell_mm", "distance_mm", "move_seconds", "scan_seconds", "apparatus_seconds"]
 
 
 @pytest.mark.parametrize("command", [*COMMANDS])

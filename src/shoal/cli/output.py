@@ -205,6 +205,19 @@ def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
     return tell
 
 
+def duration_text(seconds: float) -> str:
+    """Return an approximate duration as text, in the largest fitting unit.
+
+    Examples
+    --------
+    >>> duration_text(42), duration_text(400), duration_text(9000)
+    ('42 s', '7 min', '2.5 h')
+    """
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
+
+
 def check_folder(folder: Path) -> Path:
     """Check, without creating anything, that Shoal can write into an output folder or create it.
 

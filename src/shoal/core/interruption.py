@@ -18,6 +18,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:  # a command imports this module first, so this module imports no others
     from collections.abc import Iterator
     from pathlib import Path
+    from threading import Event
     from types import FrameType
 
 GRACE = 0.7
@@ -91,6 +92,33 @@ def interruption_held() -> Iterator[None]:
         signal.signal(signal.SIGINT, asked)
     if came:
         asked(came[0], None)
+
+
+@contextmanager
+def stop_on_interruption(stop: Event) -> Iterator[None]:
+    """Let the first Ctrl-C inside the ``with`` block set ``stop`` instead of raising KeyboardInterrupt at an arbitrary place.
+
+    The block then ends its work in good order. A second Ctrl-C has its usual effect. The other signals that a command of Shoal
+    handles set ``stop``, too.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [signal.SIGINT, *(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))]
+    asked = {number: handler for number in numbers if callable(handler := signal.getsignal(number))}
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if stop.is_set():
+            asked[signal.Signals(number)](number, frame)
+        stop.set()
+
+    for number in asked:
+        signal.signal(number, note)
+    try:
+        yield
+    finally:
+        for number, handler in asked.items():
+            signal.signal(number, handler)
 
 
 def end(text: str = "shoal: interrupted\n") -> None:

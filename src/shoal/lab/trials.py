@@ -5,12 +5,15 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import nullcontext
 from functools import partial
 from threading import Event
 from typing import Any
 
 from shoal.core.checks import check_integer
+from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
+from shoal.core.interruption import stop_on_interruption
 from shoal.lab.executors import default_workers, give_up, make_executor
 from shoal.swarm import SwarmEpisode, SwarmProblem
 from shoal.swarm.policies import Compiled
@@ -29,6 +32,7 @@ def run_trials(
     seed: int = 0,
     on_trial: OnTrial | None = None,
     on_moves: OnMoves | None = None,
+    keep: bool = False,
 ) -> list[SwarmEpisode]:
     """Run the given number of trials of one swarm problem, and return their episodes.
 
@@ -47,6 +51,10 @@ def run_trials(
     on_moves : callable, optional
         Function that is called during the first trial, with the number of moves made and the number of remaining frontier cells.
         The function is not called if the first trial runs in another process.
+    keep : bool
+        Whether Ctrl-C keeps the results so far. Running trials then end after the moves made so far, with the status "interrupted",
+        and trials that have not begun have no episode. If ``keep`` is false, if trials run in other processes, or at a second
+        Ctrl-C, the function raises KeyboardInterrupt.
 
     Returns
     -------
@@ -71,13 +79,15 @@ def run_trials(
         _check_importable(problem.policy)
     executor = make_executor(min(workers, trials), compiled=compiled or alone)
     stop = Event()
-    watch = partial(_watch, stop, on_moves) if compiled or alone else None
+    threads = compiled or alone
+    watch = partial(_watch, stop, on_moves, keep) if threads else None
     episodes: dict[int, SwarmEpisode] = {}
     try:
-        for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed):
-            episodes[index] = episode
-            if on_trial is not None:
-                on_trial(len(episodes))
+        with stop_on_interruption(stop) if keep and threads else nullcontext():
+            for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed, stop):
+                episodes[index] = episode
+                if on_trial is not None:
+                    on_trial(len(episodes))
     except BrokenExecutor as error:  # for example if every worker starts a script without a guard again
         raise _not_importable(problem.policy, error) from error
     except BaseException:
@@ -86,7 +96,10 @@ def run_trials(
     finally:
         stop.set()
         executor.shutdown(wait=True, cancel_futures=True)
-    return [episodes[index] for index in range(trials)]
+    if not episodes:  # interrupted before the first trial
+        raise KeyboardInterrupt
+    ordered = [episodes[index] for index in sorted(episodes)]
+    return [episode for episode in ordered if episode.trial == 0 or episode.moves or episode.status is not Status.INTERRUPTED]
 
 
 def _check_importable(policy: Any) -> None:
@@ -105,19 +118,19 @@ def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
     )
 
 
-def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
-    """Return the function that a trial in a thread calls after moves. The function ends the trial as soon as ``stop`` is set.
+def _watch(stop: Event, on_moves: OnMoves | None, keep: bool, trial: int) -> dict[str, Any]:
+    """Return the functions that a trial in a thread calls after moves. They end the trial as soon as ``stop`` is set.
 
-    In trial 0, the returned function also calls ``on_moves``.
+    With ``keep``, the trial ends as an interrupted episode. In trial 0, the functions also call ``on_moves``.
     """
 
     def watch(moves: int, frontier: int) -> None:
-        if stop.is_set():
+        if stop.is_set() and not keep:
             raise CancelledError
         if on_moves is not None and trial == 0:
             on_moves(moves, frontier)
 
-    return watch
+    return {"on_moves": watch, "stop": stop.is_set if keep else None}
 
 
 def _finished(
@@ -125,16 +138,22 @@ def _finished(
     problem: SwarmProblem,
     trials: int,
     at_once: int,
-    watch: Callable[[int], OnMoves] | None,
+    watch: Callable[[int], dict[str, Any]] | None,
     seed: int,
+    stop: Event,
 ) -> Iterator[tuple[int, SwarmEpisode]]:
-    """Yield (trial number, episode) in the order in which trials finish. Submit at most ``at_once`` trials at the same time."""
+    """Yield (trial number, episode) in the order in which trials finish. Submit at most ``at_once`` trials at the same time.
+
+    As soon as ``stop`` is set, no further trial begins.
+    """
     pending: dict[Future[SwarmEpisode], int] = {}
     following = 0
-    while following < trials or pending:
-        while following < trials and len(pending) < at_once:
-            on_moves = None if watch is None else watch(following)
-            pending[executor.submit(run, problem, seed=seed, trial=following, on_moves=on_moves)] = following
+    while pending or (following < trials and not stop.is_set()):
+        while following < trials and len(pending) < at_once and not stop.is_set():
+            watched = {} if watch is None else watch(following)
+            pending[executor.submit(run, problem, seed=seed, trial=following, **watched)] = following
             following += 1
+        if stop.is_set():
+            pending = {future: index for future, index in pending.items() if not future.cancel()}
         for future in wait(pending, return_when=FIRST_COMPLETED).done:
             yield pending.pop(future), future.result()

@@ -16,6 +16,7 @@ from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
 from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.scans import lengths_and_times
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.trace import Trace, WithTrace
 from shoal.swarm.grid.world import GridWorld
@@ -130,6 +131,12 @@ class SwarmEpisode(WithTrace, Episode):
         return int(self.trace.travelled.sum())
 
     @property
+    def lengths_and_times(self) -> dict[str, Any]:
+        """Lengths in metres and millimetres, and times of the apparatus in seconds (`shoal.swarm.grid.scans.lengths_and_times`)."""
+        about = {name: getattr(self.problem, name) for name in ("move_seconds", "scan_seconds")}
+        return lengths_and_times(self.trace, scans=self.scans, spacing=self.workspace.spacing, **about)
+
+    @property
     def seconds_per_move(self) -> float:
         """Mean computing time per move in seconds, including the time for planning. Without moves, the property is 0."""
         return self.seconds / self.moves if self.moves else 0.0
@@ -194,7 +201,8 @@ class SwarmEpisode(WithTrace, Episode):
         }
         if problem.noise is not None:
             told |= {"noise": dict(vars(problem.noise)), "confidence": problem.confidence}
-        return told | {name: value for name, value in self.metrics.items() if name != "seconds"} | {"reason": self.reason}
+        told |= {name: value for name, value in self.metrics.items() if name != "seconds"}
+        return told | self.lengths_and_times | {"reason": self.reason}
 
     @cached_property
     def replay(self) -> Replay:

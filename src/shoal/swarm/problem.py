@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from shoal.core.checks import shortened
+from shoal.core.checks import check_number, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
@@ -47,6 +47,15 @@ POLICY_NAMES = (
     "best", "beam-rollout", "rollout", "greedy-classify", "closest-frontier", "elect-particle", "random-moves", "depth-first",
     "sweep", "offline", "manual",
 )  # fmt: skip
+RIG = "rig"
+"""Map of a problem whose place is a rig: nothing but the size of the place is known."""
+
+STRONG_NOISE = 0.6
+"""Sum of the error probabilities above which the planner best needs no fewer moves than the policy closest-frontier.
+
+The command `python -m benchmarks.noise --policies` compares the two policies.
+"""
+
 NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
 
 
@@ -98,6 +107,35 @@ def _check_start(given: Any) -> Cells:
 
 def _parse_start(text: str) -> list[list[int]]:
     return [[int(number) for number in cell.split(",")] for cell in text.split()]
+
+
+def _parse_cell_size(text: str) -> float | tuple[float, ...]:
+    sizes = tuple(float(size) for size in text.split(","))
+    return sizes if len(sizes) > 1 else sizes[0]
+
+
+def _check_cell_size(given: Any) -> float | tuple[float, ...]:
+    if isinstance(given, list | tuple) and len(given) in (2, 3):
+        return tuple(check_number(size, what="cell_size", above=0, most=1e6) for size in given)
+    return check_number(given, what="cell_size", above=0, most=1e6)
+
+
+def spacing_of(cell_size: float | tuple[float, ...] | None, ndim: int) -> tuple[float, ...] | None:
+    """Return the size of a cell along each axis in mm, for a value of the field ``cell_size``.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the number of sizes is neither 1 nor ``ndim``.
+    """
+    if cell_size is None:
+        return None
+    sizes = cell_size if isinstance(cell_size, tuple) else (cell_size,) * ndim
+    if len(sizes) != ndim:
+        raise InvalidInputError(
+            f"cell_size: expected 1 size or {ndim} sizes for a {ndim}-D map, got {len(sizes)}: {shortened(sizes)}"
+        )
+    return sizes
 
 
 def _check_scan_every(given: Any) -> int | str:
@@ -161,8 +199,9 @@ class SwarmProblem(Problem):
     policy: Any = option(
         "auto", help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
         "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options of a policy follow a colon, as "
-        "in closest-frontier:ties=row-major. auto stands for best if the task is mapping without noise, with a scan after each "
-        "move and rule block or merge, and for closest-frontier in all other cases.", names=POLICY_NAMES, **_named("policy"),
+        "in closest-frontier:ties=row-major. auto stands for best if the task is mapping with a scan after each move, with rule "
+        "block or merge and without strong noise, on huge maps with a smaller budget, and for closest-frontier in all other cases.",
+        names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
         None, help="For the planners best, rollout and offline: mean number of simulated moves for each move sent, with 1000 "
@@ -239,7 +278,13 @@ class SwarmProblem(Problem):
         None, help="For pictures and volumes with a time axis: the point in time that is read, from 1.", least=1
     )
     largest_component: bool = option(False, help="Keep the largest connected part of the free space, and remove all other parts.")
-    cell_size: float | None = option(None, help="Side of a cell; by default as in the map file.", unit="mm", above=0, most=1e6)
+    cell_size: float | tuple[float, ...] | None = option(
+        None, help="Side of a cell of the map, or its size along each axis, layers first, such as 2,0.5,0.5; by default as in the "
+        "map file.", unit="mm", metavar="MM", parse=_parse_cell_size, check=_check_cell_size,
+        dump=lambda given: list(given) if isinstance(given, tuple) else given,
+    )  # fmt: skip
+    move_seconds: float | None = option(None, help="Time that the apparatus takes for a move.", unit="s", least=0, most=1e6)
+    scan_seconds: float | None = option(None, help="Time that the apparatus takes for a scan.", unit="s", least=0, most=1e6)
 
     def check_together(self) -> None:
         """Refuse a problem whose fields contradict each other. Do not open the map file."""
@@ -313,16 +358,39 @@ class SwarmProblem(Problem):
         InvalidInputError, UnknownNameError
             Raised if the name of the policy is unknown, or if a policy that does not plan has a planning budget.
         """
-        from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies import make_policy, with_budget
 
         thinking = {"budget": self.budget, "milliseconds": self.time_per_move}
         wanted = {name: value for name, value in thinking.items() if value is not None}
         policy: Any = self.policy
         if isinstance(policy, str) and policy == "auto":
-            plannable = self.rule != "tilt" and self.scanning.every_move and not self.noise
-            policy = "best" if isinstance(self.chosen_task, Mapping) and (plannable or wanted) else "closest-frontier"
+            policy = self._automatic(planned=bool(wanted))
         return with_budget(make_policy(policy), **wanted)
+
+    @property
+    def chosen_for_size(self) -> bool:
+        """Whether the policy is ``auto``, and the size of the map decides about it."""
+        wanted = self.budget is not None or self.time_per_move is not None
+        return isinstance(self.policy, str) and self.policy == "auto" and not wanted and self._plannable and self.map != RIG
+
+    @property
+    def _plannable(self) -> bool:
+        """Whether the planner best works, and needs fewer moves than the policy closest-frontier on a small map."""
+        from shoal.swarm.grid.tasks import Mapping
+
+        quiet = self.slip + self.misplace + self.miss <= STRONG_NOISE
+        return isinstance(self.chosen_task, Mapping) and self.rule != "tilt" and self.scanning.every_move and quiet
+
+    def _automatic(self, *, planned: bool) -> Any:
+        """Return the policy that ``auto`` stands for. If ``planned`` is true, the user has set a limit that only planners have."""
+        from shoal.swarm.grid.tasks import Mapping
+        from shoal.swarm.policies.planners.cost import fit_planner
+
+        if self.chosen_for_size:
+            workspace: GridWorkspace = self.place
+            size = (workspace.shape, workspace.n_free, self.particles)
+            return fit_planner(*size, noisy=self.noise is not None) or "closest-frontier"
+        return "best" if self._plannable or (planned and isinstance(self.chosen_task, Mapping)) else "closest-frontier"
 
     def open_place(self) -> GridWorkspace:
         """Open the problem's map and return the workspace."""
@@ -331,7 +399,7 @@ class SwarmProblem(Problem):
         reading = {name: getattr(self, name) for name in READING}
         workspace = open_map(self.map, **reading)
         if self.cell_size is not None:
-            workspace = GridWorkspace(workspace.free, name=workspace.name, spacing=(self.cell_size,) * workspace.ndim)
+            workspace = GridWorkspace(workspace.free, name=workspace.name, spacing=spacing_of(self.cell_size, workspace.ndim))
         if not self.largest_component:
             return workspace
         largest = workspace.largest_component()

@@ -7,24 +7,28 @@ do not support a problem, Python code runs the episode.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.random import Generator
 
 from shoal.core.checks import check_integer
+from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.grid.randomness import trial_rng
-from shoal.swarm.policies import ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves, shown_name
+from shoal.swarm.policies import Budgeted, ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves, shown_name
+from shoal.swarm.policies.planners.cost import SHARE, expected_moves
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.deciders import make_decider
 from shoal.swarm.simulation.exact import ExactSwarm
-from shoal.swarm.simulation.loop import OnMoves, OnTrace, closed_loop
+from shoal.swarm.simulation.loop import OnMoves, OnTrace, Stop, closed_loop
 from shoal.swarm.simulation.noisy import NoisySwarm
 from shoal.swarm.simulation.starts import draw_start, swarm_of
+
+MEASURED, PILOT = 1.0, 2.0  # seconds of an episode, and of its run by closest-frontier, from which its duration is estimated
 
 
 def run(
@@ -35,6 +39,7 @@ def run(
     stepwise: bool = False,
     on_moves: OnMoves | None = None,
     on_trace: OnTrace | None = None,
+    stop: Stop | None = None,
 ) -> SwarmEpisode:
     """Run one episode of a swarm problem.
 
@@ -51,6 +56,9 @@ def run(
         Function that `run` calls during the episode, with the number of moves made and the number of remaining frontier cells.
     on_trace : callable, optional
         Function that `run` calls during the episode, with each new piece of the trace.
+    stop : callable, optional
+        Function that `run` calls several times a second. If it returns true, the episode ends after the moves made so far, with the
+        status "interrupted".
 
     Returns
     -------
@@ -79,9 +87,11 @@ def run(
     if game is None:
         mapping, decider = getattr(problem.chosen_task, "mapping", True), make_decider(problem, swarm.belief, rng)
         limit = problem.max_moves
-        trace, status = closed_loop(swarm, decider, max_moves=limit, mapping=mapping, on_moves=on_moves, on_trace=on_trace)
+        trace, status = closed_loop(
+            swarm, decider, max_moves=limit, mapping=mapping, on_moves=on_moves, on_trace=on_trace, stop=stop
+        )
     else:
-        trace, status = compiled_loop(game, problem.max_moves, on_moves, on_trace)
+        trace, status = compiled_loop(game, problem.max_moves, on_moves, on_trace, stop=stop)
     return SwarmEpisode(
         problem=problem,
         start=start,
@@ -106,6 +116,53 @@ def check(problem: SwarmProblem) -> None:
     """
     problem.check_at_place()
     draw_start(problem, trial_rng(0, 0))
+
+
+class Duration(NamedTuple):
+    """How long an episode of a planner is expected to take.
+
+    Attributes
+    ----------
+    moves : float
+        Expected number of moves.
+    seconds : float
+        Expected computing time of the episode.
+    """
+
+    moves: float
+    seconds: float
+
+
+def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -> Duration | None:
+    """Return how long an episode is expected to take, or None if the policy is no planner or the task is a third party's.
+
+    The function plays the episode with the policy closest-frontier, which takes a fraction of a second, and `MEASURED` seconds of
+    the episode itself. The expectation is right within a factor of about 2.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        Raised if the settings of the problem are invalid.
+    """
+    policy = problem.chosen_policy
+    if not isinstance(policy, Budgeted) or not is_compiled(problem.chosen_task):
+        return None
+    pilot = problem.replaced(policy="closest-frontier", budget=None, time_per_move=None).at_place(problem.place)
+    watch = Stopwatch()
+    piloted = run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT)
+    moves = SHARE * piloted.moves
+    if piloted.status is Status.INTERRUPTED:
+        moves = max(moves, expected_moves(problem.place.n_free, problem.particles, noisy=problem.noise is not None))
+    moves = min(float(problem.max_moves), moves)
+    if policy.milliseconds:
+        return Duration(moves, moves * policy.milliseconds / 1000)
+    load_kernels(problem)
+    watch = Stopwatch()
+    begun = run(problem, seed=seed, trial=trial, stop=lambda: watch.seconds > MEASURED)
+    if begun.status is not Status.INTERRUPTED:
+        return Duration(begun.moves, begun.seconds)
+    moves = max(moves, begun.moves)
+    return Duration(moves, begun.seconds_per_move * moves)
 
 
 def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:

@@ -194,7 +194,8 @@ def test_a_noisy_rig_is_driven(tmp_path):
 
 
 def test_command(tmp_path, capsys):
-    words = ["map", "maze:11x9", "-n", "6", "--slip", "0.05", "--misplace", "0.01", "--miss", "0.02", "--confidence", "0.95"]
+    noise = ["--slip", "0.05", "--misplace", "0.01", "--miss", "0.02", "--confidence", "0.95"]
+    words = ["map", "maze:11x9", "-n", "6", "--policy", "closest-frontier", *noise]
     assert shoal([*words, "--trials", "3", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["noise"] == {"slip": 0.05, "misplace": 0.01, "miss": 0.02}

@@ -126,7 +126,7 @@ def test_unknown_names_are_refused_with_the_nearest(given):
         ({"rule": "merge"}, "beam-rollout"),
         ({"rule": "tilt"}, "closest-frontier"),
         ({"scan_every": 2}, "closest-frontier"),
-        ({"slip": 0.1}, "closest-frontier"),
+        ({"slip": 0.1}, "beam-rollout"),
         ({"task": "coverage"}, "closest-frontier"),
         ({"task": "coverage", "subset": 0.5}, "closest-frontier"),
         ({"policy": "offline", "task": "coverage", "budget": 99.0}, "offline:budget=99"),

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import statistics
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import typer
 
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import (
     check_outputs,
+    duration_text,
     moves_told,
     patience,
     print_json,
@@ -22,12 +26,17 @@ from shoal.cli.output import (
 )
 from shoal.core.checks import check_integer
 from shoal.core.counts import shape_text
+from shoal.core.episode import Status
+from shoal.core.interruption import patient
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 
 if TYPE_CHECKING:
     from shoal.swarm import SwarmEpisode
     from shoal.swarm.maps.imaging import Vessels
 
+SIDES = ("layer", "row", "column")
+INTERRUPTED = 130  # exit code after Ctrl-C
+TOLD = 10.0  # seconds of planning from which the expected duration is said before the first move
 MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
 COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
 
@@ -78,21 +87,65 @@ def _play(
     load_kernels(problem)
     whole = isinstance(problem.chosen_policy, Offline)
     planned = patience("computing the complete plan before the first move ...") if whole else nullcontext()
-    with planned, progress("trials", trials, shown=trials > 1) as advance:
-        episodes = run_trials(
-            problem,
-            trials=trials,
-            workers=workers,
-            seed=seed,
-            on_trial=advance,
-            on_moves=moves_told(workspace.name) if trials == 1 else None,
-        )
-    result = summary(episodes, seed=seed)
-    written = write_outputs(episodes, result, out, film)
-    if json_:
-        print_json(result)
+    _tell_duration(problem, trials=trials, workers=workers, seed=seed, out=out)
+    with patient():  # after Ctrl-C, the results so far are written and printed before the process ends
+        with planned, progress("trials", trials, shown=trials > 1) as advance:
+            episodes = run_trials(
+                problem,
+                trials=trials,
+                workers=workers,
+                seed=seed,
+                on_trial=advance,
+                on_moves=moves_told(workspace.name) if trials == 1 else None,
+                keep=True,
+            )
+        result = summary(episodes, seed=seed)
+        written = write_outputs(episodes, result, out, film)
+        if json_:
+            print_json(result)
+        else:
+            print_trials(episodes, result, written)
+        if len(episodes) < trials or any(episode.status is Status.INTERRUPTED for episode in episodes):
+            sys.stdout.flush()
+            say(f"shoal: interrupted: {_kept_text(episodes, trials, out)}")
+            raise typer.Exit(INTERRUPTED)
+
+
+def _kept_text(episodes: list[SwarmEpisode], trials: int, out: Path | None) -> str:
+    """Return a text about the episodes that an interruption has left."""
+    done = sum(episode.status is not Status.INTERRUPTED for episode in episodes)
+    begun = f"{done} of {trials} trials ended" if trials > 1 else f"{episodes[0].moves} moves made"
+    return f"{begun}; {'--out DIR keeps the moves' if out is None else f'{out} has all moves so far'}"
+
+
+def _tell_duration(problem: SwarmProblem, *, trials: int, workers: int | None, seed: int, out: Path | None) -> None:
+    """Say before the first move what auto has chosen for a large map, and how long planning will take if it takes long."""
+    from shoal.lab.executors import default_workers
+    from shoal.swarm.policies import Budgeted
+    from shoal.swarm.policies.planners.beam_rollout import BeamRollout
+    from shoal.swarm.policies.planners.cost import planning_seconds
+    from shoal.swarm.run import expected_duration
+
+    policy, workspace = problem.chosen_policy, problem.place
+    sizes = (workspace.shape, workspace.n_free, problem.particles)
+    noisy = problem.noise is not None
+    usual = BeamRollout()
+    seconds = planning_seconds(usual, *sizes, noisy=noisy)
+    if problem.chosen_for_size and policy != usual:
+        why = f"because best with its usual budget would take about {duration_text(seconds)}"
+        say(f"shoal: notice: {workspace.name}: the policy auto chose {policy.name}, {why}")
+    rounds = -(-trials // min(trials, workers or default_workers()))
+    if not isinstance(policy, Budgeted) or rounds * planning_seconds(policy, *sizes, noisy=noisy) < TOLD:
         return
-    print_trials(episodes, result, written)
+    expected = expected_duration(problem, seed=seed)
+    if expected is None or rounds * expected.seconds < TOLD:
+        return
+    each = f" in each of {trials} trials" if trials > 1 else ""
+    kept = "" if out is not None else " if --out is given"
+    say(
+        f"shoal: notice: {workspace.name}: {policy.name} takes about {duration_text(rounds * expected.seconds)}, for about "
+        f"{expected.moves:.0f} moves{each} (Ctrl-C ends it and keeps the moves so far{kept}; a smaller --budget is faster)"
+    )
 
 
 def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
@@ -101,12 +154,13 @@ def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
     The data contain the values that all trials share, and lists with one entry for each trial.
     """
     reports = [episode.report() for episode in episodes]
-    each = ("status", "moves", "scans", "cost", "distance", *NOISE_MEASURES)
+    each = ("status", "moves", "scans", "cost", "distance", "distance_mm", "apparatus_seconds", *NOISE_MEASURES)
     rates = ("false_free_rate", "false_obstacle_rate")
     left_out = (*each, *rates, "reason")
     result = {name: value for name, value in reports[0].items() if name not in left_out} | {"seed": seed, "trials": len(episodes)}
     result |= {name: [report[name] for report in reports] for name in each if name in reports[0]}
     result |= {name: statistics.fmean(report[name] for report in reports) for name in rates if name in reports[0]}
+    result |= {name: None for name in ("distance_mm", "apparatus_seconds") if result[name][0] is None}
     moves = result["moves"]
     return result | {
         "mean": statistics.fmean(moves),
@@ -148,6 +202,7 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
     first = episodes[0]
     rows = [
         ("map", f"{first.workspace.name}, {shape_text(first.workspace.shape)}, {first.workspace.n_free} free cells"),
+        *cell_rows(first.workspace.spacing),
         ("particles", f"{first.particles}, {first.placement} placement, rule {first.rule}"),
         ("policy", _policy_text(first)),
     ]
@@ -159,7 +214,8 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
             *_ratio_rows(first),
             *_noise_rows(episodes, result),
             ("cost", _cost(first)),
-            ("distance", f"{first.distance} cells travelled by all particles"),
+            ("distance", _distance(first)),
+            *_apparatus_rows(first.lengths_and_times),
             ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs per move"),
         ]
         return rows
@@ -171,7 +227,32 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
         ("status", ", ".join(f"{count} {status}" for status, count in counts.items())),
         *_noise_rows(episodes, result),
     ]
+    if first.lengths_and_times["apparatus_seconds"] is not None:
+        rows.append(("apparatus", f"{statistics.fmean(result['apparatus_seconds']):.4g} s on average for moves and scans"))
     return rows
+
+
+def cell_rows(spacing: tuple[float, ...] | None) -> list[tuple[str, str]]:
+    """Return a row with the size of a cell, if it is known."""
+    if spacing is None:
+        return []
+    sizes = spacing[:1] if len(set(spacing)) == 1 else spacing
+    sides = "" if len(sizes) == 1 else f" ({', '.join(SIDES[-len(sizes) :])})"
+    return [("cell", f"{' × '.join(f'{size:g}' for size in sizes)} mm{sides}")]
+
+
+def _distance(episode: SwarmEpisode) -> str:
+    length = episode.lengths_and_times["distance_mm"]
+    return f"{episode.distance} cells{'' if length is None else f' ({length:.6g} mm)'} travelled by all particles"
+
+
+def _apparatus_rows(quantities: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return a row with the time that the apparatus takes, if the time of a move or of a scan is given."""
+    total, move, scan = (quantities[name] for name in ("apparatus_seconds", "move_seconds", "scan_seconds"))
+    if total is None:
+        return []
+    parts = [f"{value:g} s per {what}" for what, value in (("move", move), ("scan", scan)) if value is not None]
+    return [("apparatus", f"{total:.6g} s ({', '.join(parts)})")]
 
 
 def _cost(episode: SwarmEpisode) -> str:

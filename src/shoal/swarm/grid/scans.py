@@ -11,7 +11,7 @@ single scan after a run gives the same information as one scan after each comman
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_integer, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.state import SwarmState
 
 Kind = Literal["equal", "doubling", "hyper", "adaptive"]
@@ -204,3 +205,45 @@ def _by_line(cells: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
     """Return cells sorted by their line along ``axis``. Cells in the same line are sorted by position."""
     others = [i for i in range(cells.shape[1]) if i != cells.shape[1] + axis]
     return cells[np.lexsort((cells[:, axis], *(cells[:, i] for i in others)))]
+
+
+def lengths_and_times(
+    trace: Any,
+    *,
+    scans: int,
+    spacing: tuple[float, ...] | None = None,
+    move_seconds: float | None = None,
+    scan_seconds: float | None = None,
+) -> dict[str, Any]:
+    """Return the lengths and times of a run, for the results of commands. A quantity that is not known is None.
+
+    Parameters
+    ----------
+    trace : Trace
+        Trace of the run.
+    scans : int
+        Number of scans of the run, including the scan at the start.
+    spacing : tuple of float, optional
+        Size of a cell along each axis (mm).
+    move_seconds, scan_seconds : float, optional
+        Time that the apparatus takes for a move and for a scan.
+
+    Returns
+    -------
+    dict
+        ``cell_m`` and ``cell_mm``: size of a cell along each axis (list of float). ``distance_mm``: distance that all particles
+        together travelled. ``move_seconds`` and ``scan_seconds``. ``apparatus_seconds``: time of all moves and scans.
+    """
+    distance = None
+    if spacing is not None:
+        axis_of = np.array([AXES[letter][0] for letter in letters_of(len(spacing))])
+        distance = float((trace.travelled * np.array(spacing)[axis_of][trace.commands]).sum())
+    known = move_seconds is not None or scan_seconds is not None
+    return {
+        "cell_m": None if spacing is None else [size / 1000 for size in spacing],
+        "cell_mm": None if spacing is None else list(spacing),
+        "distance_mm": distance,
+        "move_seconds": move_seconds,
+        "scan_seconds": scan_seconds,
+        "apparatus_seconds": trace.moves * (move_seconds or 0.0) + scans * (scan_seconds or 0.0) if known else None,
+    }

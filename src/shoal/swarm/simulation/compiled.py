@@ -65,15 +65,26 @@ class Game(Protocol):
 
 
 def compiled_loop(
-    game: Game, max_moves: int, on_moves: Any = None, on_trace: Any = None, *, scanned: NDArray[np.bool_] | None = None
+    game: Game,
+    max_moves: int,
+    on_moves: Any = None,
+    on_trace: Any = None,
+    *,
+    scanned: NDArray[np.bool_] | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> tuple[Trace, Status]:
     """Run an episode in compiled code, in pieces that each take a fraction of a second.
 
     For a replay, ``scanned`` tells for each command whether a scan follows the command.
     """
-    room, moves, ended = min(2048 if on_trace is None else SHOWN_FIRST, game.largest), 0, RUNNING
+    watched = on_moves is not None or on_trace is not None or stop is not None
+    first = 2048 if not watched else SHOWN_FIRST if on_trace is not None else 1  # one move of a large swarm may take a second
+    room, moves, ended = min(first, game.largest), 0, RUNNING
     pieces: list[Trace] = []
+    stopped = False
     while moves < max_moves and ended == RUNNING:
+        if stopped := stop is not None and stop():
+            break
         piece = Trace.empty(min(room, max_moves - moves))
         if scanned is not None:
             piece.scanned[:] = scanned[moves : moves + piece.moves]
@@ -85,12 +96,13 @@ def compiled_loop(
             on_moves(moves, game.remaining)
         if on_trace is not None:
             on_trace(pieces[-1])
+        if watched:
             room = max(1, min(room, round(max(1, played) * SHOWN_EVERY / (time.perf_counter() - began))))
     trace = Trace.joined(pieces)
     status = STATUSES[ended]
     if status is Status.LIMIT and scanned is None:
         status = game.cut(trace)
-    return trace, status
+    return trace, Status.INTERRUPTED if stopped and status is Status.LIMIT else status
 
 
 def trail_of(layout: GridLayout) -> policy_episode.DepthFirstSpace:

@@ -22,6 +22,10 @@ OnTrace = Callable[[Trace], None]
 """Function that the closed loop calls with each new piece of the trace."""
 
 
+Stop = Callable[[], bool]
+"""Function that tells whether the run must end after the moves made so far, with the status ``interrupted``."""
+
+
 class Controlled(Protocol):
     """The swarm that the closed loop controls.
 
@@ -71,6 +75,7 @@ def closed_loop(
     on_moves: OnMoves | None = None,
     on_trace: OnTrace | None = None,
     recorder: Recorder | None = None,
+    stop: Stop | None = None,
 ) -> tuple[Trace, Status]:
     """Run a swarm until no frontier cells are left, the policy has no more commands, or the maximum number of moves is reached.
 
@@ -86,7 +91,7 @@ def closed_loop(
     mapping : bool
         True for a mapping, whose frontier cells are unknown. False for a coverage, whose frontier cells are known to be free.
         Policies receive ``mapping`` in their `View`.
-    on_moves, on_trace : callable, optional
+    on_moves, on_trace, stop : callable, optional
     recorder : Recorder, optional
         Recorder to continue. It keeps the trace if the swarm raises an exception.
 
@@ -100,6 +105,8 @@ def closed_loop(
             return recorder.trace, Status.COMPLETE
         if recorder.moves >= max_moves:
             return recorder.trace, Status.LIMIT
+        if stop is not None and stop():
+            return recorder.trace, Status.INTERRUPTED
         view = View(swarm.belief, swarm.state.occupied, swarm.rule, mapping, recorder.moves, *recorder.last)
         run = decider.next(view, swarm.state, recorder.idle)
         if run is None:

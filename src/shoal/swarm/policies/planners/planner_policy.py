@@ -5,10 +5,13 @@ from __future__ import annotations
 import copy
 from typing import Any, ClassVar
 
+import numpy as np
 from numpy.random import Generator
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.fields import field_of
 from shoal.swarm.grid.state import SwarmState
@@ -38,7 +41,8 @@ class PlannerPolicy(Compiled):
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the next command. ``memory`` holds the last command and everything that the planner has learnt."""
-        belief, layout, memory = view.belief, view.occupied.layout, copy.deepcopy(memory)
+        layout, memory = view.occupied.layout, copy.deepcopy(memory)
+        belief = _plannable(view.belief)
         field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # planners do not read the true state
         if memory is None:
             options = self.settings(len(view.occupied))
@@ -47,6 +51,10 @@ class PlannerPolicy(Compiled):
         else:
             planner, pace = memory.planner, memory.pace
             planner.memory.remaining = len(belief.frontier)
+            # With noise, a scan may classify cells that no particle tried to enter with the last command. The prior does not learn
+            # from them: its window around such a cell may lie outside the board.
+            entered = belief.open.shifted(letters_of(layout.ndim)[memory.command])
+            planner.prior.before[:] |= (belief.known - entered).words.ravel()
             planner_episode.observe_outcome(field, view.mapping, planner, memory.command, view.classified)
         with pace.timed(planner, 1):
             command = int(planner_episode.choose(self.code, field, view.mapping, planner))
@@ -54,6 +62,15 @@ class PlannerPolicy(Compiled):
             return "", None
         planner.prior.before[:] = field.known
         return letters_of(layout.ndim)[command], _Remembered(planner, command, pace)
+
+
+def _plannable(belief: Belief) -> Belief:
+    """Return a belief without free cells on the rim, where kernels expect none. With noise, a belief may err there."""
+    rim = belief.open & Board.full(belief.open.layout) - Board.of_mask(np.ones(belief.open.layout.shape, dtype=np.bool_))
+    if not rim:
+        return belief
+    inside = belief.open - rim
+    return Belief(inside, belief.known, belief.frontier & inside.dilated())
 
 
 @dataclass(frozen=True)
