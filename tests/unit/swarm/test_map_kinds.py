@@ -122,6 +122,31 @@ def test_colours_of_every_depth(tmp_path, planar, dtype):
         read_map(tmp_path / "colour.tif", label=1)
 
 
+def test_pages_of_floats_are_layers(tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    with tifffile.TiffWriter(tmp_path / "pages.tif") as writer:
+        for layer in VOLUME:
+            writer.write(layer.astype(np.float64), contiguous=False)
+    np.testing.assert_array_equal(read_map(tmp_path / "pages.tif", level=100).free, VOLUME >= 100)
+    with tifffile.TiffWriter(tmp_path / "sizes.tif") as writer:
+        for layer in (VOLUME[0], VOLUME[1, :9]):
+            writer.write(layer.astype(np.float64), contiguous=False)
+    with pytest.raises(InvalidInputError, match="expected pages of one picture, got 2 pictures of 20x30 and 9x30"):
+        read_map(tmp_path / "sizes.tif", level=100)
+
+
+@pytest.mark.parametrize("dtype", ["u1", "f4"])
+def test_axes_without_a_microscope(tmp_path, dtype):
+    tifffile = pytest.importorskip("tifffile")
+    tifffile.imwrite(tmp_path / "film.tif", VOLUME.astype(dtype), metadata={"axes": "TYX"})
+    with pytest.raises(InvalidInputError, match=r"one point in time \(--frame\), got 3"):
+        read_map(tmp_path / "film.tif", level=100)
+    np.testing.assert_array_equal(read_map(tmp_path / "film.tif", level=100, frame=3).free, VOLUME[2] >= 100)
+    tifffile.imwrite(tmp_path / "four.tif", np.stack([VOLUME, VOLUME]).astype(dtype))
+    with pytest.raises(InvalidInputError, match="expected rows, columns, layers, channels and time, got an axis"):
+        read_map(tmp_path / "four.tif", level=100)
+
+
 def test_many_channels_are_a_question(tmp_path):
     tifffile = pytest.importorskip("tifffile")
     channels = np.stack([GREYS * 0, LINES * 255, 255 - LINES * 255, GREYS, GREYS], axis=-1).astype(np.uint8)
@@ -479,7 +504,7 @@ def test_names_of_slices_may_have_any_digits(tmp_path):
 
 
 def test_limits_count_after_scaling(tmp_path, monkeypatch):
-    from shoal.swarm.maps import reading
+    from shoal.swarm.maps import pictures, reading
 
     monkeypatch.setattr(reading, "MAX_CELLS", 200)
     Image.fromarray(LINES * 255).save(tmp_path / "large.png")
@@ -488,7 +513,7 @@ def test_limits_count_after_scaling(tmp_path, monkeypatch):
     assert read_map(tmp_path / "large.png", scale=0.5).shape == (10, 15)
     with pytest.raises(InvalidInputError, match="expected at most 200 cells, got 40x60"):
         read_map(tmp_path / "large.png", scale=2.0)
-    monkeypatch.setattr(reading, "LARGEST_DATA", 300)
+    monkeypatch.setattr(pictures, "LARGEST_PICTURE", 300)
     with pytest.raises(InvalidInputError, match="expected at most 300 bytes of data, got 600"):
         read_map(tmp_path / "large.png", scale=0.5)
 

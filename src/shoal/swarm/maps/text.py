@@ -19,7 +19,7 @@ from shoal.swarm.maps.workspace import GridWorkspace
 LARGEST_TEXT = 2**26
 """Maximum number of bytes of a map as text."""
 
-MOST_LINES = 2**22
+MOST_LINES = 2**19
 """Maximum number of lines of a map as text."""
 
 LONGEST_LINE = 2**24
@@ -152,7 +152,8 @@ def _numbers(path: Path, line_number: int, line: str, *, single: bool, options: 
     if digits is None:
         if len(line) > LONGEST_LINE:
             raise InvalidInputError(f"{path}, line {line_number}: expected at most {LONGEST_LINE} characters, got {len(line)}")
-        separated = re.split(" *[,;] *", line) if "," in line or ";" in line else line.split()
+        mark = "," if "," in line else ";" if ";" in line else ""
+        separated = line.split(mark) if mark else line.split()
         try:
             numbers = np.array(separated, dtype=np.float64)
         except ValueError:

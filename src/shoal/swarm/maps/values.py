@@ -88,10 +88,14 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     known = white is not None
     white = _largest(pieces, where) if white is None else white
     threshold = WHITE if options.threshold is None else options.threshold
-    least = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
+    # An exactly equal brightness is free: rounded to 32 bits, 100 / 255 of 255 is 100.
+    least: Any = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
     free: list[Mask] = []
     extremes, missing, middle, looked_at = Extremes(), 0, 0, 0
-    for piece in pieces():
+    for given in pieces():
+        piece = given.view(np.uint8) if given.dtype == np.bool_ else given
+        if known and piece.dtype.kind == "u" and not isinstance(least, int):
+            least = int(np.ceil(least))  # whole numbers are compared without conversion
         nan = _not_a_number(piece, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
         extremes.add(piece if nan is None else piece[~nan])
