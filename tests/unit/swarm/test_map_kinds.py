@@ -138,11 +138,11 @@ def test_pages_of_floats_are_layers(tmp_path):
 @pytest.mark.parametrize("dtype", ["u1", "f4"])
 def test_axes_without_a_microscope(tmp_path, dtype):
     tifffile = pytest.importorskip("tifffile")
-    tifffile.imwrite(tmp_path / "film.tif", VOLUME.astype(dtype), metadata={"axes": "TYX"})
+    tifffile.imwrite(tmp_path / "film.tif", VOLUME.astype(dtype), photometric="minisblack", metadata={"axes": "TYX"})
     with pytest.raises(InvalidInputError, match=r"one point in time \(--frame\), got 3"):
         read_map(tmp_path / "film.tif", level=100)
     np.testing.assert_array_equal(read_map(tmp_path / "film.tif", level=100, frame=3).free, VOLUME[2] >= 100)
-    tifffile.imwrite(tmp_path / "four.tif", np.stack([VOLUME, VOLUME]).astype(dtype))
+    tifffile.imwrite(tmp_path / "four.tif", np.stack([VOLUME, VOLUME]).astype(dtype), photometric="minisblack")
     with pytest.raises(InvalidInputError, match="expected rows, columns, layers, channels and time, got an axis"):
         read_map(tmp_path / "four.tif", level=100)
 

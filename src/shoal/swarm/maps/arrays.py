@@ -51,12 +51,15 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
 
         def pieces() -> Iterator[NDArray[Any]]:
             file.seek(begin)
-            for first in range(0, size, PIECE * dtype.itemsize):
-                yield np.frombuffer(file.read(min(PIECE * dtype.itemsize, size - first)), dtype=dtype)
+            step = max(1, PIECE // max(1, row)) * row
+            for first in range(0, prod(shape), max(1, step)):
+                numbers = file.read(min(step, prod(shape) - first) * dtype.itemsize)
+                yield np.frombuffer(numbers, dtype=dtype).reshape(-1, *stored[1:])
 
         stored = shape[::-1] if fortran else shape
+        row = prod(stored[1:])
         if channel is None:
-            free = np.concatenate([np.zeros(0, np.bool_), *free_by_number(pieces, options, where=str(path))]).reshape(stored)
+            free = np.concatenate([np.zeros((0, *stored[1:]), np.bool_), *free_by_number(pieces, options, where=str(path))])
             return np.ascontiguousarray(free.T) if fortran else free
         whole = np.concatenate([*pieces()]).reshape(stored)
         chosen = np.ascontiguousarray((whole.T if fortran else whole)[..., channel])
