@@ -148,6 +148,7 @@ def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
 
 def _numbers(path: Path, line_number: int, line: str, *, single: bool, options: MapOptions) -> NDArray[Any]:
     """Return the numbers of one line of a table. Without a level or a label, each number is 0 or 1, or not a number."""
+    numbers: NDArray[Any] | None
     digits = np.frombuffer(line.encode(), dtype=np.uint8) - np.uint8(ord("0")) if single else _single_digits(line)
     if digits is None:
         if len(line) > LONGEST_LINE:

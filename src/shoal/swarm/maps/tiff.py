@@ -103,8 +103,8 @@ class Tiff:
         # A writer that knows nothing of series writes each page as one; they are the layers of the map.
         alike = {(one.shape, one.dtype, one.axes) for one in self._all}
         if len(self._all) > 1 and (len(alike) > 1 or set(self._series.axes) - set("YXS") or self._file.is_ome):
-            names = " and ".join("x".join(map(str, one.shape)) for one in self._all[:3])
-            raise InvalidInputError(f"{self.path}: expected pages of one picture, got {len(self._all)} pictures of {names}")
+            sizes = " and ".join("x".join(map(str, one.shape)) for one in self._all[:3])
+            raise InvalidInputError(f"{self.path}: expected pages of one picture, got {len(self._all)} pictures of {sizes}")
         page = self._series.keyframe
         self.white_is_zero = page.photometric is not None and int(page.photometric) == 0
         self.photometric = int(page.photometric)

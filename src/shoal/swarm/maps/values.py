@@ -221,5 +221,6 @@ def _there(pieces: Pieces) -> str:
 def _cell_of(pieces: Pieces, number: Any) -> str:
     """Return the place of the first cell with a number as text. A file in several pieces, or without rows, gives no place."""
     parts = [*islice(pieces(), 2)]
-    found = np.argwhere(parts[0] == number) if len(parts) == 1 and parts[0].ndim > 1 else []
-    return f" at cell {tuple(int(i) for i in found[0])}" if len(found) else ""
+    if len(parts) > 1 or parts[0].ndim < 2:
+        return ""
+    return f" at cell {tuple(int(i) for i in np.argwhere(parts[0] == number)[0])}"

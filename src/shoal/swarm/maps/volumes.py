@@ -428,7 +428,7 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
         return layers[0], within and _checked_sides(where, within)
     if layers[0].ndim == 3:  # the images of one file
         thick = first.get("SpacingBetweenSlices") or first.get("SliceThickness")
-        sides = None if within is None or thick is None else (float(thick), *within)
+        sides: tuple[float, ...] | None = None if within is None or thick is None else (float(thick), *within)
         return layers[0], sides and _checked_sides(where, sides)
     free = np.stack(layers)
     sides = None if within is None or distance is None else (distance, *within)
