@@ -66,7 +66,7 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
         return np.concatenate(free_by_number(lambda: in_pieces(chosen), options, where=str(path)))
 
 
-def read_mat(path: Path, options: MapOptions) -> Mask:
+def read_matlab(path: Path, options: MapOptions) -> Mask:
     """Read a MATLAB file and return the free cells of the only matrix in it. The third index of a matrix counts the layers.
 
     Numbers that belong to the matrix, such as the size of a cell, may stand beside it: only an array of more than one row and

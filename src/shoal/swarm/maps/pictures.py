@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_file
+from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.notices import tell_once
 from shoal.swarm.maps import tiff
@@ -88,6 +89,9 @@ class Page(NamedTuple):
     reduced: int = 0
     first_row: int = 0
     rows: int = 0
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
 
 Sides = tuple[float, ...] | None
@@ -209,13 +213,13 @@ def _free_layers(files: list[Path], options: MapOptions, *, folder: Path | None 
         del bands
         free = free.reshape(-1, source.rows, free.shape[1])
         if options.scale != 1.0:
-            free = np.stack([scaled(layer, options.scale) for layer in free])
+            free = np.stack([_scaled(layer, options.scale) for layer in free])
             check_size(where, *free.shape)
     sides = source.spacing
     return free, None if sides is None else tuple(side / (options.scale if axis else 1.0) for axis, side in enumerate(sides))
 
 
-def scaled(free: Mask, scale: float) -> Mask:
+def _scaled(free: Mask, scale: float) -> Mask:
     """Return the free cells of a picture with ``scale`` cells for each pixel along each side.
 
     A cell of several pixels is free if at least half of its pixels are free.

@@ -51,7 +51,7 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
     return max(bits) > 8 or kind != 1 or not known or (planar == 2 and samples != 3)
 
 
-def library() -> Any:
+def _library() -> Any:
     """Return the library tifffile.
 
     Raises
@@ -84,7 +84,7 @@ class Tiff:
 
     def __init__(self, path: Path, options: MapOptions) -> None:
         self.path = path
-        self._file = library().TiffFile(path)
+        self._file = _library().TiffFile(path)
         try:
             self._choose(options)
         except BaseException:

@@ -36,7 +36,7 @@ def free_by_number(pieces: Pieces, options: MapOptions, *, where: str) -> list[M
         nor ``label`` is given for an array of more than two different numbers, such as intensities or probabilities.
     """
     free: list[Mask] = []
-    missing, other = 0, Extremes()
+    missing, other = 0, _Extremes()
     for piece in pieces():
         nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
@@ -92,7 +92,7 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     # An exactly equal brightness is free: rounded to 32 bits, 100 / 255 of 255 is 100.
     least: Any = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
     free: list[Mask] = []
-    extremes, missing, middle, looked_at = Extremes(), 0, 0, 0
+    extremes, missing, middle, looked_at = _Extremes(), 0, 0, 0
     for given in pieces():
         piece = given.view(np.uint8) if given.dtype == np.bool_ else given
         if known and piece.dtype.kind == "u" and not isinstance(least, int):
@@ -105,7 +105,7 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
         middle += int(np.count_nonzero(np.abs(sample / max(white, 1e-30) - 0.5) < MIDDLE / 2))
         looked_at += sample.size
     _tell_of_missing(missing, where)
-    if options.threshold is None and extremes.two_valued:
+    if options.threshold is None and extremes.has_two:
         if not extremes.low < least <= extremes.high:
             tell_once(
                 f"shoal: {where}: the picture has two brightnesses, {extremes.low:g} and {extremes.high:g} of {white:g}; it is "
@@ -141,7 +141,7 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     return free
 
 
-class Extremes:
+class _Extremes:
     """The smallest and the largest of all numbers added, and whether there are no others."""
 
     def __init__(self) -> None:
@@ -150,7 +150,7 @@ class Extremes:
         self._only_two = True
 
     @property
-    def two_valued(self) -> bool:
+    def has_two(self) -> bool:
         """Whether exactly two different numbers were added."""
         return bool(self._only_two and self.low is not None and self.low != self.high)
 
@@ -200,7 +200,7 @@ def _tell_of_missing(count: int, where: str) -> None:
 
 
 def _largest(pieces: Pieces, where: str) -> float:
-    extremes = Extremes()
+    extremes = _Extremes()
     for piece in pieces():
         nan = _not_a_number(piece, pieces, where)
         extremes.add(piece if nan is None else piece[~nan])

@@ -372,13 +372,13 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
         series = list(dict.fromkeys(str(head.get("SeriesInstanceUID", "")) for head in heads))
         if len(series) > 1:
             counts = ", ".join(
-                f"{sum(str(head.get('SeriesInstanceUID', '')) == uid for head in heads)} of {shown_uid(uid)}" for uid in series[:4]
+                f"{sum(str(head.get('SeriesInstanceUID', '')) == uid for head in heads)} of {_end_of(uid)}" for uid in series[:4]
             )
             raise InvalidInputError(f"{folder}: expected one series, got {len(series)} ({counts}); give each series a folder")
         return _dicom_cells(folder, files, heads, pydicom, options)
 
 
-def shown_uid(uid: str) -> str:
+def _end_of(uid: str) -> str:
     """Return the end of a unique identifier, which is the part that differs."""
     return uid if len(uid) < 16 else f"…{uid[-12:]}"
 
