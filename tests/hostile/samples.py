@@ -122,6 +122,7 @@ def _maps() -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
     }
     slices = {f"layers/{k}.png": _picture("PNG") for k in (1, 2)}
     return found | {
+        "map nhdr": (open_map, [{"a.nhdr": _nrrd(free, "raw", file="a.raw"), "a.raw": free.astype(np.uint8).tobytes()}]),
         "map folder": (lambda path: open_map(path.parent), [slices]),
         "photograph": (read_pixels, [{"a.png": _picture("PNG", mode="RGBA")}, {"a.tif": _picture("TIFF")}]),
     }
@@ -135,11 +136,13 @@ def _matrix(free: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def _nrrd(free: np.ndarray, encoding: str) -> bytes:
+def _nrrd(free: np.ndarray, encoding: str, *, file: str = "") -> bytes:
     sides = " ".join(map(str, reversed(free.shape)))
-    head = f"NRRD0004\ntype: uchar\ndimension: 2\nsizes: {sides}\nencoding: {encoding}\nspacings: 0.5 0.5\n\n".encode()
+    head = f"NRRD0004\ntype: uchar\ndimension: 2\nsizes: {sides}\nencoding: {encoding}\nspacings: 0.5 0.5\n".encode()
     raw = free.astype(np.uint8).tobytes()
-    return head + {"raw": raw, "gzip": gzip.compress(raw), "ascii": " ".join(map(str, raw)).encode()}[encoding]
+    if file:
+        return head + f"data file: {file}\n".encode()
+    return head + b"\n" + {"raw": raw, "gzip": gzip.compress(raw), "ascii": " ".join(map(str, raw)).encode()}[encoding]
 
 
 def _dicom(free: np.ndarray) -> bytes:

@@ -408,6 +408,8 @@ def test_nrrd_that_is_wrong(tmp_path):
         "block": (head % (b"block", b"2 2 2", b"raw") + bytes(8), "expected numbers, got the type 'block'"),
         "cut": (head % (b"uchar", b"2 2 2", b"gzip") + gzip.compress(bytes(8))[:9], "damaged or truncated"),
         "bomb": (head % (b"uchar", b"2 2 2", b"bzip2") + bz2.compress(bytes(1 << 24)), "at least one free cell, got 8 obstacles"),
+        "outside": (b"NRRD0004\ntype: uchar\ndimension: 1\nsizes: 2\nencoding: raw\ndata file: ../x\n", "in 2 or 3 dimensions"),
+        "away": (head[:-1] % (b"uchar", b"2 2 2", b"raw") + b"data file: ../x\n", "a file of data in the folder of the header"),
         "other": (b"P5\n", "expected a NRRD file, got a damaged or truncated file"),
     }
     for name, (content, words) in bad.items():

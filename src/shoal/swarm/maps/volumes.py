@@ -259,6 +259,8 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
     if detached := header.get("data file", header.get("datafile")):
         if not isinstance(detached, str) or detached.startswith("LIST") or (" " in detached and "%" in detached):
             raise InvalidInputError(f"{path}: expected one file of data, got {str(detached)[:40]!r}")
+        if Path(detached).is_absolute() or ".." in Path(detached).parts:
+            raise InvalidInputError(f"{path}: expected a file of data in the folder of the header, got {detached[:40]!r}")
         source, begin = path.parent / detached, 0
         check_file(source, what="data file", most=LARGEST_DATA)
     skip_lines, skip_bytes = (int(header.get(f"{unit} skip", header.get(f"{unit}skip", 0))) for unit in ("line", "byte"))
