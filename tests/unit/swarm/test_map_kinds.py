@@ -261,6 +261,8 @@ def test_sixteen_bits_a_channel_are_not_cut_in_silence(tmp_path):
         ("blanks.csv", b"1 1 0\r\n0 1 1\r\n"),
         ("mixed.csv", b"1, 1.0, 0\n0, 1, 1\n"),
         ("nan.csv", b"1,1,nan\nnan,1,1\n"),
+        ("mask.csv", b"255,255,0\n0,255,255\n"),
+        ("twos.txt", b"220\n022\n"),
     ],
 )
 def test_tables(tmp_path, name, text):
@@ -272,7 +274,7 @@ def test_tables(tmp_path, name, text):
 def test_mazes_of_three_numbers(tmp_path, name):
     separator = "," if name.endswith("csv") else " "
     np.savetxt(tmp_path / name, [[2, 0, 1], [1, 0, 0]], fmt="%d", delimiter=separator)
-    with pytest.raises(InvalidInputError, match=r"line 1, column 1: expected 0 or 1, got '2' \(--level and --label take other"):
+    with pytest.raises(InvalidInputError, match=r"line 1, column 3: expected 0 or 2, got '1' \(--level and --label take other"):
         read_map(tmp_path / name)
     assert read_map(tmp_path / name, label=0).n_free == 3
     assert read_map(tmp_path / name, label=1, invert=True).n_free == 4
@@ -568,3 +570,28 @@ def test_parts_of_large_maps_are_not_counted(tmp_path, monkeypatch, capsys, suff
     Image.fromarray(LINES * 255).save(path) if suffix == "png" else np.save(path, LINES)
     assert shoal(["maps", str(path)]) == 0
     assert "not counted in a map of this size" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("top", [1, 4095])
+def test_twelve_bits_that_are_packed(tmp_path, top):
+    import struct
+
+    values = LINES.astype(int) * top
+    pairs = values.reshape(-1, 2)
+    data = b"".join(bytes([a >> 4, (a & 15) << 4 | b >> 8, b & 255]) for a, b in pairs.tolist())
+    tags = [
+        (256, 4, 30), (257, 4, 20), (258, 3, 12), (259, 3, 1), (262, 3, 1), (273, 4, 8), (277, 3, 1), (278, 4, 20),
+        (279, 4, len(data)),
+    ]  # fmt: skip
+    entries = b"".join(struct.pack("<HHII", tag, size, 1, value) for tag, size, value in tags)
+    header = struct.pack("<2sHI", b"II", 42, 8 + len(data))
+    (tmp_path / "packed.tif").write_bytes(header + data + struct.pack("<H", len(tags)) + entries + bytes(4))
+    is_lines(tmp_path / "packed.tif")
+    is_lines(tmp_path / "packed.tif", label=top)
+
+
+def test_a_colour_array_is_not_taken_for_layers_in_silence(tmp_path, said):
+    np.save(tmp_path / "colour.npy", np.stack([LINES * 255] * 3, axis=-1))
+    assert read_map(tmp_path / "colour.npy").shape == (20, 30, 3)
+    assert "20 layers of 30 rows and 3 columns (--channel" in said[0]
+    is_lines(tmp_path / "colour.npy", channel=1)

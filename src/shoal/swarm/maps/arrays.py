@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import PIECE, MapOptions, check_data, check_size, index_of, reading
 from shoal.swarm.maps.values import Mask, free_by_number, in_pieces
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -58,6 +59,11 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
 
         stored = shape[::-1] if fortran else shape
         row = prod(stored[1:])
+        if channel is None and axes == 3 and shape[-1] in (3, 4) and dtype == np.uint8 and min(shape[:2]) > 2 * shape[-1]:
+            tell_once(
+                f"shoal: {path}: the array is read as {shape[0]} layers of {shape[1]} rows and {shape[2]} columns (--channel reads "
+                "one channel of a colour picture)"
+            )
         if channel is None:
             free = np.concatenate([np.zeros((0, *stored[1:]), np.bool_), *free_by_number(pieces, options, where=str(path))])
             return np.ascontiguousarray(free.T) if fortran else free

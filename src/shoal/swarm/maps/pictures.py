@@ -590,7 +590,7 @@ def _decoded(band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.ui
         return Page(np.stack([numbers, opacity], axis=-1).astype(np.uint16), COLOURS["LA"], 65535.0)
     if band.mode == "1":
         return Page(~numbers if white_is_zero else numbers, [""], 1.0, white_is_zero)
-    white = {"u1": 255.0, "u2": 65535.0}.get(numbers.dtype.str[1:])
+    white = {"u1": 255.0, "u2": 4095.0 if bits == 12 else 65535.0}.get(numbers.dtype.str[1:])
     if numbers.ndim == 2 and numbers.dtype == np.uint8:
         if bits in {1, 2, 4}:  # Pillow spreads few bits over the range of 8 bits
             white = float(2**bits - 1)

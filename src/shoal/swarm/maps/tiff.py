@@ -19,7 +19,7 @@ from shoal.swarm.maps.units import millimetres
 LAYERS = "ZQI"
 """Axes of tifffile that count the layers of a map: depth, and pages without a name."""
 
-SIMPLE = {1, 2, 4, 8, 16}
+SIMPLE = {1, 2, 4, 8, 12, 16}
 """Numbers of bits of a grey pixel that Pillow reads exactly."""
 
 
