@@ -227,6 +227,11 @@ def test_cmyk(tmp_path):
     for suffix in (".tif", ".jpg"):
         colours.save(tmp_path / f"ink{suffix}", **({"quality": 100} if suffix == ".jpg" else {}))
         is_lines(tmp_path / f"ink{suffix}")
+    tifffile = pytest.importorskip("tifffile")
+    inks = np.stack([np.zeros_like(LINES), np.zeros_like(LINES), np.zeros_like(LINES), 1 - LINES], axis=-1).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "deep.tif", inks * np.uint16(65535), photometric="separated")
+    is_lines(tmp_path / "deep.tif")
+    is_lines(tmp_path / "deep.tif", channel="black", invert=True)
 
 
 def test_sixteen_bits_a_channel_are_not_cut_in_silence(tmp_path):

@@ -412,6 +412,10 @@ def _brightness(page: Page, ground: float) -> NDArray[Any]:
         grey = colours if colours.ndim == 2 else colours[..., 0]
     elif page.names[:3] == COLOURS["RGB"]:
         grey = _grey_of(colours)
+    elif page.names[:4] == COLOURS["CMYK"]:
+        white = np.float32(page.white or 1.0)
+        light = (white - colours[..., :3]) * ((white - colours[..., 3:4]) / white)
+        grey = np.rint(light @ np.array(LUMA, dtype=np.float32)).astype(colours.dtype) if page.white else light @ np.array(LUMA)
     else:
         raise InvalidInputError(
             f"expected a grey or a colour picture, got the channels {_listed(page.names)} (choose one by --channel)"
