@@ -600,3 +600,79 @@ def test_a_colour_array_is_not_taken_for_layers_in_silence(tmp_path, said):
     assert read_map(tmp_path / "colour.npy").shape == (20, 30, 3)
     assert "20 layers of 30 rows and 3 columns (--channel" in said[0]
     is_lines(tmp_path / "colour.npy", channel=1)
+
+
+def test_films_and_compressed_images_of_scanners(tmp_path):
+    pytest.importorskip("pydicom")
+    film = np.stack([LINES, np.roll(LINES, 2, axis=1)]).reshape(1, 40, 30)
+    more = {"NumberOfFrames": 2, "Rows": 20}
+    write_dicom(tmp_path, film, name="film", FrameTime=40, **more)
+    one = next((tmp_path / "film").iterdir())
+    with pytest.raises(InvalidInputError, match=r"got a time axis of 2 \(choose one with --frame"):
+        read_map(one)
+    np.testing.assert_array_equal(read_map(one, frame=2).free, np.roll(FREE, 2, axis=1))
+    write_dicom(tmp_path, film, name="volume", SpacingBetweenSlices=2, **more)
+    volume = read_map(next((tmp_path / "volume").iterdir()))
+    assert (volume.shape, volume.spacing) == ((2, 20, 30), (2.0, 0.5, 0.25))
+    with pytest.raises(InvalidInputError, match="frame: expected no frame for DICOM images of grey values, got 2"):
+        read_map(next((tmp_path / "volume").iterdir()), frame=2)
+
+
+# Memory: about the size of the map, whatever the numbers of the file
+
+
+def nifti_bytes(values):
+    nibabel = pytest.importorskip("nibabel")
+    return gzip.compress(nibabel.Nifti1Image(values, np.eye(4)).to_bytes(), 1)
+
+
+@pytest.mark.parametrize("name", ["map.npy", "fortran.npy", "map.nii.gz", "map.png", "map.tif", "map.csv"])
+def test_reading_needs_about_the_memory_of_the_map(tmp_path, monkeypatch, name):
+    import tracemalloc
+
+    from shoal.swarm.maps import arrays, pictures, values, volumes
+
+    for module in (arrays, pictures, values, volumes):
+        monkeypatch.setattr(module, "PIECE", 1 << 14)
+    path = tmp_path / name
+    cells = np.zeros((64, 128, 256))
+    cells[5, 5:60] = 1
+    if name == "map.tif":
+        pages = [Image.fromarray(layer.astype(np.uint16) * np.uint16(65535)) for layer in cells]
+        pages[0].save(path, save_all=True, append_images=pages[1:])
+    elif name == "map.png":
+        Image.fromarray(np.repeat(cells.reshape(-1, 256, 1) * 255, 3, axis=2).astype(np.uint8)).save(path)
+    elif name == "map.csv":
+        path.write_text("\n".join(",".join("1" if one else "0" for one in row) for row in cells.reshape(-1, 256)))
+    elif name == "map.nii.gz":
+        path.write_bytes(nifti_bytes(cells))
+    else:
+        np.save(path, np.asfortranarray(cells) if name == "fortran.npy" else cells)
+    read_map(path)  # imports
+    tracemalloc.start()
+    try:
+        read_map(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    text = path.stat().st_size if name == "map.csv" else 0
+    assert peak < 3 * cells.size + 4 * text + 2_000_000
+    assert peak < 8 * cells.size or text  # the size of its floats
+
+
+def test_data_are_measured_before_they_are_unfolded(tmp_path):
+    nibabel = pytest.importorskip("nibabel")
+    header = nibabel.Nifti1Header()
+    header.set_data_shape((640, 640, 640))
+    header.set_data_dtype(np.float64)
+    header["vox_offset"], header["magic"] = 352, b"n+1"
+    (tmp_path / "large.nii.gz").write_bytes(gzip.compress(header.binaryblock + bytes(4)))
+    with pytest.raises(InvalidInputError, match="expected at most 1073741824 bytes of data, got 2097152000"):
+        read_map(tmp_path / "large.nii.gz")
+    head = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little")
+    head += b"{'descr': '<f8', 'fortran_order': False, 'shape': (16384, 16384), }".ljust(117) + b"\n"
+    (tmp_path / "large.npy").write_bytes(head + bytes(99))
+    with pytest.raises(InvalidInputError, match="expected at most 1073741824 bytes of data, got 2147483648"):
+        read_map(tmp_path / "large.npy")
+    savemat(tmp_path / "small.mat", {"a": LINES})
+    assert read_map(tmp_path / "small.mat").shape == (20, 30)

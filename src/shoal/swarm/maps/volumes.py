@@ -409,17 +409,19 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
     check_layers(where, len(files) * frames[0])
     check_size(where, len(files) * frames[0], rows, columns)
     check_data(where, frames[0] * rows * columns * (int(first.get("BitsAllocated", 16)) // 8 or 1))
-    for name in ("frame", "channel"):
-        if getattr(options, name) is not None:
-            raise InvalidInputError(
-                f"{where}: {name}: expected no {name} for a DICOM file of one channel, got {getattr(options, name)}"
-            )
+    # The images of a film, such as ultrasound, have times; the images of a volume do not.
+    film = frames[0] > 1 and any(name in first for name in ("FrameTime", "FrameTimeVector", "CineRate"))
+    moment = _chosen(where, frames[0], options.frame, axis="frame", what="a time axis") if film else None
+    for name in ("channel",) if film else ("frame", "channel"):
+        if (given := getattr(options, name)) is not None:
+            raise InvalidInputError(f"{where}: {name}: expected no {name} for DICOM images of grey values, got {given}")
     order, distance, directions = _dicom_order(where, files, heads)
 
     def pieces() -> Iterator[NDArray[Any]]:
         for index in order:
             image = pydicom.dcmread(files[index])
-            pixels = image.pixel_array
+            pixels = _dicom_pixels(files[index], image)
+            pixels = pixels if moment is None else pixels[moment]
             slope, shift = float(image.get("RescaleSlope", 1) or 1), float(image.get("RescaleIntercept", 0) or 0)
             yield pixels if (slope, shift) == (1.0, 0.0) else pixels * slope + shift
 
@@ -438,6 +440,20 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
         return free, sides and _checked_sides(where, sides)
     turned, sides = in_front_of_body(free, sides, directions)
     return turned, _checked_sides(where, sides)
+
+
+def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
+    """Return the pixels of a DICOM image. For a compression that pydicom cannot unfold here, say which one it is."""
+    syntax = image.file_meta.TransferSyntaxUID
+    try:
+        return np.asarray(image.pixel_array)
+    except (RuntimeError, NotImplementedError) as error:
+        if not syntax.is_compressed:
+            raise
+        raise InvalidInputError(
+            f"{path}: expected DICOM pixels without compression, got {syntax.name}, which needs another library of pydicom (pip "
+            f"install 'pydicom[pixeldata]'): {' '.join(str(error).split())[:80]}"
+        ) from None
 
 
 def _dicom_order(where: Path, files: list[Path], heads: list[Any]) -> tuple[list[int], float | None, NDArray[Any] | None]:
