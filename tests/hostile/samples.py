@@ -100,7 +100,7 @@ def _maps() -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
             _picture("PNG", mode="RGBA"),
         ],
         "tif": [
-            *(_picture("TIFF"), _picture("TIFF", np.uint16), _picture("TIFF", mode="F")),
+            *(_picture("TIFF"), _picture("TIFF", np.uint16), _picture("TIFF", mode="F"), *_tiffs(free)),
             _picture("TIFF", mode="1", compression="group4"),
             *(_picture("TIFF", mode="RGB", compression=name) for name in ("tiff_lzw", "tiff_adobe_deflate", "jpeg", "packbits")),
         ],
@@ -109,7 +109,11 @@ def _maps() -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
         "txt": [text, b"\xef\xbb\xbf..\r\n##\r\n"],
         "map": [b"type octile\nheight 2\nwidth 4\nmap\n..@.\n@...\n"],
         "npy": [_array(free), _array(free.astype(float)), _array(np.ones((2, 2, 2), ">i2"))],
-        "csv": [b"1,1,0,1\n0,1,1,1\n"],
+        "csv": [b"1,1,0,1\n0,1,1,1\n", b"1;0.0;1e0\n0;1;1\n"],
+        "gif": [_picture("GIF")],
+        "mat": [_matrix(free)],
+        "nrrd": [_nrrd(free, "raw"), _nrrd(free, "gzip"), _nrrd(free, "ascii")],
+        "dcm": [_dicom(free)],
         "nii": [volume],
         "nii.gz": [gzip.compress(volume, mtime=0)],
     }
@@ -118,9 +122,59 @@ def _maps() -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
     }
     slices = {f"layers/{k}.png": _picture("PNG") for k in (1, 2)}
     return found | {
+        "map nhdr": (open_map, [{"a.nhdr": _nrrd(free, "raw", file="a.raw"), "a.raw": free.astype(np.uint8).tobytes()}]),
         "map folder": (lambda path: open_map(path.parent), [slices]),
         "photograph": (read_pixels, [{"a.png": _picture("PNG", mode="RGBA")}, {"a.tif": _picture("TIFF")}]),
     }
+
+
+def _matrix(free: np.ndarray) -> bytes:
+    from scipy.io import savemat
+
+    buffer = io.BytesIO()
+    savemat(buffer, {"free": free}, do_compression=True)
+    return buffer.getvalue()
+
+
+def _nrrd(free: np.ndarray, encoding: str, *, file: str = "") -> bytes:
+    sides = " ".join(map(str, reversed(free.shape)))
+    head = f"NRRD0004\ntype: uchar\ndimension: 2\nsizes: {sides}\nencoding: {encoding}\nspacings: 0.5 0.5\n".encode()
+    raw = free.astype(np.uint8).tobytes()
+    if file:
+        return head + f"data file: {file}\n".encode()
+    return head + b"\n" + {"raw": raw, "gzip": gzip.compress(raw), "ascii": " ".join(map(str, raw)).encode()}[encoding]
+
+
+def _dicom(free: np.ndarray) -> bytes:
+    from pydicom.dataset import Dataset, FileMetaDataset
+    from pydicom.uid import ExplicitVRLittleEndian
+
+    one = Dataset()
+    one.file_meta = FileMetaDataset()
+    one.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    one.SOPClassUID, one.SOPInstanceUID, one.SeriesInstanceUID = "1.2.840.10008.5.1.4.1.1.2", "1.2.3", "1.2.4"
+    one.Rows, one.Columns = free.shape
+    one.SamplesPerPixel, one.PhotometricInterpretation, one.PixelRepresentation = 1, "MONOCHROME2", 0
+    one.BitsAllocated, one.BitsStored, one.HighBit, one.PixelSpacing = 8, 8, 7, [0.5, 0.5]
+    one.PixelData = free.astype(np.uint8).tobytes()
+    buffer = io.BytesIO()
+    one.save_as(buffer, enforce_file_format=True)
+    return buffer.getvalue()
+
+
+def _tiffs(free: np.ndarray) -> list[bytes]:
+    import tifffile
+
+    made = []
+    for values, options in (
+        (free.astype(np.float64), {}),
+        (np.stack([free] * 3).astype(np.uint16) * 999, {"photometric": "rgb", "planarconfig": "separate"}),
+        (np.stack([free] * 2).astype(np.uint8), {"imagej": True, "metadata": {"axes": "ZYX", "spacing": 2.0, "unit": "um"}}),
+    ):
+        buffer = io.BytesIO()
+        tifffile.imwrite(buffer, values, **options)
+        made.append(buffer.getvalue())
+    return made
 
 
 def _regions(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:

@@ -29,7 +29,7 @@ from shoal.swarm.maps.open import open_map
 from shoal.swarm.maps.pictures import PICTURES
 from shoal.swarm.policies import POLICIES
 
-SUFFIXES = (*PICTURES, ".txt", ".map", ".npy", ".csv")
+SUFFIXES = (*PICTURES, ".txt", ".map", ".npy", ".csv", ".mat", ".nrrd", ".dcm")
 WORKSPACE = GridWorkspace([[1, 1, 0, 1], [0, 1, 1, 1]])
 EPISODE = run(WORKSPACE, particles=2, policy="random-moves", seed=3, task="coverage")
 

@@ -24,7 +24,7 @@ SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 KINDS = {
-    "map": (*PICTURES, ".txt", ".map", ".npy", ".csv", ".nii", ".nii.gz"),
+    "map": (*PICTURES, ".txt", ".map", ".npy", ".csv", ".mat", ".nii", ".nii.gz", ".nrrd", ".dcm"),
     "episode": (".npz", ".episode.json"),
     "missions": (".missions.zip",),
     "region": (".geojson", ".kml", ".kmz", ".gpkg", ".zip", ".shp"),

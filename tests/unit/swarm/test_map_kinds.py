@@ -122,6 +122,31 @@ def test_colours_of_every_depth(tmp_path, planar, dtype):
         read_map(tmp_path / "colour.tif", label=1)
 
 
+def test_pages_of_floats_are_layers(tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    with tifffile.TiffWriter(tmp_path / "pages.tif") as writer:
+        for layer in VOLUME:
+            writer.write(layer.astype(np.float64), contiguous=False)
+    np.testing.assert_array_equal(read_map(tmp_path / "pages.tif", level=100).free, VOLUME >= 100)
+    with tifffile.TiffWriter(tmp_path / "sizes.tif") as writer:
+        for layer in (VOLUME[0], VOLUME[1, :9]):
+            writer.write(layer.astype(np.float64), contiguous=False)
+    with pytest.raises(InvalidInputError, match="expected pages of one picture, got 2 pictures of 20x30 and 9x30"):
+        read_map(tmp_path / "sizes.tif", level=100)
+
+
+@pytest.mark.parametrize("dtype", ["u1", "f4"])
+def test_axes_without_a_microscope(tmp_path, dtype):
+    tifffile = pytest.importorskip("tifffile")
+    tifffile.imwrite(tmp_path / "film.tif", VOLUME.astype(dtype), photometric="minisblack", metadata={"axes": "TYX"})
+    with pytest.raises(InvalidInputError, match=r"one point in time \(--frame\), got 3"):
+        read_map(tmp_path / "film.tif", level=100)
+    np.testing.assert_array_equal(read_map(tmp_path / "film.tif", level=100, frame=3).free, VOLUME[2] >= 100)
+    tifffile.imwrite(tmp_path / "four.tif", np.stack([VOLUME, VOLUME]).astype(dtype), photometric="minisblack")
+    with pytest.raises(InvalidInputError, match="expected rows, columns, layers, channels and time, got an axis"):
+        read_map(tmp_path / "four.tif", level=100)
+
+
 def test_many_channels_are_a_question(tmp_path):
     tifffile = pytest.importorskip("tifffile")
     channels = np.stack([GREYS * 0, LINES * 255, 255 - LINES * 255, GREYS, GREYS], axis=-1).astype(np.uint8)
@@ -202,6 +227,11 @@ def test_cmyk(tmp_path):
     for suffix in (".tif", ".jpg"):
         colours.save(tmp_path / f"ink{suffix}", **({"quality": 100} if suffix == ".jpg" else {}))
         is_lines(tmp_path / f"ink{suffix}")
+    tifffile = pytest.importorskip("tifffile")
+    inks = np.stack([np.zeros_like(LINES), np.zeros_like(LINES), np.zeros_like(LINES), 1 - LINES], axis=-1).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "deep.tif", inks * np.uint16(65535), photometric="separated")
+    is_lines(tmp_path / "deep.tif")
+    is_lines(tmp_path / "deep.tif", channel="black", invert=True)
 
 
 def test_sixteen_bits_a_channel_are_not_cut_in_silence(tmp_path):
@@ -236,6 +266,8 @@ def test_sixteen_bits_a_channel_are_not_cut_in_silence(tmp_path):
         ("blanks.csv", b"1 1 0\r\n0 1 1\r\n"),
         ("mixed.csv", b"1, 1.0, 0\n0, 1, 1\n"),
         ("nan.csv", b"1,1,nan\nnan,1,1\n"),
+        ("mask.csv", b"255,255,0\n0,255,255\n"),
+        ("twos.txt", b"220\n022\n"),
     ],
 )
 def test_tables(tmp_path, name, text):
@@ -247,7 +279,7 @@ def test_tables(tmp_path, name, text):
 def test_mazes_of_three_numbers(tmp_path, name):
     separator = "," if name.endswith("csv") else " "
     np.savetxt(tmp_path / name, [[2, 0, 1], [1, 0, 0]], fmt="%d", delimiter=separator)
-    with pytest.raises(InvalidInputError, match=r"line 1, column 1: expected 0 or 1, got '2' \(--level and --label take other"):
+    with pytest.raises(InvalidInputError, match=r"line 1, column 3: expected 0 or 2, got '1' \(--level and --label take other"):
         read_map(tmp_path / name)
     assert read_map(tmp_path / name, label=0).n_free == 3
     assert read_map(tmp_path / name, label=1, invert=True).n_free == 4
@@ -383,6 +415,8 @@ def test_nrrd_that_is_wrong(tmp_path):
         "block": (head % (b"block", b"2 2 2", b"raw") + bytes(8), "expected numbers, got the type 'block'"),
         "cut": (head % (b"uchar", b"2 2 2", b"gzip") + gzip.compress(bytes(8))[:9], "damaged or truncated"),
         "bomb": (head % (b"uchar", b"2 2 2", b"bzip2") + bz2.compress(bytes(1 << 24)), "at least one free cell, got 8 obstacles"),
+        "outside": (b"NRRD0004\ntype: uchar\ndimension: 1\nsizes: 2\nencoding: raw\ndata file: ../x\n", "in 2 or 3 dimensions"),
+        "away": (head[:-1] % (b"uchar", b"2 2 2", b"raw") + b"data file: ../x\n", "a file of data in the folder of the header"),
         "other": (b"P5\n", "expected a NRRD file, got a damaged or truncated file"),
     }
     for name, (content, words) in bad.items():
@@ -479,7 +513,7 @@ def test_names_of_slices_may_have_any_digits(tmp_path):
 
 
 def test_limits_count_after_scaling(tmp_path, monkeypatch):
-    from shoal.swarm.maps import reading
+    from shoal.swarm.maps import pictures, reading
 
     monkeypatch.setattr(reading, "MAX_CELLS", 200)
     Image.fromarray(LINES * 255).save(tmp_path / "large.png")
@@ -488,7 +522,7 @@ def test_limits_count_after_scaling(tmp_path, monkeypatch):
     assert read_map(tmp_path / "large.png", scale=0.5).shape == (10, 15)
     with pytest.raises(InvalidInputError, match="expected at most 200 cells, got 40x60"):
         read_map(tmp_path / "large.png", scale=2.0)
-    monkeypatch.setattr(reading, "LARGEST_DATA", 300)
+    monkeypatch.setattr(pictures, "LARGEST_PICTURE", 300)
     with pytest.raises(InvalidInputError, match="expected at most 300 bytes of data, got 600"):
         read_map(tmp_path / "large.png", scale=0.5)
 
@@ -541,3 +575,104 @@ def test_parts_of_large_maps_are_not_counted(tmp_path, monkeypatch, capsys, suff
     Image.fromarray(LINES * 255).save(path) if suffix == "png" else np.save(path, LINES)
     assert shoal(["maps", str(path)]) == 0
     assert "not counted in a map of this size" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("top", [1, 4095])
+def test_twelve_bits_that_are_packed(tmp_path, top):
+    import struct
+
+    values = LINES.astype(int) * top
+    pairs = values.reshape(-1, 2)
+    data = b"".join(bytes([a >> 4, (a & 15) << 4 | b >> 8, b & 255]) for a, b in pairs.tolist())
+    tags = [
+        (256, 4, 30), (257, 4, 20), (258, 3, 12), (259, 3, 1), (262, 3, 1), (273, 4, 8), (277, 3, 1), (278, 4, 20),
+        (279, 4, len(data)),
+    ]  # fmt: skip
+    entries = b"".join(struct.pack("<HHII", tag, size, 1, value) for tag, size, value in tags)
+    header = struct.pack("<2sHI", b"II", 42, 8 + len(data))
+    (tmp_path / "packed.tif").write_bytes(header + data + struct.pack("<H", len(tags)) + entries + bytes(4))
+    is_lines(tmp_path / "packed.tif")
+    is_lines(tmp_path / "packed.tif", label=top)
+
+
+def test_a_colour_array_is_not_taken_for_layers_in_silence(tmp_path, said):
+    np.save(tmp_path / "colour.npy", np.stack([LINES * 255] * 3, axis=-1))
+    assert read_map(tmp_path / "colour.npy").shape == (20, 30, 3)
+    assert "20 layers of 30 rows and 3 columns (--channel" in said[0]
+    is_lines(tmp_path / "colour.npy", channel=1)
+
+
+def test_films_and_compressed_images_of_scanners(tmp_path):
+    pytest.importorskip("pydicom")
+    film = np.stack([LINES, np.roll(LINES, 2, axis=1)]).reshape(1, 40, 30)
+    more = {"NumberOfFrames": 2, "Rows": 20}
+    write_dicom(tmp_path, film, name="film", FrameTime=40, **more)
+    one = next((tmp_path / "film").iterdir())
+    with pytest.raises(InvalidInputError, match=r"got a time axis of 2 \(choose one with --frame"):
+        read_map(one)
+    np.testing.assert_array_equal(read_map(one, frame=2).free, np.roll(FREE, 2, axis=1))
+    write_dicom(tmp_path, film, name="volume", SpacingBetweenSlices=2, **more)
+    volume = read_map(next((tmp_path / "volume").iterdir()))
+    assert (volume.shape, volume.spacing) == ((2, 20, 30), (2.0, 0.5, 0.25))
+    with pytest.raises(InvalidInputError, match="frame: expected no frame for DICOM images of grey values, got 2"):
+        read_map(next((tmp_path / "volume").iterdir()), frame=2)
+
+
+# Memory: about the size of the map, whatever the numbers of the file
+
+
+def nifti_bytes(values):
+    nibabel = pytest.importorskip("nibabel")
+    return gzip.compress(nibabel.Nifti1Image(values, np.eye(4)).to_bytes(), 1)
+
+
+@pytest.mark.parametrize("name", ["map.npy", "fortran.npy", "map.nii.gz", "map.png", "map.tif", "map.csv"])
+def test_reading_needs_about_the_memory_of_the_map(tmp_path, monkeypatch, name):
+    import tracemalloc
+
+    from shoal.swarm.maps import arrays, pictures, values, volumes
+
+    for module in (arrays, pictures, values, volumes):
+        monkeypatch.setattr(module, "PIECE", 1 << 14)
+    path = tmp_path / name
+    cells = np.zeros((64, 128, 256))
+    cells[5, 5:60] = 1
+    if name == "map.tif":
+        pages = [Image.fromarray(layer.astype(np.uint16) * np.uint16(65535)) for layer in cells]
+        pages[0].save(path, save_all=True, append_images=pages[1:])
+    elif name == "map.png":
+        Image.fromarray(np.repeat(cells.reshape(-1, 256, 1) * 255, 3, axis=2).astype(np.uint8)).save(path)
+    elif name == "map.csv":
+        path.write_text("\n".join(",".join("1" if one else "0" for one in row) for row in cells.reshape(-1, 256)))
+    elif name == "map.nii.gz":
+        path.write_bytes(nifti_bytes(cells))
+    else:
+        np.save(path, np.asfortranarray(cells) if name == "fortran.npy" else cells)
+    read_map(path)  # imports
+    tracemalloc.start()
+    try:
+        read_map(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    text = path.stat().st_size if name == "map.csv" else 0
+    assert peak < 3 * cells.size + 4 * text + 2_000_000
+    assert peak < 8 * cells.size or text  # the size of its floats
+
+
+def test_data_are_measured_before_they_are_unfolded(tmp_path):
+    nibabel = pytest.importorskip("nibabel")
+    header = nibabel.Nifti1Header()
+    header.set_data_shape((640, 640, 640))
+    header.set_data_dtype(np.float64)
+    header["vox_offset"], header["magic"] = 352, b"n+1"
+    (tmp_path / "large.nii.gz").write_bytes(gzip.compress(header.binaryblock + bytes(4)))
+    with pytest.raises(InvalidInputError, match="expected at most 1073741824 bytes of data, got 2097152000"):
+        read_map(tmp_path / "large.nii.gz")
+    head = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little")
+    head += b"{'descr': '<f8', 'fortran_order': False, 'shape': (16384, 16384), }".ljust(117) + b"\n"
+    (tmp_path / "large.npy").write_bytes(head + bytes(99))
+    with pytest.raises(InvalidInputError, match="expected at most 1073741824 bytes of data, got 2147483648"):
+        read_map(tmp_path / "large.npy")
+    savemat(tmp_path / "small.mat", {"a": LINES})
+    assert read_map(tmp_path / "small.mat").shape == (20, 30)

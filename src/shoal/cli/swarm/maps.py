@@ -101,7 +101,7 @@ def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
     box = found.largest if problem.largest_component else found.whole
     scales = (1.0, problem.scale, problem.scale)[3 - read.ndim :]
     box = tuple((int(first / scale), int((last + 1) / scale - 1e-9)) for (first, last), scale in zip(box, scales, strict=True))
-    return {"parts": found.count, "largest_share": found.share, "place": _place(box), **size}
+    return {"parts": found.number, "largest_share": found.share, "place": _place(box), **size}
 
 
 def _place(box: Box) -> dict[str, list[int]]:
@@ -166,14 +166,14 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
             "bright": found.bright,
             "vessel_share": share,
             "pixels_a_cell": side,
-            "parts": None if parts is None else parts.count,
+            "parts": None if parts is None else parts.number,
             "kept_share": kept,
             "place": _place(box),
             "files": [*map(str, written)],
         }
         print_json(_told(workspace) | result)
         return
-    count = "" if parts is None else f"{count_text(parts.count, 'part')}: "
+    count = "" if parts is None else f"{count_text(parts.number, 'part')}: "
     ends = ", ".join(f"{name} {first} to {last}" for name, (first, last) in _place(box).items())
     rows = [
         ("vessels", f"{'brighter' if found.bright else 'darker'} than the background, {100 * share:.1f} % of the photograph"),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as Tree
 from io import BytesIO
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,9 @@ from shoal.steering.workspaces.convex_geometry import Points, signed_area
 
 LARGEST_DRAWING = 2_000_000  # characters
 DEEPEST, MOST_ELEMENTS, MOST_CORNERS = 100, 20_000, 20_000
+MOST_NUMBERS = 8 * MOST_CORNERS  # in paths: a corner needs two numbers at most, and strokes without an area need some more
+
+_NUMBER = re.compile(r"[0-9]+\.?[0-9]*|\.[0-9]+")
 
 _CURVE = 48  # number of corners that approximate each curve
 _ROUND = 1e-9  # relative to a radius: an ellipse with a smaller deviation is a circle
@@ -31,7 +36,10 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
 
     _check_size(text, where)
     try:
-        found = _rings(Path(text))
+        _check_numbers(text, where)
+        found = _rings([Path(text)], where)
+    except InvalidInputError:
+        raise
     except Exception as error:  # a third-party parser that may raise any exception
         raise _refused(error, "path", where) from None
     return _checked(found, where)
@@ -63,7 +71,7 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
             radii, center = sorted((abs(float(shapes[0].rx)), abs(float(shapes[0].ry)))), shapes[0].implicit_center
             if np.isfinite(radii).all() and radii[1] - radii[0] <= _ROUND * radii[1] and shapes[0].transform.is_identity():
                 return disk(radii[1], center=(float(center.x), -float(center.y)))
-        found = [ring for shape in shapes for ring in _rings(shape)]
+        found = _rings(shapes, where)
     except InvalidInputError:
         raise
     except Exception as error:  # as above
@@ -78,6 +86,7 @@ def _check_size(text: str, where: str) -> None:
 
 def _check_elements(root: Tree.Element, where: str) -> None:
     """Raise an error if a drawing is nested too deeply, or too large after the expansion of all repeated elements."""
+    _check_numbers(" ".join(node.attrib.get(name, "") for node in root.iter() for name in ("d", "points")), where)
     level, depth = [root], 0
     names: dict[str, Tree.Element] = {}
     while level:
@@ -103,25 +112,44 @@ def _check_elements(root: Tree.Element, where: str) -> None:
         )
 
 
+def _check_numbers(text: str, where: str) -> None:
+    """Raise an error if paths have more numbers than the largest number of corners can need, before the paths are parsed."""
+    count = sum(1 for _ in islice(_NUMBER.finditer(text), MOST_NUMBERS + 1))
+    if count > MOST_NUMBERS:
+        raise InvalidInputError(f"{where}: expected an SVG of at most {MOST_CORNERS} corners, got more than {MOST_NUMBERS} numbers")
+
+
 def _refused(error: Exception, what: str, where: str) -> InvalidInputError:
     why = " ".join(str(error).split())[:120] or type(error).__name__
     return InvalidInputError(f"{where}: expected an SVG {what}, got something else: {why}")
 
 
-def _rings(shape: Any) -> list[Points]:
-    """Return the closed lines of an SVG shape that have three or more points."""
+def _rings(shapes: list[Any], where: str) -> list[Points]:
+    """Return the closed lines of SVG shapes that have three or more points.
+
+    The number of corners is checked before the points of each segment are computed, which takes most of the time.
+    """
     from svgelements import Close, Line, Move, Path
 
-    rings: list[list[Points]] = []
-    for segment in Path(shape).segments():
-        if isinstance(segment, Move):
-            rings.append([_points(segment.end)])
-        elif isinstance(segment, Line | Close):
-            if segment.end is not None:
-                rings[-1].append(_points(segment.end))
-        else:
-            rings[-1] += [_points(segment.point(k / _CURVE)) for k in range(1, _CURVE + 1)]
-    return [np.array(ring) for ring in rings if len(ring) > 2]
+    done: list[Points] = []
+    count = 0
+    for shape in shapes:
+        rings: list[list[Points]] = []
+        for segment in Path(shape).segments():
+            more = 1 if isinstance(segment, Move | Line | Close) else _CURVE
+            if count + sum(map(len, rings[-1:])) + more > MOST_CORNERS:
+                raise InvalidInputError(f"{where}: expected an SVG of at most {MOST_CORNERS} corners, got more")
+            if isinstance(segment, Move):
+                count += sum(len(ring) for ring in rings[-1:] if len(ring) > 2)
+                rings.append([_points(segment.end)])
+            elif isinstance(segment, Line | Close):
+                if segment.end is not None:
+                    rings[-1].append(_points(segment.end))
+            else:
+                rings[-1] += [_points(segment.point(k / _CURVE)) for k in range(1, _CURVE + 1)]
+        count += sum(len(ring) for ring in rings[-1:] if len(ring) > 2)
+        done += [np.array(ring) for ring in rings if len(ring) > 2]
+    return done
 
 
 def _points(point: Any) -> Points:
@@ -131,9 +159,6 @@ def _points(point: Any) -> Points:
 def _checked(rings: list[Points], where: str) -> list[Points]:
     if not rings:
         raise InvalidInputError(f"{where}: expected a closed path, got a path without lines")
-    corners = sum(len(ring) for ring in rings)
-    if corners > MOST_CORNERS:
-        raise InvalidInputError(f"{where}: expected an SVG of at most {MOST_CORNERS} corners, got {corners}")
     if not all(np.isfinite(ring).all() and np.abs(ring).max() < 1e15 for ring in rings):
         raise InvalidInputError(f"{where}: expected an SVG with finite numbers below 1e15, got larger numbers")
     return rings

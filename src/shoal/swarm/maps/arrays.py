@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import PIECE, MapOptions, check_data, check_size, index_of, reading
 from shoal.swarm.maps.values import Mask, free_by_number, in_pieces
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -51,19 +52,27 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
 
         def pieces() -> Iterator[NDArray[Any]]:
             file.seek(begin)
-            for first in range(0, size, PIECE * dtype.itemsize):
-                yield np.frombuffer(file.read(min(PIECE * dtype.itemsize, size - first)), dtype=dtype)
+            step = max(1, PIECE // max(1, row)) * row
+            for first in range(0, prod(shape), max(1, step)):
+                numbers = file.read(min(step, prod(shape) - first) * dtype.itemsize)
+                yield np.frombuffer(numbers, dtype=dtype).reshape(-1, *stored[1:])
 
         stored = shape[::-1] if fortran else shape
+        row = prod(stored[1:])
+        if channel is None and axes == 3 and shape[-1] in (3, 4) and dtype == np.uint8 and min(shape[:2]) > 2 * shape[-1]:
+            tell_once(
+                f"shoal: {path}: the array is read as {shape[0]} layers of {shape[1]} rows and {shape[2]} columns (--channel reads "
+                "one channel of a colour picture)"
+            )
         if channel is None:
-            free = np.concatenate([np.zeros(0, np.bool_), *free_by_number(pieces, options, where=str(path))]).reshape(stored)
+            free = np.concatenate([np.zeros((0, *stored[1:]), np.bool_), *free_by_number(pieces, options, where=str(path))])
             return np.ascontiguousarray(free.T) if fortran else free
         whole = np.concatenate([*pieces()]).reshape(stored)
         chosen = np.ascontiguousarray((whole.T if fortran else whole)[..., channel])
         return np.concatenate(free_by_number(lambda: in_pieces(chosen), options, where=str(path)))
 
 
-def read_mat(path: Path, options: MapOptions) -> Mask:
+def read_matlab(path: Path, options: MapOptions) -> Mask:
     """Read a MATLAB file and return the free cells of the only matrix in it. The third index of a matrix counts the layers.
 
     Numbers that belong to the matrix, such as the size of a cell, may stand beside it: only an array of more than one row and

@@ -15,7 +15,7 @@ from shoal.core.checks import check_file
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic
-from shoal.swarm.maps.arrays import encode_npy, read_mat, read_npy
+from shoal.swarm.maps.arrays import encode_npy, read_matlab, read_npy
 from shoal.swarm.maps.pictures import LARGEST_FILE, PICTURES, encode_picture, read_picture, read_slices
 from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
 from shoal.swarm.maps.resampling import join_diagonals
@@ -67,7 +67,7 @@ FORMATS: dict[str, MapFormat] = {
     ".map": MapFormat(_unsized(read_movingai), encode_movingai, kind=KINDS["letters"]),
     ".csv": MapFormat(_unsized(read_csv), encode_csv, kind=KINDS["table"]),
     ".npy": MapFormat(_unsized(read_npy), encode_npy, (2, 3), KINDS["array"]),
-    ".mat": MapFormat(_unsized(read_mat), kind=KINDS["table"]),
+    ".mat": MapFormat(_unsized(read_matlab), kind=KINDS["table"]),
     **{suffix: MapFormat(read_nifti, partial(encode_nifti, suffix=suffix), (3,), KINDS["volume"]) for suffix in NIFTI},
     **{suffix: MapFormat(read_nrrd, kind=KINDS["volume"]) for suffix in NRRD},
     **{suffix: MapFormat(read_dicom, kind=KINDS["volume"]) for suffix in DICOM},

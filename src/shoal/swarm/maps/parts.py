@@ -21,7 +21,7 @@ class Parts(NamedTuple):
 
     Attributes
     ----------
-    count : int
+    number : int
         Number of parts.
     share : float
         Share of the largest part among all free cells, from 0 to 1.
@@ -31,7 +31,7 @@ class Parts(NamedTuple):
         First and last layer, row and column of all free cells.
     """
 
-    count: int
+    number: int
     share: float
     largest: Box
     whole: Box
@@ -53,16 +53,16 @@ def parts_of(free: Mask, *, corners: bool = False) -> Parts | None:
     Examples
     --------
     >>> parts_of(np.array([[1, 1, 0, 1]], dtype=bool))
-    Parts(count=2, share=0.6666666666666666, largest=((0, 0), (0, 1)), whole=((0, 0), (0, 3)))
+    Parts(number=2, share=0.6666666666666666, largest=((0, 0), (0, 1)), whole=((0, 0), (0, 3)))
     """
     if free.size > MOST_COUNTED:
         return None
     from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
-    labels, count = connected_parts(free, corners=corners)
+    labels, number = connected_parts(free, corners=corners)
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
-    return Parts(count, float(sizes.max() / sizes.sum()), box_of(labels == np.argmax(sizes)), box_of(free))
+    return Parts(number, float(sizes.max() / sizes.sum()), box_of(labels == np.argmax(sizes)), box_of(free))
 
 
 def box_of(free: Mask) -> Box:

@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_file
+from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.notices import tell_once
 from shoal.swarm.maps import tiff
 from shoal.swarm.maps.reading import (
+    LARGEST_PICTURE,
     MAX_CELLS,
     MAX_LAYERS,
+    PIECE,
     WHITE,
     MapOptions,
     check_data,
@@ -29,7 +32,7 @@ from shoal.swarm.maps.reading import (
     reading,
 )
 from shoal.swarm.maps.resampling import join_diagonals, scale_cells
-from shoal.swarm.maps.values import Mask, free_by_brightness, free_by_number
+from shoal.swarm.maps.values import Mask, free_by_brightness, free_by_number, in_pieces
 from shoal.swarm.maps.workspace import GridWorkspace
 
 if TYPE_CHECKING:
@@ -41,6 +44,8 @@ PICTURES = {
 """Suffixes of pictures, and the names of their formats in Pillow."""
 
 LARGEST_FILE = 2**31  # bytes
+LARGEST_PHOTOGRAPH = 2**27  # bytes of a decoded photograph, whose filters need many times as much
+ORIENTATION = 0x0112  # EXIF tag
 SHOWN = 8  # channels that a message lists
 MIN_IS_WHITE = "in this file small numbers are white (MinIsWhite), and white is free (--invert takes the large numbers as free)"
 LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue in the brightness, as in Pillow (ITU-R 601)
@@ -55,7 +60,7 @@ COLOURS = {
 
 
 class Page(NamedTuple):
-    """One layer of a picture.
+    """A page of a picture, or some of its rows: large pages come in bands, so that no page is in memory twice.
 
     Attributes
     ----------
@@ -71,6 +76,10 @@ class Page(NamedTuple):
         Red, green, blue and opacity of each number of a picture with a palette.
     reduced : int
         Number of bits in the file if the numbers have fewer, or 0.
+    first_row : int
+        The first row of the band.
+    rows : int
+        Number of rows of the whole page, or 0 if the band is the whole page.
     """
 
     numbers: NDArray[Any]
@@ -79,6 +88,11 @@ class Page(NamedTuple):
     white_is_zero: bool = False
     palette: NDArray[np.uint8] | None = None
     reduced: int = 0
+    first_row: int = 0
+    rows: int = 0
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
 
 Sides = tuple[float, ...] | None
@@ -135,21 +149,34 @@ def read_pixels(path: Path, *, channel: int | str | None = None, frame: int | No
         raise InvalidInputError(f"{path}: expected a picture ({' '.join(PICTURES)}), got {path.suffix!r}")
     check_file(path, what="picture", most=LARGEST_FILE)
     options = MapOptions(channel=channel, frame=frame)
-    with _opened(path, options) as picture:
-        page = next(iter(picture))
-        if channel is not None:
-            page = _one_channel(page, channel, path)
-        opaque = _opaque(page)
-        ground = 0.0 if opaque.bright > opaque.dark else 1.0
-        if page.numbers.ndim == 3 and page.numbers.dtype == np.uint8 and page.names[:3] == COLOURS["RGB"]:
-            return np.ascontiguousarray(_over_ground(page, ground)[..., :3])
-        if page.palette is not None:
-            colours = page.palette[page.numbers]
-            return np.ascontiguousarray(_over_ground(Page(colours, COLOURS["RGBA"], 255.0), ground)[..., :3])
-        grey = _brightness(page, ground)
-        white = page.white or max(float(np.nanmax(grey, initial=0)), 1e-30)
-        _check_finite(path, grey)
-        return np.asarray(np.rint(np.clip(255 * (grey / np.float32(white)), 0, 255)), dtype=np.uint8)
+    with _opened(path, options, most=LARGEST_PHOTOGRAPH) as picture:
+        bands: list[Page] = []
+        for band in picture:
+            if bands and not band.first_row:
+                break  # a second page
+            bands.append(band if channel is None or picture.channels_chosen else _one_channel(band, channel, path))
+        seen = [_opaque(band) for band in bands]
+        ground = 0.0 if sum(one.bright for one in seen) > sum(one.dark for one in seen) else 1.0
+        return np.concatenate(_pixels(path, bands, ground))
+
+
+def _pixels(path: Path, bands: list[Page], ground: float) -> list[NDArray[np.uint8]]:
+    """Return the bands of a page as grey values or colours of 8 bits."""
+    first = bands[0]
+    if first.palette is not None:
+        colours = [Page(band.palette[band.numbers], COLOURS["RGBA"], 255.0) for band in bands if band.palette is not None]
+        return [_over_ground(band, ground)[..., :3] for band in colours]
+    if first.numbers.ndim == 3 and first.numbers.dtype == np.uint8 and first.names[:3] == COLOURS["RGB"]:
+        return [_over_ground(band, ground)[..., :3] for band in bands]
+    with errors_at(path):
+        greys = [_brightness(band, ground) for band in bands]
+    for band, grey in zip(bands, greys, strict=True):
+        if grey.dtype.kind == "f" and not np.isfinite(grey).all():
+            row, column = (int(i) for i in np.argwhere(~np.isfinite(grey))[0])
+            place = f"row {band.first_row + row + 1}, column {column + 1}"
+            raise InvalidInputError(f"{path}: expected finite brightness, got {grey[row, column]} at {place}")
+    white = np.float32(first.white or max(1e-30, *(float(grey.max(initial=0)) for grey in greys)))
+    return [np.asarray(np.rint(np.clip(255 * (grey / white), 0, 255)), dtype=np.uint8) for grey in greys]
 
 
 def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
@@ -177,13 +204,15 @@ def _free_layers(files: list[Path], options: MapOptions, *, folder: Path | None 
     where = str(folder or files[0])
     with reading(folder or files[0], "a picture" if folder is None else "pictures"):
         source = _Source(files, options, folder)
+        white = source.white()
         if options.by_number:
-            layers = free_by_number(source.numbers, options, where=where)
+            bands = free_by_number(source.numbers, options, where=where)
         else:
-            layers = free_by_brightness(source.brightness, source.white(), options, where=where)
+            bands = free_by_brightness(source.brightness, white, options, where=where)
         source.tell()
-        free = np.stack(layers)
-        del layers
+        free = bands[0] if len(bands) == 1 else np.concatenate(bands)
+        del bands
+        free = free.reshape(-1, source.rows, free.shape[1])
         if options.join_diagonals:  # before scaling: a smaller map no longer shows which pixels touched
             free = join_diagonals(free)
         free = scale_cells(free, [1.0, options.scale, options.scale], where=where)
@@ -199,30 +228,49 @@ class _Source:
         self.files, self.options, self.folder = files, options, folder
         self.spacing: tuple[float, float, float] | None = None
         self.ground: float | None = None
+        self.rows = 0
+        self._begun: tuple[tuple[str, Page], Iterator[tuple[str, Page]]] | None = None
         self._notices: dict[str, None] = {}
 
     def pages(self) -> Iterator[tuple[str, Page]]:
-        """Return the name and the content of each page. Refuse pages of different sizes, and too many of them."""
-        size: tuple[int, ...] | None = None
-        count = 0
+        """Return the name and the content of each page, in bands. Refuse pages of different sizes, and too many of them."""
+        begun, self._begun = self._begun, None
+        if begun is not None:
+            yield begun[0]
+            yield from begun[1]
+        else:
+            yield from self._walk()
+
+    def _walk(self) -> Iterator[tuple[str, Page]]:
+        size: tuple[int, int] | None = None
+        count, name = 0, ""
         for file in self.files:
-            with _opened(file, self.options, layers=len(self.files) if self.folder else None) as picture:
-                for number, whole in enumerate(picture, start=1):
-                    count += 1
-                    check_layers(self.folder or file, count)
-                    name = str(file) if self.folder else f"{file}: page {number}"
-                    if self.folder and number > 1:
-                        raise InvalidInputError(f"{file}: expected a slice, got a picture of several pages")
-                    size = size or whole.numbers.shape[:2]
-                    if whole.numbers.shape[:2] != size:
-                        sides = ["x".join(map(str, reversed(shape))) for shape in (size, whole.numbers.shape[:2])]
-                        raise InvalidInputError(f"{name}: expected {sides[0]} pixels as in the first layer, got {sides[1]}")
-                    layers = max(count, len(self.files))
-                    check_size(self.folder or file, layers, *(max(1, round(side * self.options.scale)) for side in size))
-                    check_data(self.folder or file, layers * size[0] * size[1])  # one byte a pixel until the map is scaled
+            number = 0
+            with _opened(file, self.options) as picture:
+                for band in picture:
+                    if not band.first_row:
+                        count, number = count + 1, number + 1
+                        name = str(file) if self.folder else f"{file}: page {number}"
+                        size = self._checked(file, band, name, count, number, size)
                     by_axis = self.options.channel is None or picture.channels_chosen
-                    yield name, whole if by_axis else _one_channel(whole, self.options.channel, file)
+                    yield name, band if by_axis else _one_channel(band, self.options.channel, file)
                 self.spacing = picture.spacing
+
+    def _checked(self, file: Path, band: Page, name: str, count: int, number: int, size: tuple[int, int] | None) -> tuple[int, int]:
+        """Return the rows and columns of a page, which are those of the pages before."""
+        where = self.folder or file
+        check_layers(where, count)
+        if self.folder and number > 1:
+            raise InvalidInputError(f"{file}: expected a slice, got a picture of several pages")
+        self.rows = band.rows or len(band.numbers)
+        found = (self.rows, band.numbers.shape[1])
+        if size is not None and found != size:
+            sides = ["x".join(map(str, reversed(one))) for one in (size, found)]
+            raise InvalidInputError(f"{name}: expected {sides[0]} pixels as in the first layer, got {sides[1]}")
+        layers = max(count, len(self.files))
+        check_size(where, layers, *(max(1, round(side * self.options.scale)) for side in found))
+        check_data(where, layers * found[0] * found[1], most=LARGEST_PICTURE)  # one byte a pixel until the map is scaled
+        return found
 
     def numbers(self) -> Iterator[NDArray[Any]]:
         """Return the numbers of each page, of pages with one number for each pixel."""
@@ -232,7 +280,9 @@ class _Source:
 
     def white(self) -> float | None:
         """Return the brightness of white, after a look at the first page."""
-        for _, page in self.pages():
+        pages = self._walk()
+        for name, page in pages:
+            self._begun = (name, page), pages  # the first call of `pages` goes on here
             return 255.0 if page.palette is not None else page.white
         raise InvalidInputError(f"{self.folder or self.files[0]}: expected a picture, got no pages")
 
@@ -271,14 +321,14 @@ def _one_channel(page: Page, channel: int | str | None, path: Path) -> Page:
     where = str(path)
     if page.palette is not None and (page.palette[:, :3] != page.palette[:, :1]).any():
         index = index_of(COLOURS["RGBA"], channel, where=where)
-        return Page(page.palette[page.numbers][..., index], [""], 255.0)
+        return page._replace(numbers=page.palette[page.numbers][..., index], names=[""], white=255.0, palette=None)
     if page.palette is not None:
         index = index_of(COLOURS["LA"] if (page.palette[:, 3] < 255).any() else ["grey"], channel, where=where)
-        return Page(page.palette[page.numbers][..., 3 * index], [""], 255.0)
+        return page._replace(numbers=page.palette[page.numbers][..., 3 * index], names=[""], white=255.0, palette=None)
     if page.numbers.ndim == 2:
         index_of(["grey"], channel, where=where)
         return page
-    return Page(page.numbers[..., index_of(page.names, channel, where=where)], [""], page.white)
+    return page._replace(numbers=page.numbers[..., index_of(page.names, channel, where=where)], names=[""])
 
 
 def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
@@ -352,6 +402,10 @@ def _brightness(page: Page, ground: float) -> NDArray[Any]:
         grey = colours if colours.ndim == 2 else colours[..., 0]
     elif page.names[:3] == COLOURS["RGB"]:
         grey = _grey_of(colours)
+    elif page.names[:4] == COLOURS["CMYK"]:
+        white = np.float32(page.white or 1.0)
+        light = (white - colours[..., :3]) * ((white - colours[..., 3:4]) / white)
+        grey = np.rint(light @ np.array(LUMA, dtype=np.float32)).astype(colours.dtype) if page.white else light @ np.array(LUMA)
     else:
         raise InvalidInputError(
             f"expected a grey or a colour picture, got the channels {_listed(page.names)} (choose one by --channel)"
@@ -376,14 +430,6 @@ def _grey_of(colours: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(np.rint(weighted).astype(colours.dtype) if colours.dtype.kind in "ui" else weighted)
 
 
-def _check_finite(path: Path, grey: NDArray[Any]) -> None:
-    if grey.dtype.kind == "f" and not np.isfinite(grey).all():
-        row, column = (int(i) for i in np.argwhere(~np.isfinite(grey))[0])
-        raise InvalidInputError(
-            f"{path}: expected finite brightness, got {grey[row, column]} at row {row + 1}, column {column + 1}"
-        )
-
-
 # From files to pages
 
 
@@ -398,8 +444,11 @@ class _Picture:
 
 
 @contextmanager
-def _opened(path: Path, options: MapOptions, *, layers: int | None = None) -> Iterator[_Picture]:
-    """Open a picture by Pillow, or by tifffile if Pillow would change its numbers."""
+def _opened(path: Path, options: MapOptions, *, most: int | None = None) -> Iterator[_Picture]:
+    """Open a picture by Pillow, or by tifffile if Pillow would change its numbers.
+
+    The argument ``most`` is the maximum number of bytes of a decoded page (by default, `LARGEST_PICTURE`).
+    """
     from PIL import Image, UnidentifiedImageError
 
     limit = Image.MAX_IMAGE_PIXELS
@@ -424,12 +473,12 @@ def _opened(path: Path, options: MapOptions, *, layers: int | None = None) -> It
                 ) from None
             with image:
                 if image.format == "TIFF" and tiff.needs_tifffile(path, image.tag_v2):  # type: ignore[attr-defined]
-                    _check_pixels(path, image, options, layers)
+                    _check_pixels(path, image, options, most)
                     with _by_tifffile(path, options) as picture:
                         yield picture
                     return
                 depth = begin_of_png(file) if image.format == "PNG" else 0
-                yield _Picture(_pages(path, image, options, layers, png_depth=depth))
+                yield _Picture(_pages(path, image, options, most, png_depth=depth))
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 
@@ -443,7 +492,7 @@ def begin_of_png(file: io.BufferedReader) -> int:
     return depth[0] if depth else 8
 
 
-def _pages(path: Path, image: Image, options: MapOptions, layers: int | None, *, png_depth: int) -> Iterator[Page]:
+def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, png_depth: int) -> Iterator[Page]:
     """Return the pages of a picture that Pillow reads. The size of a page is checked before the page is decoded."""
     if image.format == "GIF":
         image.seek(_frame_of_gif(path, image, options))
@@ -455,9 +504,9 @@ def _pages(path: Path, image: Image, options: MapOptions, layers: int | None, *,
                 image.seek(page)
             except EOFError:
                 return
-        _check_pixels(path, image, options, layers, page + 1)
+        _check_pixels(path, image, options, most, page + 1)
         _check_tiles(path, image)
-        yield _decoded(image, png_depth)
+        yield from _bands(image, png_depth)
         if image.format != "TIFF":
             return
 
@@ -474,7 +523,7 @@ def _frame_of_gif(path: Path, image: Image, options: MapOptions) -> int:
     return index_of([""] * count, options.frame, where=str(path), axis="frame")
 
 
-def _check_pixels(path: Path, image: Image, options: MapOptions, layers: int | None, page: int = 1) -> None:
+def _check_pixels(path: Path, image: Image, options: MapOptions, most: int | None, page: int = 1) -> None:
     """Refuse a page of too many pixels. The limit of cells counts after scaling, that of bytes before."""
     height, width = (max(1, round(side * options.scale)) for side in (image.height, image.width))
     check_size(path, *([page] if page > 1 else []), height, width)
@@ -482,8 +531,10 @@ def _check_pixels(path: Path, image: Image, options: MapOptions, layers: int | N
     if pixels > MAX_CELLS and options.scale < 1 and image.format == "JPEG":
         image.draft(image.mode, (width, height))
         pixels = image.width * image.height
-    wide = 4 if image.mode not in {"1", "L", "P", "I;16", "LA", "PA"} else 2 if image.mode == "I;16" else 1
-    check_data(path, pixels * wide)
+    wide = {"1": 1, "L": 1, "P": 1, "I;16": 2}.get(image.mode, 4)
+    # A turned picture is in memory twice, and for the ground of transparent pixels a picture is read twice at the same time.
+    twice = image.has_transparency_data or (image.format != "TIFF" and image.getexif().get(ORIENTATION, 1) != 1)
+    check_data(path, pixels * wide * (1 + twice), most=LARGEST_PICTURE if most is None else most)
 
 
 def _check_tiles(path: Path, image: Image) -> None:
@@ -494,41 +545,53 @@ def _check_tiles(path: Path, image: Image) -> None:
         raise InvalidInputError(f"{path}: expected data for {image.width}x{image.height} pixels, got data for only {told}")
 
 
-def _decoded(image: Image, png_depth: int) -> Page:
-    """Return a page that Pillow has read, turned as its EXIF orientation says."""
-    orientation = 1 if image.format == "TIFF" else int(image.getexif().get(0x0112, 1))
-    # For a TIFF page, the tags must be read before the page is decoded: Pillow turns the page and changes its tags.
+def _bands(image: Image, png_depth: int) -> Iterator[Page]:
+    """Return the rows of a page that Pillow reads, turned as its EXIF orientation says, in bands."""
+    from PIL.Image import Transpose
+
+    turns = {
+        2: Transpose.FLIP_LEFT_RIGHT, 3: Transpose.ROTATE_180, 4: Transpose.FLIP_TOP_BOTTOM, 5: Transpose.TRANSPOSE,
+        6: Transpose.ROTATE_270, 7: Transpose.TRANSVERSE, 8: Transpose.ROTATE_90,
+    }  # fmt: skip
+    # The tags of a TIFF page are read before the page is decoded: Pillow turns the page and changes its tags.
     tags: Any = image.tag_v2 if image.format == "TIFF" else {}  # type: ignore[attr-defined]
-    photometric, bits = int(tags.get(262, 1)), tags.get(258, (8,))
-    white_is_zero = bool(tags) and photometric == 0
-    bits = int(bits[0] if isinstance(bits, tuple) else bits)
+    bits = tags.get(258, (8,))
+    bits = png_depth or int(bits[0] if isinstance(bits, tuple) else bits)
+    white_is_zero = bool(tags) and int(tags.get(262, 1)) == 0
+    turn = turns.get(int(image.getexif().get(ORIENTATION, 1))) if image.format != "TIFF" else None
+    palette = None
+    image.load()
     if image.mode in {"P", "PA"}:
-        image.load()
         palette = _palette_of(image)
-        numbers = np.asarray(image if image.mode == "P" else image.getchannel(0))
-        return Page(_turned(numbers, orientation), [""], 255.0, palette=palette)
-    if image.mode in {"CMYK", "YCbCr", "LAB", "HSV", "RGBX", "RGBa", "La"}:
-        image = image.convert("LA" if image.mode == "La" else "RGBA" if image.mode == "RGBa" else "RGB")
-    elif "transparency" in image.info and image.mode in {"1", "L", "RGB"}:  # one colour stands for "nothing here"
-        image = image.convert("RGBA" if image.mode == "RGB" else "LA")
-    numbers = _turned(np.asarray(image), orientation)
-    if image.mode.startswith("I") and isinstance(nothing := image.info.get("transparency"), int):
+    whole = image if turn is None else image.transpose(turn)
+    step = max(1, PIECE // max(1, whole.width))
+    for first in range(0, whole.height, step):
+        band = whole.crop((0, first, whole.width, min(whole.height, first + step)))
+        yield _decoded(band, bits, white_is_zero, palette)._replace(first_row=first, rows=whole.height)
+
+
+def _decoded(band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None) -> Page:
+    """Return the numbers of a band of a page."""
+    if palette is not None:
+        return Page(np.asarray(band if band.mode == "P" else band.getchannel(0)), [""], 255.0, palette=palette)
+    if band.mode in {"CMYK", "YCbCr", "LAB", "HSV", "RGBX", "RGBa", "La"}:
+        band = band.convert({"La": "LA", "RGBa": "RGBA"}.get(band.mode, "RGB"))
+    elif "transparency" in band.info and band.mode in {"1", "L", "RGB"}:  # one colour stands for "nothing here"
+        band = band.convert("RGBA" if band.mode == "RGB" else "LA")
+    numbers = np.asarray(band)
+    if band.mode.startswith("I") and isinstance(nothing := band.info.get("transparency"), int):
         opacity = np.where(numbers == nothing, 0, 65535)
         return Page(np.stack([numbers, opacity], axis=-1).astype(np.uint16), COLOURS["LA"], 65535.0)
-    if image.mode == "1":
+    if band.mode == "1":
         return Page(~numbers if white_is_zero else numbers, [""], 1.0, white_is_zero)
-    names = COLOURS.get(image.mode, [""])
-    white: float | None = {"u1": 255.0, "u2": 65535.0}.get(numbers.dtype.str[1:])
-    if image.mode == "I" and image.format == "PNG":
-        white = 65535.0
+    white = {"u1": 255.0, "u2": 4095.0 if bits == 12 else 65535.0}.get(numbers.dtype.str[1:])
     if numbers.ndim == 2 and numbers.dtype == np.uint8:
-        small = png_depth if png_depth in {1, 2, 4} else bits if bits in {2, 4} else 0
-        if small:  # Pillow spreads 2 and 4 bits over the range of 8 bits
-            white = float(2**small - 1)
-            numbers = numbers // np.uint8(255 // (2**small - 1))
+        if bits in {1, 2, 4}:  # Pillow spreads few bits over the range of 8 bits
+            white = float(2**bits - 1)
+            numbers = numbers // np.uint8(255 // (2**bits - 1))
         if white_is_zero:
             numbers = np.uint8(white or 0) - numbers
-    return Page(numbers, names, white, white_is_zero, reduced=16 if png_depth == 16 and numbers.ndim == 3 else 0)
+    return Page(numbers, COLOURS.get(band.mode, [""]), white, white_is_zero, reduced=16 * (bits == 16 and numbers.ndim == 3))
 
 
 def _palette_of(image: Image) -> NDArray[np.uint8]:
@@ -565,7 +628,7 @@ def _by_tifffile(path: Path, options: MapOptions) -> Iterator[_Picture]:
         pixels = opened.size[0] * opened.size[1]
         height, width = (max(1, round(side * options.scale)) for side in opened.size)
         check_size(path, *([opened.depth] if opened.depth > 1 else []), height, width)
-        check_data(path, pixels * opened.samples * opened.dtype.itemsize)
+        check_data(path, pixels * opened.samples * opened.dtype.itemsize, most=LARGEST_PICTURE)
         spacing = opened.spacing
         if opened.depth == 1 and spacing is not None:
             spacing = (1.0, *spacing[1:])
@@ -585,7 +648,10 @@ def _tiff_pages(opened: tiff.Tiff) -> Iterator[Page]:
     for page in opened.pages():
         numbers = _turned(page[..., 0] if page.ndim == 3 and page.shape[-1] == 1 else page, opened.orientation)
         flat = numbers.ndim == 2
-        yield Page(numbers, [""] if flat else names, white, opened.white_is_zero and flat)
+        first = 0
+        for band in in_pieces(numbers):
+            yield Page(band, [""] if flat else names, white, opened.white_is_zero and flat, first_row=first, rows=len(numbers))
+            first += len(band)
 
 
 def _tiff_names(opened: tiff.Tiff) -> list[str]:

@@ -22,6 +22,9 @@ MAX_LAYERS = 2**13
 LARGEST_DATA = 2**30
 """Maximum number of bytes to which the data of a map file unfold. Shoal checks the number before it unfolds the data."""
 
+LARGEST_PICTURE = 2**29
+"""Maximum number of bytes of one decoded picture or page."""
+
 PIECE = 1 << 22
 """Number of values that a reader converts at a time, so that a file of wide numbers costs no more memory than its map."""
 
@@ -266,15 +269,16 @@ def check_size(where: Path | str, *sides: int) -> None:
         raise InvalidInputError(f"{where}: expected at most {MAX_CELLS} cells, got {'x'.join(map(str, sides))}")
 
 
-def check_data(where: Path | str, size: int) -> None:
-    """Refuse a file whose data unfold to more than `LARGEST_DATA` bytes.
+def check_data(where: Path | str, size: int, *, most: int | None = None) -> None:
+    """Refuse a file whose data unfold to more than ``most`` bytes (by default, `LARGEST_DATA`).
 
     Raises
     ------
     InvalidInputError
     """
-    if size > LARGEST_DATA:
-        raise InvalidInputError(f"{where}: expected at most {LARGEST_DATA} bytes of data, got {size}")
+    most = LARGEST_DATA if most is None else most
+    if size > most:
+        raise InvalidInputError(f"{where}: expected at most {most} bytes of data, got {size}")
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from shoal.swarm.maps.workspace import GridWorkspace
 LARGEST_TEXT = 2**26
 """Maximum number of bytes of a map as text."""
 
-MOST_LINES = 2**22
+MOST_LINES = 2**19
 """Maximum number of lines of a map as text."""
 
 LONGEST_LINE = 2**24
@@ -132,11 +132,12 @@ def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
     if not count:
         raise InvalidInputError(f"{path}, line 1: expected a row of cells, got {'a comment' if lines[0] else 'an empty line'}")
     single = all(row.isascii() and row.isdigit() for _, row in rows())  # one digit a cell, without anything between the digits
-    first = _numbers(path, *next(rows()), single=single, options=options)
+    known: set[float] = set()  # the number of free cells, as soon as it is known
+    first = _numbers(path, *next(rows()), single=single, options=options, known=known)
     check_size(path, count, len(first))
     table = np.zeros((count, len(first)), dtype=first.dtype)
     for index, (number, line) in enumerate(rows()):
-        row = _numbers(path, number, line, single=single, options=options)
+        row = _numbers(path, number, line, single=single, options=options, known=known)
         if len(row) != len(first):
             raise InvalidInputError(f"{path}, line {number}: expected {len(first)} cells as in the first row, got {len(row)}")
         if row.dtype != table.dtype and table.dtype == np.uint8:
@@ -146,27 +147,31 @@ def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
     return np.concatenate(free_by_number(lambda: pieces, options, where=str(path)))
 
 
-def _numbers(path: Path, line_number: int, line: str, *, single: bool, options: MapOptions) -> NDArray[Any]:
-    """Return the numbers of one line of a table. Without a level or a label, each number is 0 or 1, or not a number."""
+def _numbers(path: Path, line_number: int, line: str, *, single: bool, options: MapOptions, known: set[float]) -> NDArray[Any]:
+    """Return the numbers of one line of a table. Without a level or a label, each number is 0, NaN, or one common other number."""
+    numbers: NDArray[Any] | None
     digits = np.frombuffer(line.encode(), dtype=np.uint8) - np.uint8(ord("0")) if single else _single_digits(line)
     if digits is None:
         if len(line) > LONGEST_LINE:
             raise InvalidInputError(f"{path}, line {line_number}: expected at most {LONGEST_LINE} characters, got {len(line)}")
-        separated = re.split(" *[,;] *", line) if "," in line or ";" in line else line.split()
+        mark = "," if "," in line else ";" if ";" in line else ""
+        separated = line.split(mark) if mark else line.split()
         try:
             numbers = np.array(separated, dtype=np.float64)
         except ValueError:
             numbers = None
     else:
         numbers = digits
-    if numbers is not None and (options.by_number or _ones_and_zeros(numbers)):
+    if numbers is not None and (options.by_number or _is_mask(numbers, known)):
         return numbers
     words = list(line) if single else separated if digits is None else re.split("[ \t,;]", line)
     for column, word in enumerate(words, start=1):
-        if not _is_number(word) or not (options.by_number or _ones_and_zeros(np.array(float(word)))):
+        if not _is_number(word) or not (options.by_number or _is_mask(np.array([float(word)]), known)):
             hint = " (--level and --label take other numbers)" if _is_number(word) else ""
-            expected = "a number" if options.by_number else "0 or 1"
-            raise InvalidInputError(f"{path}, line {line_number}, column {column}: expected {expected}, got {word[:20]!r}{hint}")
+            expected = "a number" if options.by_number else f"0 or {next(iter(known), 1):g}"
+            raise InvalidInputError(
+                f"{path}, line {line_number}, column {column}: expected {expected}, got {word.strip()[:20]!r}{hint}"
+            )
     raise AssertionError  # one of the words is wrong
 
 
@@ -181,8 +186,12 @@ def _single_digits(line: str) -> NDArray[np.uint8] | None:
     return digits
 
 
-def _ones_and_zeros(numbers: NDArray[Any]) -> bool:
-    return bool(((numbers == 0) | (numbers == 1) | np.isnan(numbers)).all())
+def _is_mask(numbers: NDArray[Any], known: set[float]) -> bool:
+    """Return whether all numbers other than 0 and NaN are the number in ``known``, to which the first such number is added."""
+    free = numbers[(numbers != 0) & ~np.isnan(numbers)]
+    if free.size and not known and (free == free[0]).all():
+        known.add(float(free[0]))
+    return not free.size or bool((free == next(iter(known), np.nan)).all())
 
 
 def _is_number(word: str) -> bool:

@@ -16,10 +16,10 @@ from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import MapOptions, check_data, check_layers, index_of
 from shoal.swarm.maps.units import millimetres
 
-LAYERS = "ZQIR"
+LAYERS = "ZQI"
 """Axes of tifffile that count the layers of a map: depth, and pages without a name."""
 
-SIMPLE = {1, 2, 4, 8, 16}
+SIMPLE = {1, 2, 4, 8, 12, 16}
 """Numbers of bits of a grey pixel that Pillow reads exactly."""
 
 
@@ -38,6 +38,8 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
     kind = kind[0] if isinstance(kind, tuple) else kind
     if description.startswith("ImageJ=") or "<OME" in description[:2000]:
         return True
+    if description.startswith('{"shape"') and ('"axes"' in description or description.partition("]")[0].count(",") > 2):
+        return True
     photometric, planar = int(tags.get(262, 1)), int(tags.get(284, 1))
     if samples == 1:
         exact = (kind == 1 and bits[0] in SIMPLE) or (kind == 2 and bits[0] in {16, 32}) or (kind == 3 and bits[0] == 32)
@@ -49,7 +51,7 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
     return max(bits) > 8 or kind != 1 or not known or (planar == 2 and samples != 3)
 
 
-def library() -> Any:
+def _library() -> Any:
     """Return the library tifffile.
 
     Raises
@@ -82,7 +84,7 @@ class Tiff:
 
     def __init__(self, path: Path, options: MapOptions) -> None:
         self.path = path
-        self._file = library().TiffFile(path)
+        self._file = _library().TiffFile(path)
         try:
             self._choose(options)
         except BaseException:
@@ -96,10 +98,13 @@ class Tiff:
     def _choose(self, options: MapOptions) -> None:
         if not self._file.pages:
             raise ValueError("no pages")
-        self._series = self._file.series[0]
-        if len(self._file.series) > 1 and any(one.shape != self._series.shape for one in self._file.series):
-            names = " and ".join("x".join(map(str, one.shape)) for one in self._file.series[:3])
-            raise InvalidInputError(f"{self.path}: expected pages of one size, got series of {names}")
+        self._all = self._file.series
+        self._series = self._all[0]
+        # A writer that knows nothing of series writes each page as one; they are the layers of the map.
+        alike = {(one.shape, one.dtype, one.axes) for one in self._all}
+        if len(self._all) > 1 and (len(alike) > 1 or set(self._series.axes) - set("YXS") or self._file.is_ome):
+            sizes = " and ".join("x".join(map(str, one.shape)) for one in self._all[:3])
+            raise InvalidInputError(f"{self.path}: expected pages of one picture, got {len(self._all)} pictures of {sizes}")
         page = self._series.keyframe
         self.white_is_zero = page.photometric is not None and int(page.photometric) == 0
         self.photometric = int(page.photometric)
@@ -113,7 +118,7 @@ class Tiff:
         index: list[Any] = []
         self.channels_chosen = False
         self.samples = 1
-        depth = 1
+        depth = len(self._all)
         unused = {name: value for name in ("channel", "frame") if (value := getattr(options, name)) is not None}
         names = self._channel_names()
         for axis, side in zip(axes, shape, strict=True):
@@ -148,7 +153,10 @@ class Tiff:
 
     def pages(self) -> Iterator[NDArray[Any]]:
         """Return the pages one after the other. Each call starts again with the first page."""
-        series = self._series
+        for series in self._all:
+            yield from self._pages_of(series)
+
+    def _pages_of(self, series: Any) -> Iterator[NDArray[Any]]:
         axes = series.axes
         outer = [axis for axis in axes if axis not in "YXS"]
         sides = [int(side) for axis, side in zip(axes, series.shape, strict=True) if axis not in "YXS"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,9 @@ def free_by_number(pieces: Pieces, options: MapOptions, *, where: str) -> list[M
         nor ``label`` is given for an array of more than two different numbers, such as intensities or probabilities.
     """
     free: list[Mask] = []
-    missing, other = 0, Extremes()
+    missing, other = 0, _Extremes()
     for piece in pieces():
-        nan = _not_a_number(piece, where)
+        nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
         if options.level is not None:
             cells = piece >= options.level
@@ -88,11 +89,15 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     known = white is not None
     white = _largest(pieces, where) if white is None else white
     threshold = WHITE if options.threshold is None else options.threshold
-    least = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
+    # An exactly equal brightness is free: rounded to 32 bits, 100 / 255 of 255 is 100.
+    least: Any = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
     free: list[Mask] = []
-    extremes, missing, middle, looked_at = Extremes(), 0, 0, 0
-    for piece in pieces():
-        nan = _not_a_number(piece, where)
+    extremes, missing, middle, looked_at = _Extremes(), 0, 0, 0
+    for given in pieces():
+        piece = given.view(np.uint8) if given.dtype == np.bool_ else given
+        if known and piece.dtype.kind == "u" and not isinstance(least, int):
+            least = int(np.ceil(least))  # whole numbers are compared without conversion
+        nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
         extremes.add(piece if nan is None else piece[~nan])
         free.append(_inverted(np.asarray(piece >= least), nan, options))
@@ -100,13 +105,15 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
         middle += int(np.count_nonzero(np.abs(sample / max(white, 1e-30) - 0.5) < MIDDLE / 2))
         looked_at += sample.size
     _tell_of_missing(missing, where)
-    if options.threshold is None and extremes.two_valued:
+    if options.threshold is None and extremes.has_two:
         if not extremes.low < least <= extremes.high:
             tell_once(
                 f"shoal: {where}: the picture has two brightnesses, {extremes.low:g} and {extremes.high:g} of {white:g}; it is "
                 f"read as a mask, in which {extremes.low if options.invert else extremes.high:g} is free"
             )
-            free = [_inverted(np.asarray(piece == extremes.high), _not_a_number(piece, where), options) for piece in pieces()]
+            free = [
+                _inverted(np.asarray(piece == extremes.high), _not_a_number(piece, pieces, where), options) for piece in pieces()
+            ]
         return free
     if not known and extremes.low != extremes.high:
         if options.threshold is None and piece.dtype.kind in "iu":
@@ -134,7 +141,7 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     return free
 
 
-class Extremes:
+class _Extremes:
     """The smallest and the largest of all numbers added, and whether there are no others."""
 
     def __init__(self) -> None:
@@ -143,7 +150,7 @@ class Extremes:
         self._only_two = True
 
     @property
-    def two_valued(self) -> bool:
+    def has_two(self) -> bool:
         """Whether exactly two different numbers were added."""
         return bool(self._only_two and self.low is not None and self.low != self.high)
 
@@ -173,7 +180,7 @@ def _inverted(cells: Mask, nan: Mask | None, options: MapOptions) -> Mask:
     return ~cells if nan is None else ~cells & ~nan
 
 
-def _not_a_number(piece: Numbers, where: str) -> Mask | None:
+def _not_a_number(piece: Numbers, pieces: Pieces, where: str) -> Mask | None:
     """Return the mask of NaN cells, or None if there are none. Refuse infinite numbers."""
     if piece.dtype.kind != "f":
         return None
@@ -183,8 +190,8 @@ def _not_a_number(piece: Numbers, where: str) -> Mask | None:
     nan = np.isnan(piece)
     if (finite | nan).all():
         return nan
-    cell = tuple(int(i) for i in np.argwhere(~finite & ~nan)[0])
-    raise InvalidInputError(f"{where}: expected finite numbers, got {piece[cell]} at cell {cell}")
+    infinite = piece[~finite & ~nan].flat[0]
+    raise InvalidInputError(f"{where}: expected finite numbers, got {infinite}{_cell_of(pieces, infinite)}")
 
 
 def _tell_of_missing(count: int, where: str) -> None:
@@ -193,9 +200,9 @@ def _tell_of_missing(count: int, where: str) -> None:
 
 
 def _largest(pieces: Pieces, where: str) -> float:
-    extremes = Extremes()
+    extremes = _Extremes()
     for piece in pieces():
-        nan = _not_a_number(piece, where)
+        nan = _not_a_number(piece, pieces, where)
         extremes.add(piece if nan is None else piece[~nan])
     return max(float(extremes.high or 0), 1e-30)
 
@@ -212,7 +219,8 @@ def _there(pieces: Pieces) -> str:
 
 
 def _cell_of(pieces: Pieces, number: Any) -> str:
-    """Return the place of the first cell with a number as text. A file in several pieces gives no place."""
-    parts = [piece for _, piece in zip(range(2), pieces(), strict=False)]
-    found = np.argwhere(parts[0] == number) if len(parts) == 1 else []
-    return f" at cell {tuple(int(i) for i in found[0])}" if len(found) else ""
+    """Return the place of the first cell with a number as text. A file in several pieces, or without rows, gives no place."""
+    parts = [*islice(pieces(), 2)]
+    if len(parts) > 1 or parts[0].ndim < 2:
+        return ""
+    return f" at cell {tuple(int(i) for i in np.argwhere(parts[0] == number)[0])}"

@@ -259,6 +259,8 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
     if detached := header.get("data file", header.get("datafile")):
         if not isinstance(detached, str) or detached.startswith("LIST") or (" " in detached and "%" in detached):
             raise InvalidInputError(f"{path}: expected one file of data, got {str(detached)[:40]!r}")
+        if Path(detached).is_absolute() or ".." in Path(detached).parts:
+            raise InvalidInputError(f"{path}: expected a file of data in the folder of the header, got {detached[:40]!r}")
         source, begin = path.parent / detached, 0
         check_file(source, what="data file", most=LARGEST_DATA)
     skip_lines, skip_bytes = (int(header.get(f"{unit} skip", header.get(f"{unit}skip", 0))) for unit in ("line", "byte"))
@@ -372,13 +374,13 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
         series = list(dict.fromkeys(str(head.get("SeriesInstanceUID", "")) for head in heads))
         if len(series) > 1:
             counts = ", ".join(
-                f"{sum(str(head.get('SeriesInstanceUID', '')) == uid for head in heads)} of {shown_uid(uid)}" for uid in series[:4]
+                f"{sum(str(head.get('SeriesInstanceUID', '')) == uid for head in heads)} of {_end_of(uid)}" for uid in series[:4]
             )
             raise InvalidInputError(f"{folder}: expected one series, got {len(series)} ({counts}); give each series a folder")
         return _dicom_cells(folder, files, heads, pydicom, options)
 
 
-def shown_uid(uid: str) -> str:
+def _end_of(uid: str) -> str:
     """Return the end of a unique identifier, which is the part that differs."""
     return uid if len(uid) < 16 else f"…{uid[-12:]}"
 
@@ -407,17 +409,19 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
     check_layers(where, len(files) * frames[0])
     check_size(where, len(files) * frames[0], rows, columns)
     check_data(where, frames[0] * rows * columns * (int(first.get("BitsAllocated", 16)) // 8 or 1))
-    for name in ("frame", "channel"):
-        if getattr(options, name) is not None:
-            raise InvalidInputError(
-                f"{where}: {name}: expected no {name} for a DICOM file of one channel, got {getattr(options, name)}"
-            )
+    # The images of a film, such as ultrasound, have times; the images of a volume do not.
+    film = frames[0] > 1 and any(name in first for name in ("FrameTime", "FrameTimeVector", "CineRate"))
+    moment = _chosen(where, frames[0], options.frame, axis="frame", what="a time axis") if film else None
+    for name in ("channel",) if film else ("frame", "channel"):
+        if (given := getattr(options, name)) is not None:
+            raise InvalidInputError(f"{where}: {name}: expected no {name} for DICOM images of grey values, got {given}")
     order, distance, directions = _dicom_order(where, files, heads)
 
     def pieces() -> Iterator[NDArray[Any]]:
         for index in order:
             image = pydicom.dcmread(files[index])
-            pixels = image.pixel_array
+            pixels = _dicom_pixels(files[index], image)
+            pixels = pixels if moment is None else pixels[moment]
             slope, shift = float(image.get("RescaleSlope", 1) or 1), float(image.get("RescaleIntercept", 0) or 0)
             yield pixels if (slope, shift) == (1.0, 0.0) else pixels * slope + shift
 
@@ -428,7 +432,7 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
         return layers[0], within and _checked_sides(where, within)
     if layers[0].ndim == 3:  # the images of one file
         thick = first.get("SpacingBetweenSlices") or first.get("SliceThickness")
-        sides = None if within is None or thick is None else (float(thick), *within)
+        sides: tuple[float, ...] | None = None if within is None or thick is None else (float(thick), *within)
         return layers[0], sides and _checked_sides(where, sides)
     free = np.stack(layers)
     sides = None if within is None or distance is None else (distance, *within)
@@ -436,6 +440,20 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
         return free, sides and _checked_sides(where, sides)
     turned, sides = in_front_of_body(free, sides, directions)
     return turned, _checked_sides(where, sides)
+
+
+def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
+    """Return the pixels of a DICOM image. For a compression that pydicom cannot unfold here, say which one it is."""
+    syntax = image.file_meta.TransferSyntaxUID
+    try:
+        return np.asarray(image.pixel_array)
+    except (RuntimeError, NotImplementedError) as error:
+        if not syntax.is_compressed:
+            raise
+        raise InvalidInputError(
+            f"{path}: expected DICOM pixels without compression, got {syntax.name}, which needs another library of pydicom (pip "
+            f"install 'pydicom[pixeldata]'): {' '.join(str(error).split())[:80]}"
+        ) from None
 
 
 def _dicom_order(where: Path, files: list[Path], heads: list[Any]) -> tuple[list[int], float | None, NDArray[Any] | None]:
