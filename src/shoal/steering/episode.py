@@ -16,8 +16,8 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import check_suffix, write_json
-from shoal.steering.problem import SteeringProblem
 from shoal.steering.contact.clearance import why_sensitive
+from shoal.steering.problem import SteeringProblem
 from shoal.steering.simulation.apparatus import condition, executed_moves, replay
 from shoal.steering.workspaces.base import EXACT_TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
@@ -108,9 +108,7 @@ class SteeringEpisode(Episode):
         """Amplification of errors: the largest ratio of an error of the final positions to the small error that causes it.
 
         The small error is a displacement of a particle's start, or a change of the contact tolerance. For most plans, the ratio is
-        between a few and a few hundred. A plan is sensitive if the ratio times the contact tolerance (1e-9 of the workspace's size)
-        exceeds the tolerance of the goals. A sensitive plan reaches its goals only if a replay rounds all numbers exactly as the
-        planner did.
+        between a few and a few hundred.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 

@@ -69,6 +69,13 @@ class SteeringWorld(ABC):
             states.append(self.moved(np.array(states[-1], order="C"), np.ascontiguousarray(move)))
         return np.array(states)
 
+    def final(self, points: Points, moves: Points) -> Points:
+        """Return the positions of the particles after all moves, float64, shape (n, dimensions), without checks of the input."""
+        state = np.array(points, dtype=np.float64, order="C")
+        for move in np.ascontiguousarray(moves):
+            self.moved(state, move)
+        return state
+
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
         """Return which particles a wall with infinite friction would hold at the start of ``move``; bool, shape (n,)."""
         state = np.ascontiguousarray(check_points(points, what="points", dimensions=self.workspace.dimensions))
@@ -194,6 +201,14 @@ class ContactWorld(SteeringWorld):
         """Return whether a wall holds a particle at ``point`` at the start of the displacement ``move``."""
         return bool(kernels.is_held(point, move, self.walls))
 
+    def final(self, points: Points, moves: Points) -> Points:
+        """Return the positions of the particles after all moves, float64, shape (n, dimensions), without checks of the input."""
+        if self.radius or not len(moves):
+            return super().final(points, moves)
+        state = np.array(points, dtype=np.float64, order="C")
+        kernels.advance_plan(state, np.ascontiguousarray(moves, dtype=np.float64), self.walls, np.empty(state.shape[1]))
+        return state
+
     def moved(self, state: Points, move: Points) -> Points:
         """Apply the displacement ``move`` to the positions in the array ``state`` in place, without checks."""
         before, spare = state.copy(), np.empty_like(move)
@@ -210,6 +225,8 @@ def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], ap
     the fraction of the move after which a wall stopped the sphere, or 1 if no wall stopped it. The function changes the end
     positions ``after`` in place.
     """
+    if shares.min() == shares.max():  # no sphere moves on after another has stopped
+        return
     shares = shares.copy()
     length = float(move @ move)
     while length > 0:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.dataclass import dataclass
-from shoal.steering.contact.clearance import CLEARANCE, PLANNED, final, why_sensitive
+from shoal.steering.contact.clearance import CLEARANCE, PLANNED, why_sensitive
 from shoal.steering.contact.friction_limits import friction_limit
 from shoal.steering.contact.wall_release import released_translation, separations, touched_normals
 from shoal.steering.contact.world import ContactWorld
@@ -27,10 +27,12 @@ from shoal.steering.workspaces.normalized_walls import normalize_walls
 _SURE = 3e-9  # relative to the size: overshoot of a move to a wall, against rounding errors
 _PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
 _SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle off a wall
+_ERROR = 0.05  # relative to the tolerance: error of an adjustment that a surer contact is worth
+_STEEP = 2e-4  # least height of a lift before a move to a wall, relative to this move, because flat contacts are sensitive
 _CONE = 1 - 1e-4  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
 _TINY = 2e-5  # relative to the size: shorter moves can be left out
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
-_WIDER = (1e-7, 1e-6, 1e-5, 1e-4)  # margins of chains with sensitive moves
+_WIDER = (1e-7, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3)  # margins of chains with sensitive moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +114,9 @@ class SteeringTask(StartAndGoal):
             return None
         return np.array(moves)
 
-    def _released(self, points: Points, move: Points) -> list[Points] | None:
-        return released_translation(self.world.room, points, move, clearance=self.margin)
+    def _released(self, points: Points, move: Points, *, least: float = 0.0) -> list[Points] | None:
+        """Return one or two moves that translate the particles; a lift has a length of ``least`` times the size if there is room."""
+        return released_translation(self.world.room, points, move, clearance=self.clearance, least=least)
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, with a small move off a wall before each translation that starts on a wall.
@@ -137,7 +140,7 @@ class SteeringTask(StartAndGoal):
 
     def reaches_goal(self, moves: ArrayLike, start: Points | None = None) -> bool:
         """Return whether moves from ``start`` (default: the task's start) bring all particles within the tolerance of the goals."""
-        return self.error(final(self.world, self.start if start is None else start, np.asarray(moves))) <= self.tolerance
+        return self.error(self.world.final(self.start if start is None else start, np.asarray(moves))) <= self.tolerance
 
     def is_sure(self, moves: Points, start: Points | None = None) -> bool:
         """Return whether a plan still succeeds with rounding errors at its start, and with every disturbance of its contacts.
@@ -146,7 +149,7 @@ class SteeringTask(StartAndGoal):
         """
         begin = self.start if start is None else start
         steps = _ROUNDINGS * self.world.room.size * np.eye(begin.shape[1])
-        if any(self.error(final(self.world, begin + step, moves)) > self.tolerance for step in steps):
+        if any(self.error(self.world.final(begin + step, moves)) > self.tolerance for step in steps):
             return False
         return why_sensitive(self.world, begin, self.goal, np.asarray(moves), self.tolerance, self.clearance or EXACT_TOUCH) is None
 
@@ -164,9 +167,11 @@ class SteeringTask(StartAndGoal):
             way = contact - state[toucher]
             length = float(np.linalg.norm(way))
             sign = 1.0 if toucher == 0 else -1.0
-            if length > 1e-12 * room.size and not (length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))):
+            if length > 1e-12 * room.size and not (
+                length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))
+            ):
                 over = self._overshoot(walls.inward(int(wall), contact), way / length, sign * (delta - (state[1] - state[0])))
-                steps = self._released(state, way * (1 + over / length))
+                steps = self._released(state, way * (1 + over / length), least=_STEEP * length / room.size)
                 if steps is None:
                     return None
                 state = self._sent(steps, state, moves)
@@ -175,7 +180,17 @@ class SteeringTask(StartAndGoal):
         if steps is None:
             return None
         self._sent(steps, state, moves)
-        return self.tidied(np.array(moves), start=walls.restored(query.start))
+        return self.tidied(self._ended(np.array(moves), len(steps), query), start=walls.restored(query.start))
+
+    def _ended(self, moves: Points, last: int, query: ChainQuery) -> Points:
+        """Return a plan without the ``last`` moves if it ends within the tolerance without them and stands more disturbances.
+
+        In goals that are nearer to walls than the clearance, walls may hold the particles during the last translation.
+        """
+        start, few = query.walls.restored(query.start), moves[: len(moves) - last]
+        if not len(few) or self.is_sure(moves, start) or not (self.reaches_goal(few, start) and self.is_sure(few, start)):
+            return moves
+        return few
 
     def _touches(self, point: Points, wall: int) -> bool:
         """Return whether a particle touches the wall with an index of `NormalizedWalls`, in which the round wall comes last."""
@@ -190,7 +205,8 @@ class SteeringTask(StartAndGoal):
         """
         size, into = self.world.room.size, -float(inward @ direction)
         share = 0.5 if self.world.friction == inf else 1e-5  # with friction, the adjustment keeps its direction
-        room = share * max(-float(inward @ adjustment), 0.0) / max(into, 1e-9)
+        slight = min(_ERROR * self.tolerance, self.margin * size) if self.world.friction == inf else 0.0
+        room = max(share * -float(inward @ adjustment), slight) / max(into, 1e-9)
         return float(max(_SURE * size, min(self.margin * size, room)))
 
     def _held(self, point: Points, move: Points) -> Points:
@@ -201,7 +217,8 @@ class SteeringTask(StartAndGoal):
         wall = normals[int(np.argmin(normals @ move))]
         size = self.world.room.size
         off = float(wall @ move) + min(_PUSH * size, 0.02 * self.tolerance)
-        return np.asarray(move - off * wall) if 0 < off < _SLIGHT * size else move
+        slight = max(_SLIGHT * size, 2 * _ERROR * self.tolerance)
+        return np.asarray(move - off * wall) if 0 < off < slight else move
 
     def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
         """Add the moves ``steps`` to the list ``moves``, and return the simulated state after ``steps``."""
@@ -224,7 +241,7 @@ class SteeringTask(StartAndGoal):
             if tiny <= _TINY * size and before > tiny:
                 shorter = np.delete(moves, k, axis=0)
                 shorter[k - 1] *= 1 + 2 * tiny / before
-                if self.error(final(self.world, start, shorter)) <= 0.5 * self.tolerance and self.is_sure(shorter, start):
+                if self.error(self.world.final(start, shorter)) <= 0.5 * self.tolerance and self.is_sure(shorter, start):
                     moves = shorter
                     continue
             k += 1
@@ -239,7 +256,7 @@ class SteeringTask(StartAndGoal):
         room = self.world.room
         if self._released(self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.chain_query())]
-        apart = separations(room, self.start, clearance=self.margin)
+        apart = separations(room, self.start, clearance=self.clearance)
         return [([move], self.chain_query(start=after)) for move, after in apart]
 
     def lower_bound(self) -> float:
