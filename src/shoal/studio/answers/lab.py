@@ -8,7 +8,7 @@ from typing import Any
 
 import shoal
 from shoal.core.checks import check_text
-from shoal.core.errors import ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.parts import PARTS
 from shoal.lab.storage.rows import StoredSweep
 from shoal.lab.storage.store import Store
@@ -96,6 +96,8 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     For an invalid draft, the answer contains the error message.
     """
     text = about.get("toml")
+    if (text is None) == (about.get("sweep") is None):
+        raise InvalidInputError("new sweep: expected either its fields or its TOML text, got both or none")
     told: dict[str, Any] = {"error": None}
     try:
         if text is None:

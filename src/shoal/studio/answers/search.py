@@ -142,7 +142,7 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.views.search.mission_folder import MissionFolder
 
     problem = flown(placed_problem(folder, about))
-    made = MissionFolder(Path(), problem, checked_fields(MissionOptions, about.get("missions", {}), folder))
+    made = MissionFolder(Path(), problem, checked_fields(MissionOptions, about.get("missions") or {}, folder))
     plan = plan_search(problem, seed=checked_seed(about))
     made.plan(plan)
     told = made.report(plan)

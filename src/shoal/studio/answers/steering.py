@@ -18,7 +18,7 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the plan for a steering problem: the moves, the paths of the particles, and the result."""
     from shoal.views.steering.trajectories import trajectories_of
 
-    problem = checked_problem(about["problem"], folder)
+    problem = checked_problem(about["problem"], folder, part="steering")
     episode: Any = shoal.run(problem, seed=checked_seed(about))
     ways: list[list[Any]] = [[] for _ in episode.states[0]]
     for trajectory in trajectories_of(episode):
@@ -35,7 +35,7 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the outline of a workspace, and the starts and goals of the particles."""
     from shoal.views.steering.axes import outlines_of
 
-    problem: Any = checked_problem(about["problem"], folder)
+    problem: Any = checked_problem(about["problem"], folder, part="steering")
     place, (start, goal) = opened(problem), problem.endpoints(checked_seed(about))
     rings = [np.round(ring, 6).tolist() for ring in outlines_of(place)]
     return {
@@ -49,7 +49,7 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
     from shoal.views.steering.axes import outlines_of
 
-    problem: Any = checked_problem(about["problem"], folder)
+    problem: Any = checked_problem(about["problem"], folder, part="steering")
     place, start = opened(problem), problem.endpoints(checked_seed(about))[0]
     if not isinstance(place, ConvexWorkspace) or place.dimensions == 3 or len(start) != 2:
         return {"sets": [], "rings": []}
