@@ -34,7 +34,9 @@ def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     else:
         episode: Any = shoal.load(folder.path(about["file"]))
         problem, seed = episode.problem, episode.seed
-    return copies_of(problem, seed=seed) | {"seed": str(seed)}
+        if seed is None:
+            raise InvalidInputError(f"{about['file']}: expected an episode with a seed, got one that no seed repeats")
+    return copies_of(problem, seed=seed) | {"problem": problem.to_dict(), "seed": str(seed)}
 
 
 def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

@@ -89,7 +89,7 @@ export class Underlay {
       if (places.flat().some(Number.isNaN) || this.told.spots.flat().includes(null)) throw new Error("Each of the two points needs a place in the picture and two coordinates.");
       this.told = { ...this.told, places, degrees: unit.value === "degrees" };
       await this.draw();
-      this.changed({ fit: true });
+      this.changed({ placed: true });
     }) }, "Place the picture");
     const word = el("p.help", {});
     const placing = el("div.placing", {}, el("label", { htmlFor: "underlayUnit" }, "Coordinates"), unit,

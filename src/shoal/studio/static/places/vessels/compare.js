@@ -69,7 +69,7 @@ export function comparison({ names, problem, seed }) {
       dataTable("Numbers", ["Policy", "Mean moves", "95 % interval", "More than the best", "p (Wilcoxon)", "Unfinished"], policies.map((one, i) => [
         one.policy, number(one.mean), one.low === null ? "–" : `${number(one.low)} to ${number(one.high)}`,
         i === best ? "the best" : one.moreLow === null ? number(one.more) : `${number(one.more)} (${number(one.moreLow)} to ${number(one.moreHigh)})`,
-        i === best ? "–" : one.p < 1e-4 ? "< 0.0001" : number(one.p, 2), String(one.unfinished)])));
+        i === best ? "–" : number(one.p, 2), String(one.unfinished)])));
   }
 
   /** The same question as a sweep, over what else may vary. */
