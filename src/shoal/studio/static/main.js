@@ -46,6 +46,15 @@ const remember = (place) => (what) => {
   if (place === here) history.replaceState(null, "", addressOf(place, what));
 };
 
+/** A place that is left stays on the page, with its panels hidden: a frame that leaves the page would lose its player. */
+function setAway(element, away) {
+  element.hidden = away;
+  for (const panel of element.querySelectorAll(away ? ".panel:not([hidden])" : ".panel.away")) {
+    panel.hidden = away;
+    panel.classList.toggle("away", away);
+  }
+}
+
 const show = guarded(async () => {
   const [place, given] = readAddress();
   here = place;
@@ -55,7 +64,7 @@ const show = guarded(async () => {
     $("place").append(opened.get(place).element);
   }
   const room = opened.get(place), kept = known.get(place);
-  for (const one of opened.values()) one.element.hidden = one !== room; // a frame that leaves the page would lose its player
+  for (const one of opened.values()) setAway(one.element, one !== room);
   document.title = `${room.title} – Shoal studio`;
   for (const link of $("places").children) {
     if (link.dataset.place === place) link.setAttribute("aria-current", "page");

@@ -293,7 +293,7 @@ export function search({ remember }) {
     choices.replaceChildren(el("option", { value: "" }, found.length ? "from the folder" : "no file yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
     choices.value = found.some((file) => file.name === kept) ? kept : "";
   }
-  const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(() => picked.files.length && bring([...picked.files])) });
+  const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(async () => { const brought = [...picked.files]; picked.value = ""; if (brought.length) await bring(brought); }) });
   const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "searchRegion", placeholder: "square:400", "aria-describedby": "searchRegionHelp", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
   const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a region here"), el("span.soft", {}, "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV"));
   const blank = el("button.second", { type: "button", onclick: guarded(begin) }, "Draw a region");

@@ -223,10 +223,11 @@ export function vessels({ remember }) {
   // ---- where the map comes from ----
 
   async function choose(name) {
-    if (!(await mayGo(name))) {
-      showSource();
-      return;
-    }
+    if (await mayGo(name)) await take(name);
+    else showSource();
+  }
+
+  async function take(name) {
     const photo = PHOTOGRAPHS.test(name) && !name.includes("-painted");
     painted = null;
     editor.inlet.clear();
@@ -247,8 +248,8 @@ export function vessels({ remember }) {
     choices.value = kept;
     shownEpisodes();
   }
-  const picked = el("input", { type: "file", hidden: true, onchange: guarded(() => picked.files[0] && bring(picked.files[0])) });
-  const bring = async (file) => choose(await upload(file));
+  const picked = el("input", { type: "file", hidden: true, onchange: guarded(async () => { const [file] = picked.files; picked.value = ""; if (file) await bring(file); }) });
+  const bring = async (file) => { if (await mayGo(file.name)) await take(await upload(file)); };
   const kinds = el("select", {
     "aria-label": "Kind of generated map",
     onchange: guarded(async () => { const kind = kinds.value; kinds.value = ""; if (kind) await choose(kind); }),

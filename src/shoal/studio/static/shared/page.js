@@ -122,7 +122,7 @@ export const symbol = (path) => svg("svg", { viewBox: "0 0 24 24", "aria-hidden"
 export function number(value, digits = 4) {
   if (value === null || value === undefined) return "–";
   const size = Math.abs(value), rounded = Number(value.toPrecision(digits));
-  if (value !== 0 && (size < 1e-6 || size >= 1e15)) return rounded.toExponential().replace("e+", "e");
+  if (value !== 0 && (size < 1e-4 || size >= 1e15)) return rounded.toExponential().replace("e+", "e");
   return rounded.toLocaleString("en-GB", { maximumFractionDigits: 20 });
 }
 
