@@ -27,8 +27,8 @@ from shoal.studio.folder import KINDS as FILE_KINDS
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
 from shoal.studio.jobs.queue import KINDS, JobQueue
-from shoal.studio.preview import BrokenError, Preview
-from shoal.studio.requests import JOBS, MAYBE_BOOL, QUESTIONS, check_request, read_object
+from shoal.studio.preview import Preview, StudioError
+from shoal.studio.requests import JOBS, MAYBE_BOOL, QUESTIONS, check_request, read_json
 
 WAITING = 1000
 """Maximum number of messages that may wait for a slow browser.
@@ -95,7 +95,7 @@ class Studio:
     async def start(self, request: Request) -> Response:
         """Return the initial data of the studio's page."""
         told = {"folder": self.folder.root.name, "version": __version__, "jobs": self.queue.all_told()}
-        return JSONResponse(told | await asyncio.shield(self.forms) | await asyncio.to_thread(self.folder.listing))
+        return JSONResponse(told | await asyncio.shield(self.forms) | await asyncio.to_thread(self.folder.list_files))
 
     @cached_property
     def forms(self) -> asyncio.Future[dict[str, Any]]:
@@ -127,7 +127,7 @@ class Studio:
         if not (skip.isascii() and skip.isdecimal() and len(skip) < 10):
             raise InvalidInputError(f"skip: expected a whole number, 0 or more, got {shortened(skip)}")
         kind = check_choice(asked["kind"], what="kind", choices=FILE_KINDS) if "kind" in asked else None
-        found = self.folder.listing(kind, skip=int(skip), name=asked.get("name", ""))
+        found = self.folder.list_files(kind, after=int(skip), name=asked.get("name", ""))
         return JSONResponse(found)
 
     async def file(self, request: Request) -> Response:
@@ -230,7 +230,7 @@ def _watched(message: MutableMapping[str, Any]) -> int | None:
     """
     if message["type"] == "websocket.disconnect":
         raise WebSocketDisconnect(message.get("code", 1000))
-    given = read_object((message.get("text") or "").encode("utf-8", "surrogatepass"))
+    given = read_json((message.get("text") or "").encode("utf-8", "surrogatepass"))
     number = given.get("watch")
     if given.keys() != {"watch"} or not isinstance(number, int) or isinstance(number, bool) or abs(number) >= 2**63:
         raise InvalidInputError(f"watch: expected the number of a job, got {shortened(given)}")
@@ -242,7 +242,7 @@ async def _json(request: Request) -> dict[str, Any]:
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if kind != "application/json":
         raise InvalidInputError(f"content-type: expected application/json, got {shortened(kind)}")
-    return read_object(await request.body())
+    return read_json(await request.body())
 
 
 def _static(name: str) -> Response:
@@ -273,7 +273,7 @@ def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Req
             return _error(507, str(error))
         except ShoalError as error:
             return _error(422, str(error))
-        except BrokenError as error:
+        except StudioError as error:
             return _error(500, str(error))
 
     return handled

@@ -144,14 +144,14 @@ class Folder:
             return None
         return {"name": inside, "kind": purpose, "bytes": about.st_size, "time": about.st_mtime}
 
-    def listing(self, kind: str | None = None, *, skip: int = 0, name: str = "") -> dict[str, Any]:
+    def list_files(self, kind: str | None = None, *, after: int = 0, name: str = "") -> dict[str, Any]:
         """Return the newest files of each kind (or of one kind), and the number of files of each kind.
 
         Parameters
         ----------
         kind : str, optional
             A kind of file: a key of `KINDS`.
-        skip : int
+        after : int
             Number of newer files of each kind to leave out.
         name : str
             Text in the names of the files. Files with other names are not listed and not counted.
@@ -167,7 +167,7 @@ class Folder:
         for file in self.files():
             if (kind is not None and file["kind"] != kind) or name.lower() not in file["name"].lower():
                 continue
-            if skip <= counts[file["kind"]] < skip + MOST_LISTED:
+            if after <= counts[file["kind"]] < after + MOST_LISTED:
                 listed.append(file)
             counts[file["kind"]] += 1
         return {"files": listed, "counts": dict(counts)}

@@ -13,7 +13,7 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.studio.jobs.processes import Worker
 
 
-class BrokenError(Exception):
+class StudioError(Exception):
     """Raised if the process for quick answers reports an error of Shoal itself. The error message is one sentence."""
 
 
@@ -43,7 +43,7 @@ class Preview:
         ------
         InvalidInputError
             Raised if the process reports an error, ends, or takes longer than `PATIENCE`. The error message is one sentence.
-        BrokenError
+        StudioError
             Raised if the process reports an error that no question should cause.
         """
         async with self._turn:
@@ -69,7 +69,7 @@ class Preview:
         if word == "error":
             raise ShoalError(value)
         if word == "broken":
-            raise BrokenError(value)
+            raise StudioError(value)
         return value
 
     async def close(self) -> None:

@@ -70,7 +70,7 @@ JOBS: dict[str, dict[str, Field]] = {
 """The fields of the description of each kind of job."""
 
 
-def read_object(body: bytes) -> dict[str, Any]:
+def read_json(body: bytes) -> dict[str, Any]:
     """Return the JSON object in the body of a request.
 
     Raises
@@ -81,7 +81,7 @@ def read_object(body: bytes) -> dict[str, Any]:
 
     Examples
     --------
-    >>> read_object(b'{"seed": 1e999}')
+    >>> read_json(b'{"seed": 1e999}')
     Traceback (most recent call last):
     ...
     shoal.core.errors.InvalidInputError: request: expected finite numbers, got 1e999

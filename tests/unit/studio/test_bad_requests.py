@@ -16,7 +16,7 @@ from shoal.core.errors import ShoalError
 from shoal.studio import guard as guard_module
 from shoal.studio.answers import answer
 from shoal.studio.application import Studio, application_of
-from shoal.studio.preview import BrokenError
+from shoal.studio.preview import StudioError
 from shoal.studio.requests import JOBS, QUESTIONS
 from shoal.swarm import SwarmProblem
 
@@ -68,7 +68,7 @@ class Answered:
         if word == "error":
             raise ShoalError(value)
         if word == "broken":
-            raise BrokenError(value)
+            raise StudioError(value)
         return value
 
     async def close(self):

@@ -70,7 +70,7 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         {"axes": others, "first": first, "second": second, "comparison": found and asdict(found)}
         for others, first, second, found in pairs[:MOST_SHOWN]
     ]
-    return told | {"n_points": len(rows)}
+    return told | {"n_points": len(rows), "n_comparisons": len(pairs)}
 
 
 def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:

@@ -68,7 +68,7 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _for_drawing(points: Any, size: float) -> NDArray[np.float64]:
-    """Round points to five digits of the size of their workspace, which may be a square of a micrometre."""
+    """Round points to five digits of the size of their workspace, which may be tiny."""
     rounded: NDArray[np.float64] = np.round(np.asarray(points, dtype=np.float64), 5 - math.floor(math.log10(size)))
     return rounded
 

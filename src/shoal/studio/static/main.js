@@ -100,12 +100,15 @@ document.addEventListener("keydown", (event) => {
 const WORDS = { play: "Episode", compare: "Comparison", export: "Export", reproduce: "Figure of a paper", missions: "Missions", sweep: "Sweep", table: "Table" };
 const STATES = { queued: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled", interrupted: "interrupted" };
 
+const MOST_JOBS = 60; // in the list
+
 function drawJobs() {
   const jobs = [...state.jobs.values()].sort((a, b) => ended(a) - ended(b) || b.id - a.id), open = jobs.filter((job) => !ended(job)).length;
+  const all = jobs.reduce((most, job) => Math.max(most, job.id), 0); // jobs are numbered, and none is ever removed
   $("busy").hidden = !open;
   $("jobsWord").textContent = open ? `${open} ${open === 1 ? "job" : "jobs"}` : "Jobs";
   if ($("jobs").hidden) return;
-  $("jobs").replaceChildren(el("h2", {}, "Jobs"), jobs.length ? el("ul", {}, jobs.slice(0, 60).map(row)) : el("p.soft", {}, "No job has run in this folder yet."));
+  $("jobs").replaceChildren(el("h2", {}, "Jobs"), ...(jobs.length ? [el("ul", {}, jobs.slice(0, MOST_JOBS).map(row)), all > MOST_JOBS ? el("p.soft", {}, `The newest ${MOST_JOBS} of ${all.toLocaleString("en-GB")} jobs.`) : ""] : [el("p.soft", {}, "No job has run in this folder yet.")]));
 }
 
 function row(job) {

@@ -1,8 +1,8 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
-import { ask, loadFiles, newest, on, state, upload } from "../shared/api.js";
+import { ask, leftOut, loadFiles, newest, on, state, upload } from "../shared/api.js";
 import { makeForm, seedField, seedIn } from "../shared/form.js";
 import { History } from "../shared/history.js";
-import { confirmed, el, guarded, number, say, svg, tabbed } from "../shared/page.js";
+import { confirmed, el, guarded, number, olderFiles, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
 import { Drawing } from "./search/drawing.js";
@@ -25,6 +25,7 @@ const BEGIN = {
   drawing: { frame: [8.5, 47.4], parts: [[[-210, -140], [120, -165], [250, -40], [205, 130], [20, 175], [-190, 95]]], zones: [[[10, -35], [85, -30], [80, 40], [25, 50]]] },
 };
 const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i, PARTS = /\.(shx|dbf|prj|cpg)$/i;
+const MOST_ROBOTS = 200; // in the list
 const REST = 600; // milliseconds after which what takes longer is asked
 const closed = (polygons) => polygons.flat().map((points) => `M${points.map((point) => point.join(" ")).join("L")}Z`).join("");
 
@@ -207,12 +208,12 @@ export function search({ remember }) {
   }
 
   function drawList(robots) {
-    list.replaceChildren(...robots.slice(0, 200).map((robot, k) => {
+    list.replaceChildren(...robots.slice(0, MOST_ROBOTS).map((robot, k) => {
       const flights = fleet?.starts?.filter((one) => one.robot === k + 1) ?? [];
       const more = flights.length ? [flights.length > 1 ? `${flights.length} sorties` : "", `at ${number(flights[0].altitude_m)} m`, flights[0].delay_s ? `after ${lasting(flights[0].delay_s)}` : ""].filter(Boolean).join(", ") : "";
       const words = robot.stops ? [lasting(robot.seconds), robot.length === null ? "" : robot.length >= 1000 ? `${number(robot.length / 1000, 3)} km` : `${number(robot.length, 3)} m`, robot.turns === null ? "" : `${robot.turns} turns`].filter(Boolean).join(" · ") : "in reserve";
       return el("li", {}, el("button", { type: "button", class: `r${k % 12}`, "aria-pressed": String(chosen === k), onclick: () => { chosen = chosen === k ? -1 : k; show(); } }, el("b.no", {}, String(k + 1)), el("span", {}, words), el("span.soft", {}, more)));
-    }));
+    }), ...(robots.length > MOST_ROBOTS ? [el("li.soft", {}, `and ${number(robots.length - MOST_ROBOTS, 9)} more robots`)] : []));
   }
 
   // ---- hands ----
@@ -290,7 +291,7 @@ export function search({ remember }) {
   const choices = el("select", { id: "searchFile", onchange: guarded(() => choices.value && choose(choices.value)) });
   function listFiles() {
     const found = state.files.filter((file) => file.kind === "region" || /\.csv$/i.test(file.name)).filter((file) => !/^papers\//.test(file.name)), kept = region;
-    choices.replaceChildren(el("option", { value: "" }, found.length ? "from the folder" : "no file yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
+    choices.replaceChildren(el("option", { value: "" }, found.length ? "from the folder" : "no file yet"), ...found.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("region")));
     choices.value = found.some((file) => file.name === kept) ? kept : "";
   }
   const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(async () => { const brought = [...picked.files]; picked.value = ""; if (brought.length) await bring(brought); }) });

@@ -1,8 +1,8 @@
 /* Steering: drag particles and goals; greedy's plan follows the hand, better plans come after; the Δ space beside it. */
-import { ask, newest, on, run, state, upload } from "../shared/api.js";
+import { ask, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { makeForm, seedField, seedIn } from "../shared/form.js";
 import { History } from "../shared/history.js";
-import { confirmed, duration, el, guarded, number, panelId, percent, say, svg, tabId, tabs, told } from "../shared/page.js";
+import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, svg, tabId, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
 
@@ -313,7 +313,7 @@ export function steering({ remember }) {
   });
   function listFiles() {
     const found = state.files.filter((file) => ["workspace", "region"].includes(file.kind) && /\.(svg|wkt|geojson)$/i.test(file.name));
-    files.replaceChildren(el("option", { value: "" }, found.length ? "a file of the folder" : "no drawing yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
+    files.replaceChildren(el("option", { value: "" }, found.length ? "a file of the folder" : "no drawing yet"), ...found.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("workspace") + leftOut("region")));
     files.value = found.some((file) => file.name === problem.workspace) ? problem.workspace : "";
   }
   const chooser = el("section.chooser", { "aria-label": "Workspace" },

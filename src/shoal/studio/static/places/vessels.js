@@ -1,12 +1,12 @@
 /* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
-import { ask, cancelJob, fileAddress, newest, on, run, state, upload } from "../shared/api.js";
+import { ask, cancelJob, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
 import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
 import { toolbar } from "./vessels/toolbar.js";
 import { makeForm, seedField, seedIn, written } from "../shared/form.js";
 import { History } from "../shared/history.js";
-import { confirmed, duration, el, guarded, number, panelId, percent, say, shapeText, tabId, tabs, told } from "../shared/page.js";
+import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, shapeText, tabId, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
 
@@ -23,6 +23,8 @@ const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
 const PRESS = "Press Run to watch the swarm here, move by move.";
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
 const MOST_LISTED = 200; // episodes to choose from at once; the Lab has all
+const PAINTED = "shoal-painted";
+const reloaded = () => performance.getEntriesByType("navigation")[0]?.type === "reload";
 const EXAMPLE = { map: "vessels:1000" };
 
 export function vessels({ remember }) {
@@ -77,6 +79,12 @@ export function vessels({ remember }) {
     history.note(whole(), gesture);
     remember({ problem: fields(), seed });
     markShown();
+    races.refresh();
+    comparisons.refresh();
+    try { // what is painted is in no file yet, and outlasts a reload of the page
+      if (painted) sessionStorage.setItem(PAINTED, JSON.stringify(whole()));
+      else sessionStorage.removeItem(PAINTED);
+    } catch { /* a browser without room for it */ }
   }
 
   async function changed(values, name) {
@@ -244,7 +252,7 @@ export function vessels({ remember }) {
   const choices = el("select", { id: "vesselsFile", onchange: guarded(() => choices.value && choose(choices.value)) });
   function listFiles() {
     const maps = state.files.filter((file) => file.kind === "map" && !/^papers\/|-figure(-\d+)?\.png$/.test(file.name)), kept = choices.value;
-    choices.replaceChildren(el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)));
+    choices.replaceChildren(el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("map")));
     choices.value = kept;
     shownEpisodes();
   }
@@ -364,26 +372,26 @@ export function vessels({ remember }) {
         await frame.open(data);
         shown = null;
         showResult(file, sentence, JSON.stringify(whole()));
-        say(`“As Python …” gives the problem and the seed of ${file}.`);
       }
     }),
   });
   function shownEpisodes() {
     const found = state.files.filter((file) => file.name.endsWith(".npz"));
-    const listed = found.slice(0, MOST_LISTED), others = (state.counts.episode ?? 0) - state.files.filter((file) => file.kind === "episode").length + found.length - listed.length;
+    const listed = found.slice(0, MOST_LISTED), others = leftOut("episode") + found.length - listed.length;
     episodes.replaceChildren(el("option", { value: "" }, found.length ? "open an earlier episode" : "no episode yet"), ...listed.map((file) => el("option", { value: file.name }, file.name)),
       ...(others > 0 ? [el("option", { value: ALL }, `${number(others, 9)} older ones: in the Lab …`)] : []));
   }
 
   // ---- the stages ----
 
-  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed };
+  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed, current: () => JSON.stringify(whole()) };
+  const races = driving(context), comparisons = comparison(context);
   const empty = el("p.empty", {}, PRESS);
   const panels = {
     map: el("div.panel", { id: panelId("Vessels", "map"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "map") }, el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)),
     run: el("div.panel", { id: panelId("Vessels", "run"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "run") }, el("div.stageHead", {}, result, episodes), frame.element, empty),
-    race: el("div.panel", { id: panelId("Vessels", "race"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "race") }, driving(context)),
-    compare: el("div.panel.scrolls", { id: panelId("Vessels", "compare"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "compare") }, comparison(context)),
+    race: el("div.panel", { id: panelId("Vessels", "race"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "race") }, races.element),
+    compare: el("div.panel.scrolls", { id: panelId("Vessels", "compare"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "compare") }, comparisons.element),
   };
   const stages = tabs("Vessels", [["map", "Map"], ["run", "Run"], ["race", "Drive"], ["compare", "Compare"]], (name) => {
     for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
@@ -426,7 +434,8 @@ export function vessels({ remember }) {
         return;
       }
       stages.pick("map");
-      put({ problem: given.problem, seed: given.seed ?? 0 });
+      const kept = !begun && reloaded() ? JSON.parse(sessionStorage.getItem(PAINTED) ?? "null") : null;
+      put(kept && JSON.stringify(kept.problem) === JSON.stringify(given.problem) ? kept : { problem: given.problem, seed: given.seed ?? 0 });
     },
   };
 }

@@ -41,6 +41,9 @@ export async function upload(file) {
 /** A page of the files of one kind, newest first: those after `skip` newer ones, with `name` in their names. */
 export const listed = (kind, { skip = 0, name = "" } = {}) => request("GET", `/api/files?${new URLSearchParams({ kind, skip, name })}`);
 
+/** How many files of one kind are older than those that are listed. */
+export const leftOut = (kind) => (state.counts[kind] ?? 0) - state.files.filter((file) => file.kind === kind).length;
+
 /** The newest files of each kind, and how many there are. */
 export async function loadFiles() {
   Object.assign(state, await request("GET", "/api/files"));

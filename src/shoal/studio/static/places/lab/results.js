@@ -5,6 +5,7 @@ import { dataTable, duration, el, guarded, number, told } from "../../shared/pag
 import { exportsOf, failure, placeOf, showForms } from "../../shared/share.js";
 
 const FORMATS = [["csv", "Table", "CSV"], ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"]];
+const MOST_LINES = 10, MOST_VERDICTS = 4;
 const EVERY = 1000; // milliseconds between two looks at a sweep that runs
 const ELSEWHERE = 4000; // and at one that a command runs
 
@@ -126,10 +127,11 @@ export function results({ shown, change }) {
     };
     if (told_.length <= 3) return told_.map(sentence).join(" ");
     const pairs = Map.groupBy(told_, (one) => `${one.second} ${one.first}`);
-    return [...pairs.values()].slice(0, 4).map((group) => {
+    const left = pairs.size - MOST_VERDICTS;
+    return [...pairs.values()].slice(0, MOST_VERDICTS).map((group) => {
       const less = group.filter((one) => one.comparison.difference.high < 0).length, more = group.filter((one) => one.comparison.difference.low > 0).length;
       return `With 95 % confidence, mean ${what} are lower for ${group[0].second} than for ${group[0].first} at ${less} of ${group.length} points, and higher at ${more}.`;
-    }).join(" ");
+    }).concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : []).join(" ");
   }
 
   function chart({ points: all, comparisons: pairs, measure }) {
@@ -142,17 +144,18 @@ export function results({ shown, change }) {
       const { [axis]: x, ...others } = axes, label = short(others);
       lines.set(label, [...(lines.get(label) ?? []), { x, ...estimate }]);
     }
-    const named = [...lines].slice(0, 10).map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
-    return [linesChart(named, { axis, measure }), named.length > 1 ? el("p.lineKeys", {}, named.map((line, i) => el(`span.key.p${i % 5}`, {}, line.label))) : []].flat();
+    const named = [...lines].slice(0, MOST_LINES).map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
+    return [linesChart(named, { axis, measure }), named.length > 1 ? el("p.lineKeys", {}, named.map((line, i) => el(`span.key.p${i % 5}`, {}, line.label))) : [],
+      lines.size > MOST_LINES ? el("p.soft", {}, `${MOST_LINES} of ${lines.size} lines are drawn: the table below has more.`) : []].flat();
   }
 
-  function comparisons({ comparisons: all, measure, compared }) {
+  function comparisons({ comparisons: all, n_comparisons: count, measure, compared }) {
     return el("section", {}, el("h3", {}, `${measure.replaceAll("_", " ")} along ${compared.replaceAll("_", " ")}, on the same seeds`),
       dataTable("Comparisons", ["Compared", "At", "Difference", "95 % interval", "Ratio", "p (Wilcoxon)", "Pairs", ""], all.map(({ axes, first, second, comparison: found }) => {
         const d = found?.difference;
         return [`${second} less ${first}`, words(axes) === "all" ? "–" : words(axes), ...(d ? [number(d.mean), interval(d.low, d.high), number(found.ratio, 3), number(found.p_value, 2),
           `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`, d.low > 0 ? "more" : d.high < 0 ? "less" : "no clear difference"] : ["–", "–", "–", "–", "–", "too few finished pairs"])];
-      })));
+      })), count > all.length ? el("p.soft", {}, `The first ${all.length} of ${count} comparisons: shoal sweep summary has all.`) : []);
   }
 
   function points({ points: all, measure, n_points: count, kind }) {

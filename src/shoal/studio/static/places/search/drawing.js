@@ -97,6 +97,7 @@ export class Drawing {
     this.hint.textContent = this.tool === PART || this.tool === ZONE
       ? draft.length > 2 ? "To close the outline, click its first corner or Close." : "Click the corners of the outline, one after another."
       : this.tool === LAUNCH ? "Click where robots set out." : "";
+    if (!this.hint.textContent && this.points.length > MOST_HANDLES) this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
     this.guide.hidden = !this.hint.textContent;
     const corners = this.points.length <= MOST_HANDLES ? [PART, ZONE].flatMap((kind) => this.told[kind].flatMap((ring, k) => this.cornersOf(kind, ring, k))) : [];

@@ -7,6 +7,8 @@ import { lasting } from "./simulate.js";
 
 const SECTIONS = [{ title: "Missions", open: true, fields: ["format", "autopilot", "separation", "delay_tolerance", "altitude_frame", "terrain", "terrain_error", "rally", "cap"] }];
 
+const MOST_SAID = 50; // mistakes and warnings
+
 /** `current()` is a text of all that missions are made from: results of another one are not current any more. */
 export function missionsPanel({ ready, seed, current, changed }) {
   const form = makeForm(state.start.schemas.missions, SECTIONS, { label: "Settings of missions", changed });
@@ -52,7 +54,8 @@ export function missionsPanel({ ready, seed, current, changed }) {
       el("div.verdictLine", {}, el(`span.verdictChip.${good ? "agrees" : "differs"}`, {}, good ? "checked: no mistakes found" : "checked: mistakes are listed below"),
         el("a.main.download", { href: fileAddress(file), download: file }, "Download the zip"), el("span.soft", {}, file)),
       el("dl.measures", {}, facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value)))),
-      check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, 50).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
+      check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, MOST_SAID).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
+      check.diagnostics.length > MOST_SAID ? el("p.soft", {}, `The first ${MOST_SAID} of ${number(check.diagnostics.length, 9)}: the file check.json in the zip has all.`) : [],
       el("figure.missionMap", {}, el("img", { src: `${fileAddress(map)}?${Date.now()}`, alt: "Map of the missions: paths of the robots, launch points, holes, zones, fence" })),
       dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), one.start_s === null ? "when its vehicle is back" : lasting(one.start_s + one.delay_s), `${number(one.altitude_m)} m`])),
       el("p.soft", {}, "The same in a terminal"), el("pre.code", { tabIndex: 0 }, command));

@@ -67,7 +67,10 @@ export function simulation({ ready, question, fields, set, open, visible }) {
       result.replaceChildren(el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages did not arrive, ${found.takeovers} taken over, ${percent(found.seen)} seen`));
       keep.hidden = stale = false;
     } catch (error) {
-      told(error);
+      word.textContent = "";
+      keep.hidden = stale = true;
+      result.replaceChildren(el("p.warning", {}, `${error.message} The film shows the search before the change.`));
+      return;
     }
     word.textContent = "";
     refresh();
