@@ -396,3 +396,48 @@ def test_of_many_episodes_the_newest_are_listed_and_all_can_be_reached(page: Pag
     page.get_by_label("Find").fill("episode-0699")
     page.get_by_text("1 episode.", exact=True).wait_for()
     page.get_by_role("button", name="episode-0699.npz").wait_for()
+
+
+@pytest.mark.forms(0)
+def test_changes_of_a_new_sweep_are_taken_back(page: Page, studio: Studio) -> None:
+    studio.open(page, "lab", {"tab": "new"})
+    page.get_by_text("2 points, 40 trials").wait_for()
+    text = page.get_by_label("The same as a file")
+    before = text.input_value()
+    page.get_by_label("Trials per point").fill("7")
+    page.get_by_label("Trials per point").press("Tab")
+    page.get_by_text("2 points, 14 trials").wait_for()
+    page.locator(".axes").get_by_role("button", name="Remove").click()
+    page.get_by_text("1 point, 7 trials").wait_for()
+    page.keyboard.press("Control+z")
+    page.get_by_text("2 points, 14 trials").wait_for()
+    expect(page.get_by_label("Values")).to_have_value("best closest-frontier")
+    page.keyboard.press("Control+z")
+    page.get_by_text("2 points, 40 trials").wait_for()
+    assert text.input_value() == before
+    assert page.locator(".drafting").get_by_role("button", name="Undo").is_disabled()
+
+
+@pytest.mark.forms(0)
+def test_painted_cells_outlast_a_reload_and_comparisons_say_that_they_are_older(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "rectangle:5x5", "particles": 2}, "seed": 0})
+    facts = page.locator(".underStage .facts")
+    facts.get_by_text("25 free").wait_for()
+    page.get_by_role("button", name="Erase").click()
+    page.locator(".editor canvas").focus()
+    page.keyboard.press("Space")
+    facts.get_by_text("16 free").wait_for()
+    page.reload()
+    facts.get_by_text("16 free").wait_for()
+    studio.open(page, "vessels", {"problem": {"map": "rectangle:5x5", "particles": 2}, "seed": 0})
+    facts.get_by_text("25 free").wait_for()  # a link is not a reload
+    tab(page, "Compare")
+    page.locator("#compareTrials").fill("2")
+    page.get_by_role("button", name="Compare", exact=True).click()
+    page.wait_for_selector(".quad iframe:not([hidden])", timeout=60_000)
+    aged = page.locator(".compare .warning", has_text="The settings have changed since this comparison began.")
+    assert aged.is_hidden()
+    page.locator("[data-field=particles] input").fill("3")
+    aged.wait_for()
+    page.locator("[data-field=particles] input").fill("2")
+    expect(aged).to_be_hidden()

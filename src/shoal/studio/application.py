@@ -36,6 +36,9 @@ WAITING = 1000
 If more messages are waiting, the studio closes the websocket, and the browser connects again.
 """
 
+LONGEST = 600
+"""Maximum length of a sentence about what is wrong, in characters. A sentence may contain the name of a file."""
+
 PART_OF_JOB = {"compare": "swarm", "missions": "search"}
 """The part of Shoal whose problems a kind of job takes, for the kinds that do not take problems of every part."""
 
@@ -257,8 +260,8 @@ def _static(name: str) -> Response:
 
 
 def _error(status: int, sentence: str) -> Response:
-    """Return an answer that is one sentence about what is wrong."""
-    return JSONResponse({"error": sentence}, status)
+    """Return an answer that is one sentence about what is wrong: one line, also if a name in it has several."""
+    return JSONResponse({"error": " ".join(sentence.split())[:LONGEST]}, status)
 
 
 def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:

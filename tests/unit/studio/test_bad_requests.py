@@ -13,6 +13,7 @@ from tests.unit.studio.test_guard import Served
 
 import shoal
 from shoal.core.errors import ShoalError
+from shoal.core.parts import problem_type
 from shoal.studio import guard as guard_module
 from shoal.studio.answers import answer
 from shoal.studio.application import Studio, application_of
@@ -190,6 +191,22 @@ def test_wrong_values_are_said_with_their_field(studio):
         assert said in refused(ask(studio, "POST", "/api/jobs", body), name)
     body = json.dumps({"problem": STEERING, "seed": 1}).encode()
     assert "expected the kind swarm, got steering" in refused(ask(studio, "POST", "/api/ask/map", body), "another part")
+
+
+WRONG = [
+    -1, 1.5, 0, 10**18, 1e300, -1e300, 1e-300, None, True, "", "x", "9" * 401, "1e999", "nan", "-inf", "²", "\n", "a" * 5000,
+    "1,2;3", [], {}, [None], [1e300, 1e300], [[1, 2], [3]], ["x", "y"], {"kind": []},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("good", [SWARM, STEERING, SEARCH], ids=lambda good: good["kind"])
+def test_no_field_of_a_problem_breaks_the_studio(studio, good):
+    for name in problem_type(good["kind"]).declarations():
+        for value in WRONG:
+            word, told = answer(studio.folder, "copies", {"problem": good | {name: value}})
+            assert word in ("answer", "error"), (name, value, told)
+            if word == "answer":
+                json.dumps(told, allow_nan=False)
 
 
 @pytest.mark.parametrize("body", NEVER)

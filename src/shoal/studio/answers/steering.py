@@ -69,8 +69,8 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 def _for_drawing(points: Any, size: float) -> NDArray[np.float64]:
     """Round points to five digits of the size of their workspace, which may be tiny."""
-    rounded: NDArray[np.float64] = np.round(np.asarray(points, dtype=np.float64), 5 - math.floor(math.log10(size)))
-    return rounded
+    digits = 5 - math.floor(math.log10(size))
+    return np.asarray(np.round(np.asarray(points, dtype=np.float64), digits), dtype=np.float64)
 
 
 def _rings(outline: Any, turned: NDArray[np.float64], size: float) -> list[Any]:

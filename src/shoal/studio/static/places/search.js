@@ -42,7 +42,7 @@ export function search({ remember }) {
   const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch([...launches(), launchAt(point)]), history });
   const underlay = new Underlay(canvas, {
     frame: () => frame(), setFrame: (given) => { drawing.told.frame = given; },
-    changed: ({ placed = false } = {}) => { if (placed) redo(); else keep("underlay"); },
+    changed: ({ placed = false, gesture = null } = {}) => { if (placed) redo(); else keep(gesture); },
   });
   const land = svg("g", { class: "region" }), ways = new Ways(() => show());
   canvas.world.append(land, drawing.layer, ways.tour, ways.ways);
@@ -84,12 +84,14 @@ export function search({ remember }) {
     const given = fields(), { told } = drawing;
     if (drawing.empty) return given;
     const text = JSON.stringify(told);
-    if (written?.text !== text || !state.files.some((file) => file.name === written.file)) {
-      written = { text, file: (await ask("draw", { problem: given, drawing: JSON.parse(text) })).file };
+    let file = written?.text === text && state.files.some((one) => one.name === written.file) ? written.file : null;
+    if (!file) {
+      ({ file } = await ask("draw", { problem: given, drawing: JSON.parse(text) }));
+      written = { text, file };
       await loadFiles();
-      if (text === JSON.stringify(drawing.told)) source.textContent = written.file;
+      if (text === JSON.stringify(drawing.told)) source.textContent = file;
     }
-    return told.parts.length ? { ...given, region: written.file } : { ...given, no_go: [...[given.no_go ?? []].flat(), written.file] };
+    return JSON.parse(text).parts.length ? { ...given, region: file } : { ...given, no_go: [...[given.no_go ?? []].flat(), file] };
   }
 
   function set(values, gesture = null) {
@@ -322,7 +324,7 @@ export function search({ remember }) {
   // ---- the stages ----
 
   const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden });
-  const missions = missionsPanel({ ready, seed: () => seed, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`) });
+  const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`) });
   const stages = tabbed("Search", [
     ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list],
     ["simulate", "Simulate", ...simulate.children],

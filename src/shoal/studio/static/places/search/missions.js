@@ -10,7 +10,7 @@ const SECTIONS = [{ title: "Missions", open: true, fields: ["format", "autopilot
 const MOST_SAID = 50; // mistakes and warnings
 
 /** `current()` is a text of all that missions are made from: results of another one are not current any more. */
-export function missionsPanel({ ready, seed, current, changed }) {
+export function missionsPanel({ ready, current, changed }) {
   const form = makeForm(state.start.schemas.missions, SECTIONS, { label: "Settings of missions", changed });
   const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Write missions");
@@ -20,11 +20,11 @@ export function missionsPanel({ ready, seed, current, changed }) {
   let last = null; // what was written: the answer, of which settings, and whether it was shown as current
 
   async function start() {
-    const of = current(), problem = await ready();
+    const of = current(), [{ seed }, missions] = JSON.parse(of), problem = await ready();
     go.disabled = true;
     bar.hidden = stop.hidden = false;
     const free = () => { go.disabled = false; bar.hidden = stop.hidden = true; word.textContent = ""; };
-    const job = await run("missions", { problem, missions: form.values(), seed: seed() }, {
+    const job = await run("missions", { problem, missions, seed }, {
       job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
       done: (found) => { free(); last = { found, of, fresh: null }; refresh(); },
       failed: (now) => { free(); if (now.state !== "cancelled") told(new Error(failure(now))); },
