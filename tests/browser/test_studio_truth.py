@@ -441,3 +441,34 @@ def test_painted_cells_outlast_a_reload_and_comparisons_say_that_they_are_older(
     aged.wait_for()
     page.locator("[data-field=particles] input").fill("2")
     expect(aged).to_be_hidden()
+
+
+@pytest.mark.forms(0)
+def test_what_is_no_number_is_not_the_default_and_typing_takes_no_launch_point(page: Page, studio: Studio) -> None:
+    drawn(page, studio, launch="-60,30;60,30", robots=2)
+    robots = page.locator("[data-field=robots] input")
+    robots.fill("")
+    robots.press_sequentially("12")
+    robots.press("Tab")
+    launch = page.locator("[data-field=launch] input")
+    assert launch.input_value() == ";".join(["-60,30", "60,30"] * 6)
+    robots.fill("1")
+    robots.press("Tab")
+    page.locator(".note", has_text="1 launch point is left out").wait_for()
+    assert launch.input_value() == "-60,30"
+    page.keyboard.press("Control+z")
+    assert launch.input_value() == ";".join(["-60,30", "60,30"] * 6)
+    assert robots.input_value() == "12"
+    planned(page)
+    speed = page.locator("[data-field=cruise_speed] input")
+    speed.press_sequentially("5e")
+    page.locator(".search-place .warning", has_text="'no number'").wait_for()
+    assert page.locator(".fleet li").count() == 0
+
+
+@pytest.mark.forms(0)
+def test_a_link_with_a_misspelt_field_says_so(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": MAZE | {"particals": 9}, "seed": 0})
+    note = page.locator(".note.bad", has_text="leaves them out: particals.")
+    note.wait_for()
+    note.get_by_role("button", name="Close").click()

@@ -1,6 +1,6 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
 import { ask, leftOut, loadFiles, newest, on, state, upload } from "../shared/api.js";
-import { makeForm, seedField, seedIn } from "../shared/form.js";
+import { makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
 import { History } from "../shared/history.js";
 import { confirmed, el, guarded, number, olderFiles, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
@@ -73,6 +73,7 @@ export function search({ remember }) {
     form.write(problem);
     vehicle.write(problem.vehicle);
     missions.form.write(options);
+    shared = null;
     drawing.load(told);
     if (JSON.stringify(under) !== JSON.stringify(underlay.told.file ? underlay.told : null)) guarded(() => underlay.load(under))();
     listFiles();
@@ -117,7 +118,18 @@ export function search({ remember }) {
     if (quiet) show();
     else redo();
   }
-  const spread = () => { const points = launches(); if (points.length > 1) launch(points.slice(0, form.values().robots ?? 4), { quiet: true }); };
+  /** Share the launch points out among another number of robots. The "1" of a "12" that is being typed takes none away. */
+  let shared = null;
+  const spread = () => {
+    shared ??= launches();
+    const count = Number(form.values().robots ?? schema.properties.robots.default);
+    if (shared.length > 1 && count >= 1) launch(shared.slice(0, count), { quiet: true });
+  };
+  form.element.addEventListener("change", () => {
+    const left = (shared?.length ?? 0) - launches().length;
+    shared = null;
+    if (left > 0) say(`${left} launch ${left === 1 ? "point is" : "points are"} left out: a robot has one. Ctrl Z brings ${left === 1 ? "it" : "them"} back.`);
+  });
 
   // ---- the plan ----
 
@@ -360,6 +372,7 @@ export function search({ remember }) {
       if (begun && !given?.problem) return;
       if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
       begun = true;
+      if (given?.problem) sayUnknown(schema, given.problem);
       canvas.moved = false;
       put(given?.problem ? given : BEGIN);
     },

@@ -4,7 +4,7 @@ import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
 import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
 import { toolbar } from "./vessels/toolbar.js";
-import { makeForm, seedField, seedIn, written } from "../shared/form.js";
+import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
 import { History } from "../shared/history.js";
 import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, shapeText, tabId, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
@@ -433,6 +433,7 @@ export function vessels({ remember }) {
         await choose(problem.map);
         return;
       }
+      sayUnknown(schema, given.problem);
       stages.pick("map");
       const kept = !begun && reloaded() ? JSON.parse(sessionStorage.getItem(PAINTED) ?? "null") : null;
       put(kept && JSON.stringify(kept.problem) === JSON.stringify(given.problem) ? kept : { problem: given.problem, seed: given.seed ?? 0 });
