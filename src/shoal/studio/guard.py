@@ -280,7 +280,14 @@ class LimitedConnection(H11Protocol):
             last._left()
 
     def _give_up(self) -> None:
-        if self.scope is None and not self.transport.is_closing():
+        if self.scope is not None or self.transport.is_closing():
+            return
+        if self.conn.trailing_data[0]:  # a part of a request has come
+            body = json.dumps({"error": f"request: expected all its headers within {SLOWEST:g} s, got a part"}).encode()
+            head = "HTTP/1.1 408 Request Timeout\r\ncontent-type: application/json\r\nconnection: close\r\ncontent-length: "
+            self.transport.write(head.encode() + str(len(body)).encode() + b"\r\n\r\n" + body)
+            self.transport.close()
+        else:
             self.transport.abort()
 
     def handle_websocket_upgrade(self, event: Any) -> None:

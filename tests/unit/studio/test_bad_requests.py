@@ -317,6 +317,12 @@ def test_a_body_that_stops_coming_is_408(served, studio, monkeypatch, capfd):
     for head in ("POST /api/jobs HTTP/1.1", "POST /api/ask/map HTTP/1.1", "PUT /api/files/slow.txt HTTP/1.1"):
         came = sent(served, head, JSON_HEAD, b"Content-Length: 9\r\n\r\n", b"{")
         is_answer(came, 408, "expected the next piece within 0.2 s")
+    with closing(served.raw()) as line:
+        line.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\n".encode())
+        came = b""
+        while more := line.recv(65536):
+            came += more
+    is_answer(came, 408, "expected all its headers within 0.2 s")
     assert "Traceback" not in capfd.readouterr().err
     assert not list(studio.folder.root.glob("*slow*"))
     assert served.well()
