@@ -206,7 +206,7 @@ def test_a_search_of_older_settings_is_not_exported_as_if_it_were_of_these(page:
     assert page.locator(".panel:not([hidden]) .exports").count() == 0
     page.locator("[data-field=launch] input").fill("1,2;3,4;5,6")
     page.locator("[data-field=launch] input").press("Tab")
-    page.locator(".panel:not([hidden]) .warning", has_text="got 3 The film shows the search before the change").wait_for()
+    page.locator(".panel:not([hidden]) .warning", has_text="before the change: the settings cannot be simulated").wait_for()
     assert page.get_by_role("button", name="Keep this run").is_hidden()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -41,7 +42,7 @@ def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
     try:
         return "answer", storable(ANSWERS[check_choice(what, what="question", choices=ANSWERS)](folder, about))
     except ShoalError as error:
-        return "error", str(error)
+        return "error", re.sub(r"^--(?=[a-z])", "", str(error))  # a form has fields, not options
     except MemoryError:
         return "error", "the preview needs more memory than the studio allows"
     except OSError as error:

@@ -238,7 +238,7 @@ export function search({ remember }) {
   }
 
   function over(point) {
-    where.textContent = !point ? "" : canvas.earth ? canvas.earth.degrees(point).map((x) => x.toFixed(6)).join(", ") : `${point.map((x) => x.toFixed(1)).join(", ")} m`;
+    where.textContent = !point ? "" : canvas.earth ? canvas.earth.degrees(point).map((x) => x.toFixed(6)).join(", ") : `${point.map((x) => x.toFixed(Math.max(1, Math.ceil(Math.log10(canvas.scale))))).join(", ")} m`;
   }
 
   function drawn({ drawnOnly = false, corner = false, closed: whole_ = false } = {}) {
@@ -335,7 +335,7 @@ export function search({ remember }) {
 
   // ---- the stages ----
 
-  const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden });
+  const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden, said: () => warning.textContent });
   const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`) });
   const stages = tabbed("Search", [
     ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list],

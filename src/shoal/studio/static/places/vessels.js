@@ -208,7 +208,7 @@ export function vessels({ remember }) {
     editor.setPhotograph(photograph.image, await imageOf(found.mask, "png"));
     performance.measure("shoal-overlay", { start: began });
     if (surely) complain(found.warning);
-    facts.textContent = `${percent(found.share)} of the pixels are vessel${surely ? `, confidence ${found.confidence.toFixed(2)} of 1` : ""}`;
+    facts.textContent = `${percent(found.share)} of the pixels are vessel${surely ? `, confidence ${number(found.confidence, 2)} of 1` : ""}`;
   }
 
   async function imageOf(text, kind) {

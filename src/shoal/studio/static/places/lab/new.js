@@ -149,7 +149,7 @@ export function drafting({ shown, started }) {
     el("section.setting", { "aria-label": "Form" },
       el("div.quartet", {}, labelled("Name", name), labelled("Kind of problem", kind), labelled("Trials per point", trials), labelled("Seed", seed)),
       el("h2", {}, "What varies"), axes, add, room),
-    el("section.setting.file", { "aria-label": "File" }, el("h2", {}, el("label", { htmlFor: text.id }, "The same as a file"), history.buttons), el("p.help", {}, "Change the sweep here or in the form. ", el("code", {}, "shoal sweep run"), " runs this file."),
+    el("section.setting.file", { "aria-label": "File" }, el("div.stageTop", {}, el("h2", {}, el("label", { htmlFor: text.id }, "The same as a file")), history.buttons), el("p.help", {}, "Change the sweep here or in the form. ", el("code", {}, "shoal sweep run"), " runs this file."),
       text, problem, info, el("div.actions", {}, go, el("button.second", { type: "button", onclick: guarded(async () => { if (answer?.copies) showForms(answer.copies); }) }, "As Python …"))));
 
   async function ready() {

@@ -11,8 +11,9 @@ export const lasting = (seconds) => {
 };
 
 /** `question()` is what is simulated: the problem with its drawing and seed; `ready()` gives it as it is run, with the drawing in a file;
- *  `set(fields)` writes fields of the form; `open()` shows this panel, `visible()` tells whether it is shown. */
-export function simulation({ ready, question, fields, set, open, visible }) {
+ *  `set(fields)` writes fields of the form; `open()` shows this panel, `visible()` tells whether it is shown, and `said()` what is said
+ *  to be wrong already. */
+export function simulation({ ready, question, fields, set, open, visible, said }) {
   const frame = new PlayerFrame("search", { title: "The player of the search" });
   const loss = el("input", { type: "range", min: 0, max: 0.95, step: 0.05, value: 0, id: "searchLoss" }), lossWord = el("output", { htmlFor: "searchLoss" }, "0 %");
   const result = el("div.result", {}), faults = el("div.faults", {}), robots = el("div.group.deaths", { role: "group", "aria-label": "Let a robot die now" });
@@ -69,7 +70,7 @@ export function simulation({ ready, question, fields, set, open, visible }) {
     } catch (error) {
       word.textContent = "";
       keep.hidden = stale = true;
-      result.replaceChildren(el("p.warning", {}, `${error.message} The film shows the search before the change.`));
+      result.replaceChildren(el("p.warning", {}, `The film shows the search before the change: the settings cannot be simulated${said() === error.message ? "" : `, ${error.message}`}.`));
       return;
     }
     word.textContent = "";
