@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
 from contextlib import asynccontextmanager, suppress
 from functools import cached_property
 from importlib import resources
@@ -12,25 +12,35 @@ from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from shoal.core.checks import check_choice
+from shoal.core.checks import check_bool, check_choice, shortened
 from shoal.core.errors import InvalidInputError, OutputError, ShoalError
 from shoal.core.parts import PARTS, problem_type
 from shoal.core.problem import Problem
 from shoal.core.version import __version__
+from shoal.studio.folder import KINDS as FILE_KINDS
 from shoal.studio.folder import Folder
-from shoal.studio.jobs.queue import JobQueue
-from shoal.studio.preview import Preview
+from shoal.studio.forms import checked_problem, checked_seed
+from shoal.studio.jobs.queue import KINDS, JobQueue
+from shoal.studio.preview import Preview, StudioError
+from shoal.studio.requests import JOBS, MAYBE_BOOL, QUESTIONS, check_request, read_json
 
 WAITING = 1000
 """Maximum number of messages that may wait for a slow browser.
 
 If more messages are waiting, the studio closes the websocket, and the browser connects again.
 """
+
+LONGEST = 600
+"""Maximum length of a sentence about what is wrong, in characters. A sentence may contain the name of a file."""
+
+PART_OF_JOB = {"compare": "swarm", "missions": "search"}
+"""The part of Shoal whose problems a kind of job takes, for the kinds that do not take problems of every part."""
 
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
 _STATIC = {"static": resources.files("shoal.studio") / "static", "player": resources.files("shoal.views.player")}
@@ -88,7 +98,7 @@ class Studio:
     async def start(self, request: Request) -> Response:
         """Return the initial data of the studio's page."""
         told = {"folder": self.folder.root.name, "version": __version__, "jobs": self.queue.all_told()}
-        return JSONResponse(told | await asyncio.shield(self.forms) | {"files": await asyncio.to_thread(self.folder.files)})
+        return JSONResponse(told | await asyncio.shield(self.forms) | await asyncio.to_thread(self.folder.list_files))
 
     @cached_property
     def forms(self) -> asyncio.Future[dict[str, Any]]:
@@ -103,23 +113,35 @@ class Studio:
         from shoal.search.problem.mission_options import MissionOptions
         from shoal.studio.forms import schema_of
         from shoal.swarm.maps.generators import GENERATORS
+        from shoal.swarm.problem import READING
 
         made = (GENERATORS.get(name) for name in GENERATORS)
         maps = [{"name": one.name, "summary": one.summary, "example": one.example, "size": one.size} for one in made]
         kinds: list[type[Problem]] = [*map(problem_type, PARTS), Vehicle, MissionOptions]
         schemas = {kind.part: schema_of(kind) for kind in kinds}
         schemas["vehicle"]["presets"] = PRESETS
+        schemas["swarm"]["reading"] = [*READING, "largest_component"]
         return {"schemas": schemas, "maps": maps}
 
     async def files(self, request: Request) -> Response:
-        """Return the list of files in the studio's folder."""
-        return JSONResponse(await asyncio.to_thread(self.folder.files))
+        """Return the newest files of the folder, and their number; with ``kind``, ``skip`` and ``name``, one page of the others."""
+        asked = request.query_params
+        skip = asked.get("skip", "0")
+        if not (skip.isascii() and skip.isdecimal() and len(skip) < 10):
+            raise InvalidInputError(f"skip: expected a whole number, 0 or more, got {shortened(skip)}")
+        kind = check_choice(asked["kind"], what="kind", choices=FILE_KINDS) if "kind" in asked else None
+        found = self.folder.list_files(kind, after=int(skip), name=asked.get("name", ""))
+        return JSONResponse(found)
 
     async def file(self, request: Request) -> Response:
         """Return one file for download or display. A header forbids the browser to run the file as a page of the studio."""
         path = self.folder.path(request.path_params["name"])
-        if not path.is_file():
-            raise InvalidInputError("file: expected a file of the folder, got no such file")
+        try:
+            found = path.is_file()
+        except OSError:  # a name that no file can have
+            found = False
+        if not found:
+            raise InvalidInputError(f"file: expected a file of the folder, got no such file: {shortened(path.name)}")
         return FileResponse(path, filename=path.name, headers={"content-security-policy": "sandbox; default-src 'none'"})
 
     async def take(self, request: Request) -> Response:
@@ -131,7 +153,9 @@ class Studio:
     async def ask(self, request: Request) -> Response:
         """Answer a question of a page."""
         what, about = request.path_params["what"], await _json(request)
-        answer = await self.previews[about.get("slow") is True].ask(what, about)
+        what = check_choice(what, what="question", choices=QUESTIONS)
+        check_request(about, QUESTIONS[what] | {"slow": MAYBE_BOOL})
+        answer = await self.previews[about.pop("slow", None) is True].ask(what, about)
         if what in ("sketch", "save", "draw"):
             self.tell({"files": True})
         return JSONResponse(answer)
@@ -141,16 +165,23 @@ class Studio:
         return JSONResponse({"jobs": self.queue.all_told(), "counts": self.queue.store.counts()})
 
     async def add_job(self, request: Request) -> Response:
-        """Add a job to the queue."""
+        """Add a job to the queue. A job that could not begin is refused: a field that is missing or has a wrong value."""
         given = await _json(request)
-        spec = given.get("spec")
+        kind, spec = check_choice(given.get("kind"), what="kind", choices=KINDS), given.get("spec")
         if not isinstance(spec, dict):
-            raise InvalidInputError("spec: expected an object")
-        return JSONResponse(self.queue.add(given.get("kind"), spec, urgent=given.get("urgent") is True))
+            raise InvalidInputError(f"spec: expected an object, got {shortened(spec)}")
+        check_request(spec, JOBS[kind])
+        checked_seed(spec)
+        if "problem" in spec:
+            await asyncio.to_thread(checked_problem, spec["problem"], self.folder, part=PART_OF_JOB.get(kind))
+        return JSONResponse(self.queue.add(kind, spec, urgent=check_bool(given.get("urgent", False), what="urgent")))
 
     async def cancel_job(self, request: Request) -> Response:
         """Cancel the job whose number the request contains."""
-        self.queue.cancel(int(request.path_params["number"]))
+        text = request.path_params["number"]
+        if not (text.isascii() and text.isdecimal() and len(text) < 19) or not self.queue.told(int(text)):
+            raise InvalidInputError(f"job: expected the number of a job, got {shortened(text)}")
+        self.queue.cancel(int(text))
         return JSONResponse({})
 
     async def live(self, socket: WebSocket) -> None:
@@ -172,15 +203,18 @@ class Studio:
         sending = asyncio.create_task(send())
         try:
             while True:
-                given = json.loads(await socket.receive_text())
-                if isinstance(given, dict) and isinstance(number := given.get("watch"), int):
+                number = _watched(await socket.receive())
+                if number is not None:
                     watched.add(number)
                     # The earlier pieces, and the job's current state. No other message is sent between these lines.
                     for piece in self.queue.pieces(number):
                         listener.put_nowait({"piece": piece, "of": number})
                     listener.put_nowait({"job": self.queue.told(number)})
-        except (WebSocketDisconnect, ValueError, RuntimeError):
+        except WebSocketDisconnect:
             pass
+        except ShoalError:
+            with suppress(RuntimeError):
+                await socket.close(1003, "expected the number of a job to watch")
         finally:
             self._listeners.discard(listener)
             sending.cancel()
@@ -188,29 +222,46 @@ class Studio:
                 await sending
 
 
+def _watched(message: MutableMapping[str, Any]) -> int | None:
+    """Return the number of the job that a browser wants to watch.
+
+    Raises
+    ------
+    WebSocketDisconnect
+    InvalidInputError
+        Raised for any other message.
+    """
+    if message["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect(message.get("code", 1000))
+    given = read_json((message.get("text") or "").encode("utf-8", "surrogatepass"))
+    number = given.get("watch")
+    if given.keys() != {"watch"} or not isinstance(number, int) or isinstance(number, bool) or abs(number) >= 2**63:
+        raise InvalidInputError(f"watch: expected the number of a job, got {shortened(given)}")
+    return number
+
+
 async def _json(request: Request) -> dict[str, Any]:
     """Return the JSON object in the body of a request."""
-    if request.headers.get("content-type") != "application/json":
-        raise InvalidInputError("expected JSON")
-    try:
-        given = json.loads(await request.body())
-    except (ValueError, RecursionError):
-        raise InvalidInputError("expected JSON") from None
-    if not isinstance(given, dict):
-        raise InvalidInputError("expected a JSON object")
-    return given
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if kind != "application/json":
+        raise InvalidInputError(f"content-type: expected application/json, got {shortened(kind)}")
+    return read_json(await request.body())
 
 
 def _static(name: str) -> Response:
     room, _, rest = name.partition("/")
     parts = rest.split("/")
     kind = _TYPES.get(Path(rest).suffix)
-    if kind is None or any(part.startswith(".") or not part for part in parts):
-        return PlainTextResponse("expected a file of the studio", 404)
-    file = _STATIC[room].joinpath(*parts)
-    if not file.is_file():
-        return PlainTextResponse("expected a file of the studio", 404)
-    return Response(file.read_bytes(), media_type=kind)
+    if kind is not None and len(rest) < 200 and all(part and not part.startswith(".") and "\0" not in part for part in parts):
+        file = _STATIC[room].joinpath(*parts)
+        if file.is_file():
+            return Response(file.read_bytes(), media_type=kind)
+    return _error(404, f"expected a file of the studio, got {shortened(rest)}")
+
+
+def _error(status: int, sentence: str) -> Response:
+    """Return an answer that is one sentence about what is wrong: one line, also if a name in it has several."""
+    return JSONResponse({"error": " ".join(sentence.split())[:LONGEST]}, status)
 
 
 def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
@@ -220,13 +271,24 @@ def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Req
         try:
             return await handler(request)
         except ClientDisconnect:
-            return PlainTextResponse("", 400)
+            return Response(status_code=400)
         except OutputError as error:
-            return PlainTextResponse(str(error), 507)
+            return _error(507, str(error))
         except ShoalError as error:
-            return PlainTextResponse(str(error), 422)
+            return _error(422, str(error))
+        except StudioError as error:
+            return _error(500, str(error))
 
     return handled
+
+
+async def _unknown(request: Request, error: Exception) -> Response:
+    """Answer a request for an address or a method that the studio does not have."""
+    assert isinstance(error, HTTPException)
+    what = f"{request.method} {shortened(request.url.path)}"
+    return JSONResponse(
+        {"error": f"expected an address of the studio, got {what}"}, error.status_code, headers=dict(error.headers or {})
+    )
 
 
 def application_of(studio: Studio) -> Starlette:
@@ -248,7 +310,9 @@ def application_of(studio: Studio) -> Starlette:
         ("GET", "/play/{part}", studio.player), ("GET", "/api/start", studio.start), ("GET", "/api/files", studio.files),
         ("PUT", "/api/files/{name:path}", studio.take), ("GET", "/files/{name:path}", studio.file),
         ("POST", "/api/ask/{what}", studio.ask), ("GET", "/api/jobs", studio.jobs), ("POST", "/api/jobs", studio.add_job),
-        ("DELETE", "/api/jobs/{number:int}", studio.cancel_job),
+        ("DELETE", "/api/jobs/{number}", studio.cancel_job),
     )  # fmt: skip
     routes = [Route(path, _refused(handler), methods=[method]) for method, path, handler in answers]
-    return Starlette(routes=[*routes, WebSocketRoute("/live", studio.live)], lifespan=life)
+    return Starlette(
+        routes=[*routes, WebSocketRoute("/live", studio.live)], lifespan=life, exception_handlers={HTTPException: _unknown}
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections import Counter
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,12 @@ MOST_PIXELS = 50_000_000
 PAPERS = "papers"
 """Name of the subfolder for reproduced figures of the papers."""
 
-MOST_LISTED = 2000
+MOST_LISTED = 500
+"""Maximum number of files of each kind in one page of a list. The other files are on the following pages."""
+
+MOST_SEEN = 1_000_000
+"""Maximum number of files of the folder that a list counts."""
+
 SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 """File suffixes of a Shapefile, which consists of several files with a common stem."""
 
@@ -97,26 +103,74 @@ class Folder:
                     check_pixels(self.path(text))
 
     def files(self) -> list[dict[str, Any]]:
-        """Return the files of the folder, newest first, with the name, purpose, size in bytes and time of each file."""
+        """Return the files of the folder, newest first, with the name, purpose, size in bytes and time of each file.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the folder has more than `MOST_SEEN` files.
+        """
         found: list[dict[str, Any]] = []
-        for where, folders, names in os.walk(self.root):
-            folders[:] = [name for name in folders if name[0] != "."]
-            for name in names:
-                path = Path(where, name)
-                told = purpose_of(name)
-                if told is None or name[0] == ".":
-                    continue
-                try:
-                    if path.resolve().is_relative_to(self.root):
-                        about = path.stat()
-                        inside = path.relative_to(self.root).as_posix()
-                        inside.encode()
-                        found.append({"name": inside, "kind": told, "bytes": about.st_size, "time": about.st_mtime})
-                except (OSError, RuntimeError, UnicodeEncodeError):
-                    continue
-            if len(found) > MOST_LISTED:
-                break
-        return sorted(found, key=lambda one: -float(one["time"]))[:MOST_LISTED]
+        folders, seen = [str(self.root)], 0
+        while folders:
+            where = folders.pop()
+            try:
+                with os.scandir(where) as entries:
+                    for entry in entries:
+                        seen += 1
+                        if seen > MOST_SEEN:
+                            raise InvalidInputError(f"folder: expected at most {MOST_SEEN} files, got more: use another folder")
+                        if entry.name[0] == ".":
+                            continue
+                        if entry.is_dir(follow_symlinks=False):
+                            folders.append(entry.path)
+                        elif (told := self._listed(entry)) is not None:
+                            found.append(told)
+            except OSError:  # a folder that cannot be read, or has just gone
+                continue
+        return sorted(found, key=lambda one: (-float(one["time"]), one["name"]))
+
+    def _listed(self, entry: os.DirEntry[str]) -> dict[str, Any] | None:
+        purpose = purpose_of(entry.name)
+        try:
+            if purpose is None or not entry.is_file():
+                return None
+            if entry.is_symlink() and not Path(entry.path).resolve().is_relative_to(self.root):
+                return None
+            about = entry.stat()
+            inside = os.path.relpath(entry.path, self.root).replace(os.sep, "/")
+            inside.encode()
+        except (OSError, RuntimeError, UnicodeEncodeError):
+            return None
+        return {"name": inside, "kind": purpose, "bytes": about.st_size, "time": about.st_mtime}
+
+    def list_files(self, kind: str | None = None, *, after: int = 0, name: str = "") -> dict[str, Any]:
+        """Return the newest files of each kind (or of one kind), and the number of files of each kind.
+
+        Parameters
+        ----------
+        kind : str, optional
+            A kind of file: a key of `KINDS`.
+        after : int
+            Number of newer files of each kind to leave out.
+        name : str
+            Text in the names of the files. Files with other names are not listed and not counted.
+
+        Returns
+        -------
+        dict
+            Under ``files``, at most `MOST_LISTED` files of each kind, newest first. Under ``counts``, the number of files of each
+            kind.
+        """
+        counts: Counter[str] = Counter()
+        listed = []
+        for file in self.files():
+            if (kind is not None and file["kind"] != kind) or name.lower() not in file["name"].lower():
+                continue
+            if after <= counts[file["kind"]] < after + MOST_LISTED:
+                listed.append(file)
+            counts[file["kind"]] += 1
+        return {"files": listed, "counts": dict(counts)}
 
     def new_name(self, stem: str, suffix: str) -> str:
         """Return an unused file name, which consists of the stem, a number if necessary, and the suffix."""

@@ -82,16 +82,22 @@ def _as_in_forms(text: str) -> str:
     return text
 
 
-def checked_problem(data: Any, folder: Folder) -> Problem:
+def checked_problem(data: Any, folder: Folder, *, part: str | None = None) -> Problem:
     """Return the problem that a browser describes. Refuse a problem with files outside the folder or with third-party code.
+
+    With ``part``, also refuse a problem of another part.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
     """
-    if not isinstance(data, Mapping) or data.get("kind") not in PARTS:
-        raise InvalidInputError(f"problem: expected fields and a kind, one of {', '.join(PARTS)}, got {shortened(data)}")
-    return checked_fields(problem_type(data["kind"]), data, folder)
+    kind = data.get("kind") if isinstance(data, Mapping) else None
+    if not isinstance(kind, str) or kind not in PARTS:
+        got = f"the kind {shortened(kind)}" if isinstance(data, Mapping) else shortened(data)
+        raise InvalidInputError(f"problem: expected fields and a kind, one of {', '.join(PARTS)}, got {got}")
+    if part not in (None, kind):
+        raise InvalidInputError(f"problem: expected the kind {part}, got {kind}")
+    return checked_fields(problem_type(kind), data, folder)
 
 
 def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
@@ -122,10 +128,10 @@ def checked_seed(about: Mapping[str, Any]) -> int:
     ------
     InvalidInputError
     """
-    given = about.get("seed", 0)
+    given = about.get("seed")
     if isinstance(given, str) and given.isascii() and given.isdecimal() and len(given) < 20:
         given = int(given)
-    return check_integer(given, what="seed", least=0)
+    return check_integer(0 if given is None else given, what="seed", least=0)
 
 
 def copies_of(problem: Problem, *, seed: int) -> dict[str, str]:

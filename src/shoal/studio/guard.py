@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import json
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
@@ -25,6 +26,15 @@ LARGEST_UPLOAD = 512 * 2**20
 
 SLOWEST = 10.0
 """Maximum time in seconds between two pieces of a request's body. A new connection must send a request within `SLOWEST` seconds."""
+
+LEAST_DRAINED = 16 * 2**20
+"""Number of bytes of a refused body that the server still reads, at least.
+
+A client that is still sending when the connection closes gets a reset instead of the answer.
+"""
+
+DRAINED_AFTER = 1.0
+"""Time in seconds without a new piece after which the server stops reading a refused body."""
 
 MOST_CONNECTIONS = 200
 MOST_SOCKETS = 16
@@ -87,13 +97,37 @@ class Guard:
                 await _answer(send, 303, "", {"location": "/", "set-cookie": self._entry})
             else:
                 self._check_cookie(headers)
-                await self.application(scope, _limited(scope, headers, receive), _private(send, headers[b"host"].decode()))
+                await self._limited(scope, headers, receive, send)
         except _RefusedError as refused:
             if scope["type"] == "websocket":
                 await receive()
                 await send({"type": "websocket.close", "code": 1008})
             else:
-                await _answer(send, refused.status, refused.sentence, {})
+                await _refuse(receive, send, refused, _most(scope))
+
+    async def _limited(self, scope: MutableMapping[str, Any], headers: dict[bytes, bytes], receive: Receive, send: Send) -> None:
+        """Let the application answer a request, or raise `_RefusedError` if the body is too large or arrives too slowly.
+
+        The application gets the refusal as an exception, and may answer the exception itself (Starlette sends the status 500). The
+        client gets the refusal in place of that answer.
+        """
+        body = _Body(_most(scope), headers, receive)
+        private = _private(send, headers[b"host"].decode())
+        begun = False
+
+        async def answer(message: Message) -> None:
+            nonlocal begun
+            if begun or body.refusal is None:
+                begun = True
+                await private(message)
+
+        try:
+            await self.application(scope, body.receive, answer)
+        except Exception:
+            if body.refusal is None or begun:
+                raise
+        if body.refusal is not None and not begun:
+            raise body.refusal
 
     @property
     def _entry(self) -> str:
@@ -142,29 +176,57 @@ def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
     return found
 
 
-def _limited(scope: MutableMapping[str, Any], headers: dict[bytes, bytes], receive: Receive) -> Receive:
-    """Return a function ``receive`` that refuses the body of a request if the body is too large or arrives too slowly."""
-    most = LARGEST_UPLOAD if scope["method"] == "PUT" else LARGEST_BODY
-    told = headers.get(b"content-length", b"0")
-    came, whole = 0, False
-    if not told.isdigit() or int(told) > most:
-        raise _RefusedError(413, f"expected at most {most // 2**20} MiB")
+def _most(scope: MutableMapping[str, Any]) -> int:
+    """Return the maximum size of the body of a request, in bytes."""
+    return LARGEST_UPLOAD if scope["method"] == "PUT" else LARGEST_BODY
 
-    async def limited() -> Message:
-        nonlocal came, whole
-        if whole:  # only the end of the connection can follow
-            return await receive()
-        try:
-            message = await asyncio.wait_for(receive(), SLOWEST)
-        except TimeoutError:
-            raise _RefusedError(408, f"expected the next piece within {SLOWEST:g} s") from None
-        came += len(message.get("body", b""))
-        whole = not message.get("more_body", False)
-        if came > most:
-            raise _RefusedError(413, f"expected at most {most // 2**20} MiB")
-        return message
 
-    return limited
+class _Body:
+    """The body of a request. `receive` refuses a body that is too large or arrives too slowly, and keeps the refusal."""
+
+    def __init__(self, most: int, headers: dict[bytes, bytes], receive: Receive) -> None:
+        self.most, self._receive = most, receive
+        self.refusal: _RefusedError | None = None
+        self._came, self._whole = 0, False
+        told = headers.get(b"content-length", b"0")
+        if not told.isdigit() or len(told) > 20 or int(told) > most:
+            raise self._too_large()
+
+    def _too_large(self) -> _RefusedError:
+        size = f"{self.most // 2**20} MiB" if self.most >= 2**20 else f"{self.most} bytes"
+        return _RefusedError(413, f"body: expected at most {size}, got more")
+
+    async def receive(self) -> Message:
+        if self._whole:  # only the end of the connection can follow
+            return await self._receive()
+        if self.refusal is None:
+            try:
+                message = await asyncio.wait_for(self._receive(), SLOWEST)
+            except TimeoutError:
+                self.refusal = _RefusedError(408, f"body: expected the next piece within {SLOWEST:g} s, got none")
+            else:
+                self._came += len(message.get("body", b""))
+                self._whole = not message.get("more_body", False)
+                if self._came <= self.most:
+                    return message
+                self.refusal = self._too_large()
+        raise self.refusal
+
+
+async def _refuse(receive: Receive, send: Send, refused: _RefusedError, most: int) -> None:
+    """Answer a refused request, and read the rest of its body for a while, so that the client reads the answer."""
+    await _answer(send, refused.status, refused.sentence, {}, more=True)
+    if refused.status != 408:
+        came, enough = 0, max(most, LEAST_DRAINED) if refused.status == 413 else LEAST_DRAINED
+        while came < enough:
+            try:
+                message = await asyncio.wait_for(receive(), DRAINED_AFTER)
+            except TimeoutError:
+                break
+            came += len(message.get("body", b""))
+            if not message.get("more_body", False):
+                break
+    await send({"type": "http.response.body", "body": b""})
 
 
 def _private(send: Send, host: str) -> Send:
@@ -182,10 +244,17 @@ def _told(more: dict[str, str]) -> list[tuple[bytes, bytes]]:
     return [(name.encode(), value.encode()) for name, value in (_KEPT_PRIVATE | more).items()]
 
 
-async def _answer(send: Send, status: int, sentence: str, more: dict[str, str]) -> None:
-    kind = {"content-type": "text/plain; charset=utf-8", "connection": "close", "content-security-policy": "default-src 'none'"}
-    await send({"type": "http.response.start", "status": status, "headers": _told(kind | more)})
-    await send({"type": "http.response.body", "body": sentence.encode()})
+async def _answer(send: Send, status: int, sentence: str, more_headers: dict[str, str], *, more: bool = False) -> None:
+    """Send an answer of the guard. An error is a JSON object with one sentence; with ``more``, the answer stays open."""
+    body = json.dumps({"error": sentence}).encode() if sentence else b""
+    headers = {
+        "content-type": "application/json",
+        "content-length": str(len(body)),
+        "connection": "close",
+        "content-security-policy": "default-src 'none'",
+    }
+    await send({"type": "http.response.start", "status": status, "headers": _told(headers | more_headers)})
+    await send({"type": "http.response.body", "body": body, "more_body": more})
 
 
 class LimitedConnection(H11Protocol):
@@ -211,7 +280,14 @@ class LimitedConnection(H11Protocol):
             last._left()
 
     def _give_up(self) -> None:
-        if self.scope is None and not self.transport.is_closing():
+        if self.scope is not None or self.transport.is_closing():
+            return
+        if self.conn.trailing_data[0]:  # a part of a request has come
+            body = json.dumps({"error": f"request: expected all its headers within {SLOWEST:g} s, got a part"}).encode()
+            head = "HTTP/1.1 408 Request Timeout\r\ncontent-type: application/json\r\nconnection: close\r\ncontent-length: "
+            self.transport.write(head.encode() + str(len(body)).encode() + b"\r\n\r\n" + body)
+            self.transport.close()
+        else:
             self.transport.abort()
 
     def handle_websocket_upgrade(self, event: Any) -> None:

@@ -12,6 +12,11 @@ from typing import Any
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.studio.jobs.processes import Worker
 
+
+class StudioError(Exception):
+    """Raised if the process for quick answers reports an error of Shoal itself. The error message is one sentence."""
+
+
 PATIENCE = 60.0
 """Maximum time for a quick answer, in seconds. The studio ends a process that takes longer than `PATIENCE` seconds."""
 
@@ -38,6 +43,8 @@ class Preview:
         ------
         InvalidInputError
             Raised if the process reports an error, ends, or takes longer than `PATIENCE`. The error message is one sentence.
+        StudioError
+            Raised if the process reports an error that no question should cause.
         """
         async with self._turn:
             if self._worker is None:
@@ -61,6 +68,8 @@ class Preview:
             raise EOFError
         if word == "error":
             raise ShoalError(value)
+        if word == "broken":
+            raise StudioError(value)
         return value
 
     async def close(self) -> None:

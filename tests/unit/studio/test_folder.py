@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import struct
 import zlib
 
 import pytest
 
 from shoal.core.errors import InvalidInputError
-from shoal.studio.folder import Folder, check_pixels
+from shoal.studio.folder import MOST_LISTED, Folder, check_pixels
 
 
 def png_header(width, height):
@@ -106,3 +107,26 @@ def test_a_damaged_picture_is_refused(tmp_path):
     (tmp_path / "a.png").write_bytes(b"no picture")
     with pytest.raises(InvalidInputError, match="damaged or other file"):
         check_pixels(tmp_path / "a.png")
+
+
+def test_of_ten_thousand_files_the_newest_are_listed_and_all_are_reached(tmp_path):
+    (tmp_path / "inside").mkdir()
+    (tmp_path / "a.npz").write_bytes(b"x")
+    for k in range(10_000):
+        os.link(tmp_path / "a.npz", tmp_path / f"episode-{k:05d}.npz")
+    os.utime(tmp_path / "a.npz", (1, 1))
+    for name, time in (("newest.npz", 9e9), ("inside/second.npz", 8e9), ("old.png", 0), ("old.sqlite", 0)):
+        (tmp_path / name).write_bytes(b"x")
+        os.utime(tmp_path / name, (time, time))
+    folder = Folder(tmp_path)
+    told = folder.list_files()
+    assert told["counts"] == {"episode": 10_003, "map": 1, "store": 1}
+    names = [file["name"] for file in told["files"]]
+    assert names[:2] == ["newest.npz", "inside/second.npz"]
+    assert {"old.png", "old.sqlite"} <= {*names}  # many episodes leave nothing else out
+    assert len(names) == MOST_LISTED + 2
+    reached = [file["name"] for skip in range(0, 10_003, MOST_LISTED) for file in folder.list_files("episode", after=skip)["files"]]
+    assert len(reached) == len({*reached}) == 10_003
+    found = folder.list_files("episode", name="EPISODE-01234")
+    assert ([file["name"] for file in found["files"]], found["counts"]) == (["episode-01234.npz"], {"episode": 1})
+    assert len(folder.files()) == 10_005

@@ -32,11 +32,11 @@ async def echo(socket):
 
 
 class Served:
-    def __init__(self):
+    def __init__(self, application=None):
         routes = [Route("/", count_bytes), Route("/put", count_bytes, methods=["PUT", "POST"]), WebSocketRoute("/live", echo)]
         self.socket = listening(None)
         self.port = self.socket.getsockname()[1]
-        self.guard = Guard(Starlette(routes=routes), self.port)
+        self.guard = Guard(application or Starlette(routes=routes), self.port)
         config = uvicorn.Config(
             self.guard, http=LimitedConnection, ws="websockets-sansio", log_level="critical", lifespan="off", proxy_headers=False
         )

@@ -112,7 +112,7 @@ def parse_numbers(text: str) -> float | list[float]:
 
 def check_footprint(value: Any) -> float | tuple[float, ...]:
     """Check and return the side of the footprint in metres: one number for all robots, or one number for each robot."""
-    if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
         return check_number_list(value, "footprint", "lengths above 0, one per robot", above=0)
     return check_number(value, what="footprint", above=0, most=FARTHEST)
 
@@ -176,7 +176,8 @@ def check_places(what: str, expected: str, *, count: bool = False) -> Callable[[
     def check(value: Any) -> Any:
         if isinstance(value, str | os.PathLike):
             return check_path(value, what, expected)
-        return check_integer(value, what=what, least=0) if count and np.ndim(value) == 0 else _points(value, what)
+        one = not isinstance(value, list | tuple) and np.ndim(value) == 0
+        return check_integer(value, what=what, least=0) if count and one else _points(value, what)
 
     return check
 

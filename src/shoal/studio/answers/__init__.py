@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
+import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from shoal.core.checks import check_choice
@@ -19,7 +22,7 @@ def answer_all(connection: Connection, root: str) -> None:
     """Answer the questions of the studio's pages until the connection ends.
 
     A question is a tuple: the number of the question, a name in `ANSWERS`, and the data of the page. The answer is a tuple: the
-    number of the question, the text "answer" or "error", and the data for the page or the error message.
+    number of the question, followed by the result of `answer`.
     """
     os.chdir(root)
     folder = Folder(root)
@@ -28,18 +31,29 @@ def answer_all(connection: Connection, root: str) -> None:
             number, what, about = connection.recv()
         except EOFError:
             return
-        try:
-            connection.send(
-                (number, "answer", storable(ANSWERS[check_choice(what, what="question", choices=ANSWERS)](folder, about)))
-            )
-        except ShoalError as error:
-            connection.send((number, "error", str(error)))
-        except MemoryError:
-            connection.send((number, "error", "the preview needs more memory than the studio allows"))
-        except OSError as error:
-            connection.send((number, "error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}"))
-        except Exception as error:  # as a last resort, the browser gets any exception as text
-            connection.send((number, "error", f"{type(error).__name__}: {error}"[:300]))
+        connection.send((number, *answer(folder, what, about)))
+
+
+def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
+    """Answer one question: the text "answer" and the data for the page, or "error" or "broken" and a sentence.
+
+    "broken" stands for an error of Shoal itself, which no question should cause.
+    """
+    try:
+        return "answer", storable(ANSWERS[check_choice(what, what="question", choices=ANSWERS)](folder, about))
+    except ShoalError as error:
+        return "error", re.sub(r"^--(?=[a-z])", "", str(error))  # a form has fields, not options
+    except MemoryError:
+        return "error", "the preview needs more memory than the studio allows"
+    except OSError as error:
+        return "error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}"
+    except Exception as error:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        what = f"{type(error).__name__}: {error}"[:300]
+        return (
+            "broken",
+            f"Shoal itself made an error, please report it: {what}, in {Path(frame.filename).name}, line {frame.lineno}",
+        )
 
 
 ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {

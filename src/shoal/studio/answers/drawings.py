@@ -130,7 +130,6 @@ def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
     """
     drawing = drawing_of(about.get("drawing"))
     given = about["problem"] | ({"region": "drawing"} if drawing is not None and drawing.parts else {})
-    problem = checked_problem(given, folder)
-    if not isinstance(problem, SearchProblem):
-        raise InvalidInputError(f"problem: expected a search, got {problem.part}")
+    problem = checked_problem(given, folder, part="search")
+    assert isinstance(problem, SearchProblem)
     return problem.at_place(opened(problem)) if drawing is None else drawing.placed(problem)

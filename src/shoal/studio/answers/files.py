@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import shoal
+from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed, copies_of
@@ -22,8 +23,20 @@ def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a problem in three forms: as Python code, as a command and as the text of a file."""
-    return dict(copies_of(checked_problem(about["problem"], folder), seed=checked_seed(about)))
+    """Return a problem, or the problem of an episode file, in three forms: as Python code, as a command and as the text of a file.
+
+    The seed of an episode is the episode's own.
+    """
+    if (about.get("file") is None) == (about.get("problem") is None):
+        raise InvalidInputError("copies: expected either a problem or the file of an episode, got both or none")
+    if about.get("file") is None:
+        problem, seed = checked_problem(about["problem"], folder), checked_seed(about)
+    else:
+        episode: Any = shoal.load(folder.path(about["file"]))
+        problem, seed = episode.problem, episode.seed
+        if seed is None:
+            raise InvalidInputError(f"{about['file']}: expected an episode with a seed, got one that no seed repeats")
+    return copies_of(problem, seed=seed) | {"problem": problem.to_dict(), "seed": str(seed)}
 
 
 def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import shoal
 from shoal.core.checks import check_text, parse_toml
-from shoal.core.errors import ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.parts import PARTS
 from shoal.lab.storage.rows import StoredSweep
 from shoal.lab.storage.store import Store
@@ -70,7 +70,7 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         {"axes": others, "first": first, "second": second, "comparison": found and asdict(found)}
         for others, first, second, found in pairs[:MOST_SHOWN]
     ]
-    return told | {"n_points": len(rows)}
+    return told | {"n_points": len(rows), "n_comparisons": len(pairs)}
 
 
 def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
@@ -96,6 +96,8 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     For an invalid draft, the answer contains the error message.
     """
     text = about.get("toml")
+    if (text is None) == (about.get("sweep") is None):
+        raise InvalidInputError("new sweep: expected either its fields or its TOML text, got both or none")
     told: dict[str, Any] = {"error": None}
     try:
         if text is None:

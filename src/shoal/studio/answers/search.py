@@ -71,11 +71,11 @@ class _Canvas:
         self.own, self.shown = own, own if shown is None or own is None else shown
 
     def points(self, metres: Any) -> list[Any]:
-        """Convert points from metres in the region's frame to the page's coordinates, and round to a centimetre."""
+        """Convert points from metres in the region's frame to the page's coordinates, and round to a millimetre."""
         given = np.asarray(metres, dtype=np.float64).reshape(-1, 2)
         if self.own is not None and self.shown is not None and self.shown != self.own and len(given):
             given = self.shown.to_metres(self.own.to_degrees(given))
-        told: list[Any] = np.round(given, 2).tolist()
+        told: list[Any] = np.round(given, 3).tolist()
         return told
 
 
@@ -142,7 +142,7 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.views.search.mission_folder import MissionFolder
 
     problem = flown(placed_problem(folder, about))
-    made = MissionFolder(Path(), problem, checked_fields(MissionOptions, about.get("missions", {}), folder))
+    made = MissionFolder(Path(), problem, checked_fields(MissionOptions, about.get("missions") or {}, folder))
     plan = plan_search(problem, seed=checked_seed(about))
     made.plan(plan)
     told = made.report(plan)

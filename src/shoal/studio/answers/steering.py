@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,12 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the plan for a steering problem: the moves, the paths of the particles, and the result."""
     from shoal.views.steering.trajectories import trajectories_of
 
-    problem = checked_problem(about["problem"], folder)
+    problem: Any = checked_problem(about["problem"], folder, part="steering")
     episode: Any = shoal.run(problem, seed=checked_seed(about))
     ways: list[list[Any]] = [[] for _ in episode.states[0]]
     for trajectory in trajectories_of(episode):
         for particle, way in enumerate(ways):
-            way.extend(np.round(trajectory.points[:, particle], 5).tolist())
+            way.extend(_for_drawing(trajectory.points[:, particle], problem.place.size).tolist())
     return {
         "planner": episode.planner, "status": str(episode.status), "reason": episode.reason, "moves": episode.moves,
         "length": episode.length, "bound": episode.lower_bound, "error": episode.error, "inputs": episode.inputs.tolist(),
@@ -35,9 +36,9 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the outline of a workspace, and the starts and goals of the particles."""
     from shoal.views.steering.axes import outlines_of
 
-    problem: Any = checked_problem(about["problem"], folder)
+    problem: Any = checked_problem(about["problem"], folder, part="steering")
     place, (start, goal) = opened(problem), problem.endpoints(checked_seed(about))
-    rings = [np.round(ring, 6).tolist() for ring in outlines_of(place)]
+    rings = [_for_drawing(ring, place.size).tolist() for ring in outlines_of(place)]
     return {
         "kind": place.kind, "dimensions": place.dimensions, "size": place.size, "rings": rings, "start": start.tolist(),
         "goal": goal.tolist(), "convex": hasattr(place, "vertices"),
@@ -49,11 +50,11 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
     from shoal.views.steering.axes import outlines_of
 
-    problem: Any = checked_problem(about["problem"], folder)
+    problem: Any = checked_problem(about["problem"], folder, part="steering")
     place, start = opened(problem), problem.endpoints(checked_seed(about))[0]
     if not isinstance(place, ConvexWorkspace) or place.dimensions == 3 or len(start) != 2:
         return {"sets": [], "rings": []}
-    moves = check_integer(about.get("moves", 4), what="moves", least=2, most=6)
+    moves = check_integer(4 if about.get("moves") is None else about["moves"], what="moves", least=2, most=6)
     delta = start[1] - start[0]
     turned = np.eye(2)
     if place.round:
@@ -62,11 +63,17 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         turned = np.array([[cosine, sine], [-sine, cosine]]) / length
     else:
         sets = polygon_reach(place, delta, moves=moves)
-    told = [{"moves": one.moves, "fraction": one.fraction(), "rings": _rings(one.outline, turned)} for one in sets]
+    told = [{"moves": one.moves, "fraction": one.fraction(), "rings": _rings(one.outline, turned, place.size)} for one in sets]
     return {"rings": [outlines_of(place.differences)[0]], "delta": delta, "sets": told}
 
 
-def _rings(outline: Any, turned: NDArray[np.float64]) -> list[Any]:
+def _for_drawing(points: Any, size: float) -> NDArray[np.float64]:
+    """Round points to five digits of the size of their workspace, which may be tiny."""
+    digits = 5 - math.floor(math.log10(size))
+    return np.asarray(np.round(np.asarray(points, dtype=np.float64), digits), dtype=np.float64)
+
+
+def _rings(outline: Any, turned: NDArray[np.float64], size: float) -> list[Any]:
     """Return the outlines and holes of a planar set, rounded for drawing."""
     pieces = [outline] if isinstance(outline, np.ndarray) else [part for ring, holes in outline for part in (ring, *holes)]
-    return [np.round(np.asarray(piece) @ turned, 5) for piece in pieces]
+    return [_for_drawing(np.asarray(piece) @ turned, size) for piece in pieces]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_integer, check_text, shortened
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.studio.answers.shared import LARGEST_SHOWN, base64_of, fit_to_page, opened, picture_of, picture_of_mask
 from shoal.studio.folder import Folder
@@ -21,9 +22,16 @@ MOST_CELLS = 4_000_000
 
 
 def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the cells of a map, and the start cells of the particles."""
-    problem: Any = checked_problem(about["problem"], folder)
+    """Return the cells of a map, and the start cells of the particles.
+
+    If the page has painted cells over the map (``about["cells"]``), the particles start in the painted map.
+    """
+    from shoal.swarm.maps.workspace import GridWorkspace
+
+    problem: Any = checked_problem(about["problem"], folder, part="swarm")
     workspace = opened(problem)
+    if about.get("cells") is not None:
+        workspace = GridWorkspace(_cells(about["cells"]), name=workspace.name, spacing=workspace.spacing)
     if workspace.free.size > MOST_CELLS:
         raise InvalidInputError(f"map: expected at most {MOST_CELLS} cells for the studio, got {workspace.free.size}")
     told = {
@@ -62,7 +70,7 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """
     from shoal.swarm.maps.open import finder_of, vessels_in
 
-    problem: Any = checked_problem(about["problem"], folder)
+    problem: Any = checked_problem(about["problem"], folder, part="swarm")
     fields = {name: getattr(problem, name) for name in ("bright", "thickest", "channel", "frame")}
     thresholds = {"low": problem.low, "high": problem.high}
     told: dict[str, Any] = {"exact": bool(about.get("exact"))}
@@ -84,18 +92,34 @@ def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.workspace import GridWorkspace
 
-    shape = [check_integer(side, what="shape", least=1) for side in about["shape"]]
-    cells = int(np.prod(shape))
-    if len(shape) != 2 or cells > MOST_CELLS:
-        raise InvalidInputError(f"shape: expected rows and columns of at most {MOST_CELLS} cells, got {shape}")
-    packed = np.frombuffer(base64.b64decode(about["free"], validate=True), dtype=np.uint8)
-    if len(packed) != -(-cells // 8):
-        raise InvalidInputError(f"free: expected {-(-cells // 8)} bytes, got {len(packed)}")
-    free = np.unpackbits(packed, count=cells).reshape(shape).astype(np.bool_)
-    stem = str(about.get("name", "map")).partition(":")[0].rpartition("/")[2].partition(".")[0]
+    free = _cells(about)
+    stem = str(about.get("name") or "map").partition(":")[0].rpartition("/")[2].partition(".")[0]
     name = folder.new_name(f"{stem}-painted" if not stem.endswith("-painted") else stem, ".png")
     write_map(GridWorkspace(free), folder.path(name))
     return {"file": name}
+
+
+def _cells(painted: dict[str, Any]) -> NDArray[np.bool_]:
+    """Return painted cells: the ``shape`` of a map, and its ``free`` cells as bits, encoded in base64.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    sides, packed = painted.get("shape"), painted.get("free")
+    if not isinstance(sides, list) or len(sides) != 2:
+        raise InvalidInputError(f"shape: expected the numbers of rows and columns, got {shortened(sides)}")
+    shape = [check_integer(side, what="shape", least=1, most=MOST_CELLS) for side in sides]
+    cells = math.prod(shape)
+    if cells > MOST_CELLS:
+        raise InvalidInputError(f"shape: expected rows and columns of at most {MOST_CELLS} cells, got {shape}")
+    try:
+        bits = np.frombuffer(base64.b64decode(check_text(packed, what="free"), validate=True), dtype=np.uint8)
+    except ValueError:
+        raise InvalidInputError(f"free: expected bits in base64, got {shortened(packed)}") from None
+    if len(bits) != -(-cells // 8):
+        raise InvalidInputError(f"free: expected {-(-cells // 8)} bytes, got {len(bits)}")
+    return np.unpackbits(bits, count=cells).reshape(shape).astype(np.bool_)
 
 
 def _file(folder: Folder, name: str) -> tuple[Path, int]:

@@ -10,7 +10,6 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
-from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
@@ -27,12 +26,11 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
     from shoal.search.missions import check_missions
     from shoal.views.search.mission_folder import MAP, MissionFolder, write_check
 
-    problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
-    if not isinstance(problem, SearchProblem):
-        raise InvalidInputError(f"problem: expected a search, got {problem.part}")
+    problem, seed = checked_problem(spec["problem"], folder, part="search"), checked_seed(spec)
+    assert isinstance(problem, SearchProblem)
     if problem.vehicle is None:
         problem = problem.replaced(vehicle="multirotor")
-    options = checked_fields(MissionOptions, spec.get("missions", {}), folder)
+    options = checked_fields(MissionOptions, spec.get("missions") or {}, folder)
     problem.check_at_place()
     with tempfile.TemporaryDirectory() as place:
         inside, checked = Path(place, "missions"), Path(place, "check")

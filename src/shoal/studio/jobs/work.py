@@ -110,7 +110,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
     seed = checked_seed(spec)
     if not isinstance(policies, list) or not 2 <= len(policies) <= MOST_COMPARED:
         raise InvalidInputError(f"policies: expected 2 to {MOST_COMPARED} policies, got {shortened(policies)}")
-    problems = [checked_problem(spec["problem"] | {"policy": policy}, folder) for policy in policies]
+    problems = [checked_problem(spec["problem"] | {"policy": policy}, folder, part="swarm") for policy in policies]
     place = problems[0].place
     problems = [problem.at_place(place) for problem in problems]
     rows: list[list[Any]] = [[] for _ in policies]

@@ -26,6 +26,10 @@ wear(dark.matches ? "dark" : "light");
 
 // ---- places, and links to their state ----
 
+/** What each place shows, as its part of the address. */
+const known = new Map();
+const addressOf = (place, what) => `#${place}?${encodeURIComponent(JSON.stringify(what))}`;
+
 /** The address says what is shown: the place, and after a question mark its state as JSON. */
 function readAddress() {
   const [place, given] = location.hash.slice(1).split(/\?(.*)/s);
@@ -38,22 +42,57 @@ function readAddress() {
 
 let here = null;
 const remember = (place) => (what) => {
-  if (place !== here) return;
-  history.replaceState(null, "", `#${place}?${encodeURIComponent(JSON.stringify(what))}`);
+  known.set(place, JSON.stringify(what));
+  if (place === here) history.replaceState(null, "", addressOf(place, what));
 };
+
+/** A place that is left stays on the page, with its panels hidden: a frame that leaves the page would lose its player. */
+function setAway(element, away) {
+  element.hidden = away;
+  for (const panel of element.querySelectorAll(away ? ".panel:not([hidden])" : ".panel.away")) {
+    panel.hidden = away;
+    panel.classList.toggle("away", away);
+  }
+}
 
 const show = guarded(async () => {
   const [place, given] = readAddress();
   here = place;
-  if (!opened.has(place)) opened.set(place, PLACES[place][1]({ remember: remember(place) }));
-  const room = opened.get(place);
-  $("place").replaceChildren(room.element);
+  const begins = !opened.has(place);
+  if (begins) {
+    opened.set(place, PLACES[place][1]({ remember: remember(place) }));
+    $("place").append(opened.get(place).element);
+  }
+  const room = opened.get(place), kept = known.get(place);
+  for (const one of opened.values()) setAway(one.element, one !== room);
   document.title = `${room.title} – Shoal studio`;
   for (const link of $("places").children) {
     if (link.dataset.place === place) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
-  await room.open(given);
+  if (kept !== undefined && given === null) history.replaceState(null, "", addressOf(place, JSON.parse(kept)));
+  await room.open(given !== null && JSON.stringify(given) === kept ? null : given);
+});
+
+// ---- undo, in every place that has it ----
+
+const committed = new WeakMap(); // of fields: the text that has been taken up
+const commit = (field) => { if (field && "value" in field) committed.set(field, field.value); };
+document.addEventListener("focusin", (event) => commit(event.target));
+document.addEventListener("change", (event) => {
+  commit(event.target);
+  opened.get(here)?.history?.end();
+});
+/** Whether letters are being typed that nothing has taken up yet: the browser takes them back. */
+const typing = (field) => field.matches?.("textarea, input[type=text], input[type=number]") && field.value !== (committed.get(field) ?? "");
+
+document.addEventListener("keydown", (event) => {
+  const key = event.key.toLowerCase(), past = opened.get(here)?.history;
+  if (!past || !(event.ctrlKey || event.metaKey) || event.altKey || !["z", "y"].includes(key) || $("sheet").open || typing(event.target)) return;
+  event.preventDefault();
+  if (key === "y" || event.shiftKey) past.redo();
+  else past.undo();
+  commit(document.activeElement);
 });
 
 // ---- jobs ----
@@ -61,12 +100,15 @@ const show = guarded(async () => {
 const WORDS = { play: "Episode", compare: "Comparison", export: "Export", reproduce: "Figure of a paper", missions: "Missions", sweep: "Sweep", table: "Table" };
 const STATES = { queued: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled", interrupted: "interrupted" };
 
+const MOST_JOBS = 60; // in the list
+
 function drawJobs() {
   const jobs = [...state.jobs.values()].sort((a, b) => ended(a) - ended(b) || b.id - a.id), open = jobs.filter((job) => !ended(job)).length;
+  const all = jobs.reduce((most, job) => Math.max(most, job.id), 0); // jobs are numbered, and none is ever removed
   $("busy").hidden = !open;
   $("jobsWord").textContent = open ? `${open} ${open === 1 ? "job" : "jobs"}` : "Jobs";
   if ($("jobs").hidden) return;
-  $("jobs").replaceChildren(el("h2", {}, "Jobs"), jobs.length ? el("ul", {}, jobs.slice(0, 60).map(row)) : el("p.soft", {}, "No job has run in this folder yet."));
+  $("jobs").replaceChildren(el("h2", {}, "Jobs"), ...(jobs.length ? [el("ul", {}, jobs.slice(0, MOST_JOBS).map(row)), all > MOST_JOBS ? el("p.soft", {}, `The newest ${MOST_JOBS} of ${all.toLocaleString("en-GB")} jobs.`) : ""] : [el("p.soft", {}, "No job has run in this folder yet.")]));
 }
 
 function row(job) {

@@ -1,7 +1,8 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
-import { ask, newest, on, state, upload } from "../shared/api.js";
-import { makeForm, seedField, seedIn } from "../shared/form.js";
-import { el, guarded, number, svg, tabbed } from "../shared/page.js";
+import { ask, leftOut, loadFiles, newest, on, state, upload } from "../shared/api.js";
+import { makeForm, sayUnknown, seedField, seedIn } from "../shared/form.js";
+import { History } from "../shared/history.js";
+import { confirmed, el, guarded, number, olderFiles, say, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
 import { Drawing } from "./search/drawing.js";
@@ -24,22 +25,24 @@ const BEGIN = {
   drawing: { frame: [8.5, 47.4], parts: [[[-210, -140], [120, -165], [250, -40], [205, 130], [20, 175], [-190, 95]]], zones: [[[10, -35], [85, -30], [80, 40], [25, 50]]] },
 };
 const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i, PARTS = /\.(shx|dbf|prj|cpg)$/i;
+const MOST_ROBOTS = 200; // in the list
 const REST = 600; // milliseconds after which what takes longer is asked
 const closed = (polygons) => polygons.flat().map((points) => `M${points.map((point) => point.join(" ")).join("L")}Z`).join("");
 
 export function search({ remember }) {
   const schema = state.start.schemas.search;
-  let region = null, seed = 0, plan = null, waiting = 0, chosen = -1, fleet = null;
+  const history = new History(put);
+  let region = null, seed = 0, plan = null, waiting = 0, chosen = -1, fleet = null, begun = false, written = null;
 
   // ---- what is set ----
 
-  const form = makeForm(schema, SECTIONS, { hidden: ["region", "vehicle"], changed: (_, name) => { if (name === "robots") spread(); redo(); } });
-  const vehicle = vehicleForm(() => redo());
+  const form = makeForm(schema, SECTIONS, { hidden: ["region", "vehicle"], changed: (_, name) => { if (name === "robots") spread(); redo(name); } });
+  const vehicle = vehicleForm((name) => redo(`vehicle ${name}`));
   const canvas = new MetricCanvas("The region. Arrow keys move the canvas, plus and minus zoom. Tab goes to corners and launch points.", { tap, over });
-  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch([...launches(), point]) });
+  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch([...launches(), launchAt(point)]), history });
   const underlay = new Underlay(canvas, {
-    frame: () => frame(), changed: ({ fit = false } = {}) => { if (fit) canvas.draw(); keep(); },
-    setFrame: (given) => drawing.edit((told) => { told.frame = given; }),
+    frame: () => frame(), setFrame: (given) => { drawing.told.frame = given; },
+    changed: ({ placed = false, gesture = null } = {}) => { if (placed) redo(); else keep(gesture); },
   });
   const land = svg("g", { class: "region" }), ways = new Ways(() => show());
   canvas.world.append(land, drawing.layer, ways.tour, ways.ways);
@@ -49,64 +52,111 @@ export function search({ remember }) {
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
   const fields = () => ({ kind: "search", ...(region ? { region } : {}), ...form.values(), vehicle: vehicle.value() });
-  const keep = () => remember({ problem: fields(), drawing: drawing.empty && !drawing.told.frame ? null : drawing.told, under: underlay.told.file ? underlay.told : null, missions: missions.form.values(), seed });
+  /** All that is set; what is planned, simulated and written follows from it. */
+  const whole = () => ({ problem: fields(), drawing: drawing.state, under: underlay.told.file ? underlay.told : null, missions: missions.form.values(), seed });
+  const question = () => ({ problem: fields(), drawing: drawing.asked, seed });
+  const own = () => drawing.draft || (!drawing.empty && ["parts", "zones"].some((kind) => JSON.stringify(drawing.told[kind]) !== JSON.stringify(BEGIN.drawing[kind])));
+
+  /** Note what is set: one step to take back, and the address. */
+  function keep(gesture = null) {
+    history.note(whole(), gesture);
+    remember(whole());
+    simulate.refresh();
+    missions.refresh();
+  }
+
+  function put({ problem, drawing: told = null, under = null, missions: options = {}, seed: start = 0 }) {
+    seed = start;
+    seedInput.value = seed;
+    region = typeof problem.region === "string" ? problem.region : null;
+    typed.value = region ?? "";
+    form.write(problem);
+    vehicle.write(problem.vehicle);
+    missions.form.write(options);
+    shared = null;
+    drawing.load(told);
+    if (JSON.stringify(under) !== JSON.stringify(underlay.told.file ? underlay.told : null)) guarded(() => underlay.load(under))();
+    listFiles();
+    redo();
+  }
 
   /** The problem with what was drawn written as a file, once. */
   async function ready() {
     const given = fields(), { told } = drawing;
     if (drawing.empty) return given;
-    if (!told.file) {
-      told.file = (await ask("draw", { problem: given, drawing: drawing.asked })).file;
-      keep();
+    const text = JSON.stringify(told);
+    let file = written?.text === text && state.files.some((one) => one.name === written.file) ? written.file : null;
+    if (!file) {
+      ({ file } = await ask("draw", { problem: given, drawing: JSON.parse(text) }));
+      written = { text, file };
+      await loadFiles();
+      if (text === JSON.stringify(drawing.told)) source.textContent = file;
     }
-    return told.parts.length ? { ...given, region: told.file } : { ...given, no_go: [...[given.no_go ?? []].flat(), told.file] };
+    return JSON.parse(text).parts.length ? { ...given, region: file } : { ...given, no_go: [...[given.no_go ?? []].flat(), file] };
   }
 
-  function set(values) {
+  function set(values, gesture = null) {
     for (const [name, value] of Object.entries(values)) form.row(name).write(value);
-    keep();
+    keep(gesture);
   }
 
   // ---- launch points: in the form's field, as text ----
 
-  const launches = () => {
-    const points = pointsOf(form.values().launch, frame() ? canvas.earth : null) ?? [], seen = new Set();
-    return points.filter((point) => { const key = point.map((x) => x.toFixed(1)).join(); return !seen.has(key) && seen.add(key); });
-  };
+  const launchAt = (point) => ({ point, text: pointText(point, frame() ? canvas.earth : null) });
+  /** Each launch point once, with its text as it was entered. */
+  function launches() {
+    const texts = [...new Set(String(form.values().launch ?? "").split(/[;\n]+/).map((text) => text.trim()).filter(Boolean))];
+    const points = pointsOf(texts.join(";"), frame() ? canvas.earth : null) ?? [];
+    return points.map((point, k) => ({ point, text: texts[k] }));
+  }
 
   /** One point is for all; several are shared out among the robots. */
-  function launch(points, { quiet = false } = {}) {
-    const count = form.values().robots ?? schema.properties.robots.default, all = points.length > 1 ? Array.from({ length: Math.max(count, points.length) }, (_, k) => points[k % points.length]) : points;
-    if (points.length > count) form.row("robots").write(points.length);
-    form.row("launch").write(all.map((point) => pointText(point, frame() ? canvas.earth : null)).join(";") || undefined);
+  function launch(some, { quiet = false } = {}) {
+    const count = form.values().robots ?? schema.properties.robots.default, all = some.length > 1 ? Array.from({ length: Math.max(count, some.length) }, (_, k) => some[k % some.length]) : some;
+    if (some.length > count) form.row("robots").write(some.length);
+    form.row("launch").write(all.map(({ text }) => text).join(";") || undefined);
     if (quiet) show();
     else redo();
   }
-  const spread = () => { const points = launches(); if (points.length > 1) launch(points.slice(0, form.values().robots ?? 4), { quiet: true }); };
+  /** Share the launch points out among another number of robots. The "1" of a "12" that is being typed takes none away. */
+  let shared = null;
+  const spread = () => {
+    shared ??= launches();
+    const count = Number(form.values().robots ?? schema.properties.robots.default);
+    if (shared.length > 1 && count >= 1) launch(shared.slice(0, count), { quiet: true });
+  };
+  form.element.addEventListener("change", () => {
+    const left = (shared?.length ?? 0) - launches().length;
+    shared = null;
+    if (left > 0) say(`${left} launch ${left === 1 ? "point is" : "points are"} left out: a robot has one. Ctrl Z brings ${left === 1 ? "it" : "them"} back.`);
+  });
 
   // ---- the plan ----
 
-  function redo() {
-    keep();
-    simulate.refresh();
+  function redo(gesture = null) {
+    keep(gesture);
+    simulate.vary();
     load();
   }
 
   const load = newest(async () => {
     facts.classList.add("loading");
+    const asked = { ...question(), frame: drawing.told.frame };
     try {
       if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
       if (!region && !drawing.told.parts.length) {
         plan = fleet = null;
         complain("Draw a region, drop a file, or enter the name of a region.");
       } else {
-        const found = await ask("plan", { problem: fields(), drawing: drawing.asked, frame: drawing.told.frame, seed });
+        const found = await ask("plan", asked);
         canvas.earth = found.frame ? await earthAt(found.frame) : null;
-        plan = found;
+        plan = { ...found, asked };
         fleet = null;
         complain(found.problem);
       }
     } catch (error) {
+      plan = { frame: plan?.frame ?? null, outline: [], no_go: [], free: [] }; // no plan of other settings over these
+      fleet = null;
       complain(error.message);
     }
     facts.classList.remove("loading");
@@ -119,12 +169,12 @@ export function search({ remember }) {
   /** What takes longer: sorties, heights and the nearest approach. */
   const after = newest(async () => {
     if (!plan?.robots) return;
-    const asked = plan;
+    const of = plan;
     try {
-      const found = await ask("missions", { problem: fields(), drawing: drawing.asked, missions: missions.form.values(), frame: frame(), seed, slow: true });
-      if (asked === plan) fleet = found;
+      const found = await ask("missions", { ...of.asked, missions: missions.form.values(), frame: frame(), slow: true });
+      if (of === plan) fleet = found;
     } catch (error) {
-      if (asked === plan) fleet = { problem: error.message };
+      if (of === plan) fleet = { problem: error.message };
     }
     show();
   });
@@ -145,7 +195,7 @@ export function search({ remember }) {
     ways.show(plan, chosen);
     drawMarks(drawing.show());
     drawList(robots);
-    source.textContent = drawing.told.file ?? (own ? "drawn" : region ?? "");
+    source.textContent = own ? (written?.text === JSON.stringify(drawing.told) ? written.file : "drawn") : region ?? "";
     facts.textContent = plan?.cells ? [
       plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`, `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
       `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`, `searched in ${lasting(plan.makespan)}`, nearest(), plan.drawn ? "" : "the paths have too many corners to be drawn here",
@@ -161,8 +211,8 @@ export function search({ remember }) {
 
   function drawMarks(corners) {
     const points = launches(), starts = plan?.robots ?? [], near = fleet?.nearest_approach;
-    const home = points.map((point, k) => handle(canvas, `launch${k}`, point, `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`, [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })], {
-      move: (to) => launch(points.map((one, i) => (i === k ? to : one)), { quiet: true }), done: redo, remove: () => launch(points.filter((_, i) => i !== k)),
+    const home = points.map(({ point }, k) => handle(canvas, `launch${k}`, point, `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`, [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })], {
+      move: (to) => launch(points.map((one, i) => (i === k ? launchAt(to) : one)), { quiet: true }), done: () => redo(), remove: () => launch(points.filter((_, i) => i !== k)),
     }));
     const places = points.length ? [] : starts.map((robot, k) => ({ point: robot.place, element: svg("g", { class: `spot r${k % 12}` }, svg("rect", { x: -4, y: -4, width: 8, height: 8 })) }));
     const heads = starts.length > 30 ? [] : starts.map((robot, k) => ({ point: ways.head(robot), element: svg("g", { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` }, svg("circle", { r: 8 }), svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1))) })).filter((head) => head.point);
@@ -172,12 +222,12 @@ export function search({ remember }) {
   }
 
   function drawList(robots) {
-    list.replaceChildren(...robots.slice(0, 200).map((robot, k) => {
+    list.replaceChildren(...robots.slice(0, MOST_ROBOTS).map((robot, k) => {
       const flights = fleet?.starts?.filter((one) => one.robot === k + 1) ?? [];
       const more = flights.length ? [flights.length > 1 ? `${flights.length} sorties` : "", `at ${number(flights[0].altitude_m)} m`, flights[0].delay_s ? `after ${lasting(flights[0].delay_s)}` : ""].filter(Boolean).join(", ") : "";
       const words = robot.stops ? [lasting(robot.seconds), robot.length === null ? "" : robot.length >= 1000 ? `${number(robot.length / 1000, 3)} km` : `${number(robot.length, 3)} m`, robot.turns === null ? "" : `${robot.turns} turns`].filter(Boolean).join(" · ") : "in reserve";
       return el("li", {}, el("button", { type: "button", class: `r${k % 12}`, "aria-pressed": String(chosen === k), onclick: () => { chosen = chosen === k ? -1 : k; show(); } }, el("b.no", {}, String(k + 1)), el("span", {}, words), el("span.soft", {}, more)));
-    }));
+    }), ...(robots.length > MOST_ROBOTS ? [el("li.soft", {}, `and ${number(robots.length - MOST_ROBOTS, 9)} more robots`)] : []));
   }
 
   // ---- hands ----
@@ -188,24 +238,40 @@ export function search({ remember }) {
   }
 
   function over(point) {
-    where.textContent = !point ? "" : canvas.earth ? canvas.earth.degrees(point).map((x) => x.toFixed(6)).join(", ") : `${point.map((x) => x.toFixed(1)).join(", ")} m`;
+    where.textContent = !point ? "" : canvas.earth ? canvas.earth.degrees(point).map((x) => x.toFixed(6)).join(", ") : `${point.map((x) => x.toFixed(Math.max(1, Math.ceil(Math.log10(canvas.scale))))).join(", ")} m`;
   }
 
-  function drawn({ drawnOnly = false } = {}) {
-    if (drawnOnly) drawMarks(drawing.show());
+  function drawn({ drawnOnly = false, corner = false, closed: whole_ = false } = {}) {
+    if (whole_) history.fold((one) => !!one.drawing?.draft);
+    if (corner) keep();
+    if (drawnOnly || corner) drawMarks(drawing.show());
     else redo();
   }
 
   // ---- where the region comes from ----
 
+  /** Whether what was drawn may make room for something else. */
+  const mayGo = async (what) => !own() || confirmed("Replace the drawing?", `${what} takes the place of the region and zones that you drew. Ctrl Z brings the drawing back.`, "Replace it");
+
+  /** The fields that say where the region comes from, as they are. */
+  function listRegion() {
+    typed.value = region ?? "";
+    listFiles();
+  }
+
   async function choose(name) {
+    if (await mayGo(name)) take(name);
+    else listRegion();
+  }
+
+  function take(name) {
     region = name || null;
     drawing.load(null);
+    drawing.pick("look");
     form.row("launch").write(undefined);
     form.row("no_go").write(undefined);
     canvas.moved = false;
-    typed.value = name;
-    listFiles();
+    listRegion();
     stages.pick("plan");
     redo();
   }
@@ -214,12 +280,12 @@ export function search({ remember }) {
   function loosen() {
     if (!plan || drawing.told.parts.length) return;
     const corners = plan.outline.map((rings) => rings.map((points) => (String(points[0]) === String(points.at(-1)) ? points.slice(0, -1) : points)));
-    drawing.edit((told) => {
-      told.frame = plan.frame;
-      told.parts = corners.map(([shell]) => shell);
-      told.zones = [...told.zones, ...corners.flatMap(([, ...holes]) => holes)];
-    });
+    const { told } = drawing;
+    told.frame = plan.frame;
+    told.parts = corners.map(([shell]) => shell);
+    told.zones = [...told.zones, ...corners.flatMap(([, ...holes]) => holes)];
     region = null;
+    listRegion();
     redo();
   }
 
@@ -230,28 +296,30 @@ export function search({ remember }) {
       if (!files.every((file) => PARTS.test(file.name)) && files[0]) { await underlay.load({ file: await upload(files[0]) }); keep(); return; }
       throw new Error("A Shapefile needs its .shp file: drop all files of the Shapefile together.");
     }
+    if (!(await mayGo(main.name))) return;
     const name = await upload(main);
     for (const part of shape ? rest.filter((file) => PARTS.test(file.name)) : []) await upload(new File([part], name.replace(/\.shp$/i, part.name.slice(part.name.lastIndexOf(".")).toLowerCase())));
-    await choose(name);
+    take(name);
   }
 
   const choices = el("select", { id: "searchFile", onchange: guarded(() => choices.value && choose(choices.value)) });
   function listFiles() {
     const found = state.files.filter((file) => file.kind === "region" || /\.csv$/i.test(file.name)).filter((file) => !/^papers\//.test(file.name)), kept = region;
-    choices.replaceChildren(el("option", { value: "" }, found.length ? "from the folder" : "no file yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
+    choices.replaceChildren(el("option", { value: "" }, found.length ? "from the folder" : "no file yet"), ...found.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("region")));
     choices.value = found.some((file) => file.name === kept) ? kept : "";
   }
-  const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(() => picked.files.length && bring([...picked.files])) });
+  const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(async () => { const brought = [...picked.files]; picked.value = ""; if (brought.length) await bring(brought); }) });
   const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "searchRegion", placeholder: "square:400", "aria-describedby": "searchRegionHelp", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
   const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a region here"), el("span.soft", {}, "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV"));
-  const blank = el("button.second", { type: "button", onclick: begin }, "Draw a region");
+  const blank = el("button.second", { type: "button", onclick: guarded(begin) }, "Draw a region");
   /** An empty canvas, where it was on Earth; one with a picture below stays as it is. */
-  function begin() {
+  async function begin() {
+    if (!(await mayGo("An empty canvas"))) return;
     const kept = frame();
     region = plan = null;
     drawing.load({ frame: kept });
     form.row("launch").write(undefined);
-    typed.value = "";
+    listRegion();
     stages.pick("plan");
     drawing.pick("parts");
     if (!underlay.told.file) {
@@ -267,8 +335,8 @@ export function search({ remember }) {
 
   // ---- the stages ----
 
-  const simulate = simulation({ ready, seed: () => seed, fields, set, open: () => stages.pick("simulate") });
-  const missions = missionsPanel({ ready, seed: () => seed, changed: redo });
+  const simulate = simulation({ ready, question, fields, set, open: () => stages.pick("simulate"), visible: () => !stages.panels[1].hidden, said: () => warning.textContent });
+  const missions = missionsPanel({ ready, current: () => JSON.stringify([question(), missions.form.values()]), changed: (_, name) => redo(`missions ${name}`) });
   const stages = tabbed("Search", [
     ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list],
     ["simulate", "Simulate", ...simulate.children],
@@ -299,21 +367,14 @@ export function search({ remember }) {
   return {
     element,
     title: "Search",
-    async open(given) {
-      if (!given?.problem && (plan || drawing.points.length)) return;
-      const { problem, drawing: told, under, missions: options = {}, seed: start = 0 } = given?.problem ? given : BEGIN;
-      seed = start;
-      seedInput.value = seed;
-      region = typeof problem.region === "string" ? problem.region : null;
-      typed.value = region ?? "";
-      form.write(problem);
-      vehicle.write(problem.vehicle);
-      missions.form.write(options);
-      drawing.load(told);
+    history,
+    open(given) {
+      if (begun && !given?.problem) return;
+      if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
+      begun = true;
+      if (given?.problem) sayUnknown(schema, given.problem);
       canvas.moved = false;
-      if (under) await underlay.load(under);
-      listFiles();
-      redo();
+      put(given?.problem ? given : BEGIN);
     },
   };
 }

@@ -1,9 +1,10 @@
 /* Steering: drag particles and goals; greedy's plan follows the hand, better plans come after; the Δ space beside it. */
-import { ask, newest, on, run, state, upload } from "../shared/api.js";
+import { ask, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { makeForm, seedField, seedIn } from "../shared/form.js";
-import { duration, el, guarded, number, svg, tabs, told } from "../shared/page.js";
+import { History } from "../shared/history.js";
+import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, svg, tabId, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
-import { exports, failure, showCopies } from "../shared/share.js";
+import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
 
 const SECTIONS = [
   { title: "Particles and goals", open: true, fields: ["start", "goal", "interchangeable", "particle_radius", "tolerance"] },
@@ -14,13 +15,14 @@ const NAMES = ["square", "triangle", "pentagon", "hexagon", "heptagon", "octagon
 const BEGIN = { workspace: "square", start: [[0.2, 0.3], [0.5, 0.35]], goal: [[0.8, 0.2], [0.3, 0.75]] };
 const PLANS = ["greedy", "shortest", "fewest-moves"];
 const SLOW_AFTER = 350; // milliseconds of rest after which the slower planners are asked
-const round = (x) => Math.round(x * 1e4) / 1e4;
 
 export function steering({ remember }) {
   const schema = state.start.schemas.steering;
+  const history = new History(put);
+  let begun = false, shown = null; // the episode on the stage: its file, its sentence, the settings when it was shown
   let problem = { ...BEGIN }, seed = 0, place = null, corners = null, running = null, chosen = "greedy", plans = {}, waiting = 0;
 
-  const form = makeForm(schema, SECTIONS, { hidden: ["workspace"], changed: () => { problem = { workspace: problem.workspace, ...form.values() }; redo(); } });
+  const form = makeForm(schema, SECTIONS, { hidden: ["workspace"], changed: (_, name) => { problem = { workspace: problem.workspace, ...form.values() }; redo(name); } });
   const warning = el("p.warning", { role: "status", hidden: true });
   const room = svg("svg", { class: "room", role: "group", "aria-label": "The workspace: particles are squares, goals are rings. Tab to one and move it with the arrow keys." });
   const space = svg("svg", { class: "room", role: "img", "aria-label": "The Δ configuration space" });
@@ -28,11 +30,31 @@ export function steering({ remember }) {
   const { input: seedInput, element: seedRow } = seedField("steeringSeed", () => { seed = seedIn(seedInput); redo(); });
 
   const fields = () => ({ kind: "steering", ...problem });
+  /** A ten-thousandth of the workspace: what a hand can place. */
+  const round = (x) => { const step = 10 ** Math.floor(Math.log10((corners ? 1 : place?.size) || 1) - 4); return Number((Math.round(x / step) * step).toPrecision(12)); };
+
+  /** All that is set; plans follow from it. An outline that is not closed yet is set, too. */
+  const whole = () => ({ problem, seed, corners });
+
+  function put({ problem: given, seed: start = 0, corners: outline = null }) {
+    problem = given;
+    seedInput.value = seed = start;
+    form.write(problem);
+    corners = outline;
+    showChoice();
+    redo();
+  }
+
+  function keep(gesture = null) {
+    history.note(whole(), gesture);
+    remember({ problem, seed });
+    markShown();
+  }
 
   // ---- what is asked ----
 
-  function redo() {
-    remember({ problem, seed });
+  function redo(gesture = null) {
+    keep(gesture);
     plans = {};
     loadRoom();
   }
@@ -45,12 +67,18 @@ export function steering({ remember }) {
       drawRoom();
       follow();
     } catch (error) {
+      place = null; // not another workspace under these settings
+      plans = {};
+      room.replaceChildren();
+      table.replaceChildren();
+      spaceBox.hidden = true;
       complain(error.message);
     }
   });
 
   /** What follows the hand: greedy's plan, and what two moves reach. */
   const follow = newest(async () => {
+    if (!place) return;
     const began = performance.now(), asked = fields();
     try {
       plans = { greedy: await ask("steer", { problem: { ...asked, planner: "greedy" }, seed }) };
@@ -70,10 +98,17 @@ export function steering({ remember }) {
     return place?.convex && place.start.length === 2;
   }
 
+  /** What is asked for, and whether it is still what is set. */
+  function asking() {
+    const asked = structuredClone(fields()), text = () => JSON.stringify([fields(), seed]), before = text();
+    return { asked, same: () => text() === before };
+  }
+
   const after = newest(async () => {
-    const asked = fields(), same = () => JSON.stringify(asked) === JSON.stringify(fields());
-    remember({ problem, seed });
-    drawReach(await ask("reach", { problem: asked, seed, moves: 4 }).catch(() => ({ sets: [], rings: [] })));
+    if (!place) return;
+    const { asked, same } = asking(), reached = await ask("reach", { problem: asked, seed, moves: 4 }).catch(() => ({ sets: [], rings: [] }));
+    if (!same()) return;
+    drawReach(reached);
     for (const planner of simple() ? PLANS.slice(1) : []) {
       if (!same()) return;
       const found = await ask("steer", { problem: { time: 3, ...asked, planner }, seed, slow: true }).catch((error) => ({ problem: error.message }));
@@ -102,7 +137,7 @@ export function steering({ remember }) {
 
   let frame = null;
   function drawRoom() {
-    if (!place) return;
+    if (!place && !corners) return;
     const focused = document.activeElement?.dataset?.handle;
     frame = frameOf(corners ? [[[0, 0], [1, 1]]] : place.rings);
     room.setAttribute("viewBox", `-8 -8 ${frame.width + 16} ${frame.height + 16}`);
@@ -139,6 +174,7 @@ export function steering({ remember }) {
       event.preventDefault();
       const by = (event.shiftKey ? 0.1 : 0.01) * place.size;
       move(what, i, [place[what][i][0] + by * step[0], place[what][i][1] + by * step[1]]);
+      keep();
     });
     return group;
   }
@@ -147,6 +183,7 @@ export function steering({ remember }) {
     room.setPointerCapture(event.pointerId);
     const go = (moved) => move(what, i, pointOf(moved));
     const stop = () => {
+      keep();
       room.removeEventListener("pointermove", go);
       room.removeEventListener("pointerup", stop);
       room.removeEventListener("pointercancel", stop);
@@ -163,7 +200,7 @@ export function steering({ remember }) {
 
   function move(what, i, point) {
     // Random points become those that are shown as soon as one of them is moved.
-    for (const name of ["start", "goal"]) problem[name] = place[name].map((one) => one.map(round));
+    problem = { ...problem, start: place.start.map((one) => [...one]), goal: place.goal.map((one) => [...one]) };
     problem[what][i] = point.map(round);
     place[what][i] = problem[what][i];
     plans = {};
@@ -183,7 +220,7 @@ export function steering({ remember }) {
     space.replaceChildren(svg("path", { class: "floor", d: path(rings[0], at) }),
       ...[...sets].reverse().map((set) => svg("path", { class: `reach m${set.moves}`, "fill-rule": "evenodd", d: set.rings.map((ring) => path(ring, at)).join("") })),
       spot(goal, "goal p1"), spot(delta, "particle p0"));
-    reachWord.replaceChildren(...sets.map((set) => el(`span.key.m${set.moves}`, {}, `${set.moves} moves reach ${(100 * set.fraction).toFixed(1)} %`)));
+    reachWord.replaceChildren(...sets.map((set) => el(`span.key.m${set.moves}`, {}, `${set.moves} moves reach ${percent(set.fraction)}`)));
   }
 
   // ---- plans ----
@@ -203,39 +240,64 @@ export function steering({ remember }) {
 
   // ---- where the workspace comes from ----
 
-  async function choose(name, points = {}) {
-    problem = { workspace: name, ...form.values(), start: "random", goal: "random", ...points };
-    form.write(problem);
+  /** Whether a drawn workspace, or an outline that is not closed yet, may make room for something else. */
+  const own = () => corners?.length || /^\s*(multi)?polygon\b/i.test(String(problem.workspace));
+  const mayGo = async (what) => !own() || confirmed("Replace the drawing?", `${what} takes the place of the workspace that you drew. Ctrl Z brings the drawing back.`, "Replace it");
+
+  /** The fields that say where the workspace comes from, as they are. */
+  function showChoice() {
+    const name = problem.workspace;
     typed.value = typeof name === "string" ? name : "";
     kinds.value = NAMES.includes(name) ? name : "";
-    plans = {};
+    files.value = state.files.some((file) => file.name === name) ? name : "";
+    sketch.textContent = corners ? "Close the outline" : "Draw a workspace";
+    sketch.setAttribute("aria-pressed", String(!!corners));
+  }
+
+  async function choose(name, points = {}) {
+    if (!(await mayGo(name))) {
+      showChoice();
+      return;
+    }
+    take(name, points);
+  }
+
+  function take(name, points = {}) {
+    corners = null;
+    problem = { workspace: name, ...form.values(), start: "random", goal: "random", ...points };
+    form.write(problem);
+    showChoice();
     stages.pick("plan");
     redo();
   }
+
   const kinds = el("select", { "aria-label": "Workspace", onchange: guarded(() => kinds.value && choose(kinds.value, kinds.value === "square" ? BEGIN : {})) },
     el("option", { value: "" }, "another one"), NAMES.map((name) => el("option", { value: name }, name)));
   const files = el("select", { "aria-label": "A workspace in the folder", onchange: guarded(() => files.value && choose(files.value)) });
   const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "steeringWorkspace", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
-  const picked = el("input", { type: "file", accept: ".svg,.wkt,.geojson,.json", hidden: true, onchange: guarded(async () => picked.files[0] && choose(await upload(picked.files[0]))) });
-  const sketch = el("button.second", { type: "button", "aria-pressed": "false", onclick: () => (corners ? endSketch() : beginSketch()) }, "Draw a workspace");
-  function beginSketch() {
+  const picked = el("input", { type: "file", accept: ".svg,.wkt,.geojson,.json", hidden: true, onchange: guarded(async () => { const [file] = picked.files; picked.value = ""; if (file && (await mayGo(file.name))) take(await upload(file)); }) });
+  const sketch = el("button.second", { type: "button", "aria-pressed": "false", onclick: guarded(() => (corners ? endSketch() : beginSketch())) }, "Draw a workspace");
+  async function beginSketch() {
+    if (!(await mayGo("A new outline"))) return;
     corners = [];
-    sketch.textContent = "Close the outline";
-    sketch.setAttribute("aria-pressed", "true");
+    showChoice();
     stages.pick("plan");
+    keep();
     drawRoom();
   }
+  /** Close the outline: to take it back is one step, however many corners it has. */
   function endSketch() {
     const found = corners;
+    history.fold((one) => !!one.corners);
     corners = null;
-    sketch.textContent = "Draw a workspace";
-    sketch.setAttribute("aria-pressed", "false");
+    showChoice();
     if (found.length < 3) {
+      keep();
       drawRoom();
       if (found.length) complain("An outline needs at least three corners.");
       return;
     }
-    choose(`POLYGON ((${[...found, found[0]].map((corner) => corner.map(round).join(" ")).join(", ")}))`);
+    take(`POLYGON ((${[...found, found[0]].map((corner) => corner.map((x) => Math.round(x * 1e4) / 1e4).join(" ")).join(", ")}))`);
   }
   room.addEventListener("pointerdown", (event) => {
     if (!corners || event.button !== 0) return;
@@ -245,12 +307,14 @@ export function steering({ remember }) {
       endSketch();
       return;
     }
-    corners.push(corner);
+    corners = [...corners, corner];
+    keep();
     drawRoom();
   });
   function listFiles() {
     const found = state.files.filter((file) => ["workspace", "region"].includes(file.kind) && /\.(svg|wkt|geojson)$/i.test(file.name));
-    files.replaceChildren(el("option", { value: "" }, found.length ? "a file of the folder" : "no drawing yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
+    files.replaceChildren(el("option", { value: "" }, found.length ? "a file of the folder" : "no drawing yet"), ...found.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("workspace") + leftOut("region")));
+    files.value = found.some((file) => file.name === problem.workspace) ? problem.workspace : "";
   }
   const chooser = el("section.chooser", { "aria-label": "Workspace" },
     el("div.pair", {}, kinds, sketch), el("div.pair", {}, files, el("button.second", { type: "button", onclick: () => picked.click() }, "Bring a file"), picked),
@@ -263,12 +327,12 @@ export function steering({ remember }) {
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Play");
 
   async function play() {
-    const given = fields();
-    if (!given.planner && plans[chosen]) given.planner = chosen;
+    const given = planned(), at = JSON.stringify(whole());
+    shown = null;
     result.replaceChildren();
     stages.pick("play");
     go.disabled = true;
-    const job = await run("play", { problem: given, seed }, {
+    const job = await run("play", { problem: given, seed: JSON.parse(at).seed }, {
       job: (now) => { word.textContent = [now.note, duration(now.left)].filter(Boolean).join(", "); },
       done: guarded(async ({ file, sentence }) => {
         go.disabled = false;
@@ -276,7 +340,8 @@ export function steering({ remember }) {
         const { data } = await ask("page", { file });
         await player.open(data);
         empty.hidden = true;
-        result.replaceChildren(el("p", {}, sentence), exports(file));
+        shown = { file, sentence, at, fresh: null };
+        markShown();
       }),
       failed: (now) => { go.disabled = false; word.textContent = ""; told(new Error(failure(now))); },
     }).catch((error) => { go.disabled = false; throw error; });
@@ -286,8 +351,8 @@ export function steering({ remember }) {
   const empty = el("p.empty", {}, "Press Play to watch the plan here, contact by contact.");
   const spaceBox = el("figure.delta", {}, el("figcaption", {}, "Δ space: particle 2, seen from particle 1"), space, reachWord);
   const panels = {
-    plan: el("div.panel", { id: "panel-plan", role: "tabpanel", "aria-labelledby": "tab-plan" }, el("div.twin", {}, el("figure.workspace", {}, el("figcaption", {}, "Workspace: drag particles and goals"), room), spaceBox), table),
-    play: el("div.panel", { id: "panel-play", role: "tabpanel", "aria-labelledby": "tab-play" }, el("div.stageHead", {}, result), player.element, empty),
+    plan: el("div.panel", { id: panelId("Steering", "plan"), role: "tabpanel", "aria-labelledby": tabId("Steering", "plan") }, el("div.twin", {}, el("figure.workspace", {}, el("figcaption", {}, "Workspace: drag particles and goals"), room), spaceBox), table),
+    play: el("div.panel", { id: panelId("Steering", "play"), role: "tabpanel", "aria-labelledby": tabId("Steering", "play") }, el("div.stageHead", {}, result), player.element, empty),
   };
   const stages = tabs("Steering", [["plan", "Plan"], ["play", "Play"]], (name) => { for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name; });
   stages.pick("plan");
@@ -296,22 +361,27 @@ export function steering({ remember }) {
 
   return {
     element: el("div.place", {},
-      el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, Object.values(panels)),
+      el("section.stage-side", { "aria-label": "Stage" }, el("div.stageTop", {}, stages.list, history.buttons), warning, Object.values(panels)),
       el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
       el("footer.bottom", {}, seedRow, word,
-        el("button.second", { type: "button", onclick: guarded(() => showCopies(planned(), seed)) }, "As Python …"), go)),
+        el("button.second", { type: "button", onclick: guarded(() => (!panels.play.hidden && shown?.fresh ? showCopiesOf(shown.file) : showCopies(planned(), seed))) }, "As Python …"), go)),
     title: "Steering",
-    async open(given) {
-      if (given?.problem?.workspace) {
-        ({ problem, seed = 0 } = given);
-        seedInput.value = seed;
-      } else if (place) return;
-      form.write(problem);
-      typed.value = typeof problem.workspace === "string" ? problem.workspace : "";
-      kinds.value = NAMES.includes(problem.workspace) ? problem.workspace : "";
-      await loadRoom();
+    history,
+    open(given) {
+      if (begun && !given?.problem?.workspace) return;
+      if (begun && own()) say("The drawing before this one is not lost: Ctrl Z brings it back.");
+      begun = true;
+      put(given?.problem?.workspace ? given : { problem, seed });
     },
   };
+
+  /** Say so if the episode on the stage is of other settings than those that are set now. */
+  function markShown() {
+    const fresh = shown && shown.at === JSON.stringify(whole());
+    if (!shown || shown.fresh === fresh) return;
+    shown.fresh = fresh;
+    result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Play plays them as they are now.`), exports(shown.file));
+  }
 
   /** The problem with the planner that is shown. */
   function planned() {

@@ -1,13 +1,14 @@
 /* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
-import { ask, cancelJob, fileAddress, newest, on, run, state, upload } from "../shared/api.js";
+import { ask, cancelJob, leftOut, newest, on, run, state, upload } from "../shared/api.js";
 import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
 import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
 import { toolbar } from "./vessels/toolbar.js";
-import { makeForm, seedField, seedIn, written } from "../shared/form.js";
-import { duration, el, guarded, number, say, shapeText, tabs, told } from "../shared/page.js";
+import { makeForm, sayUnknown, seedField, seedIn, written } from "../shared/form.js";
+import { History } from "../shared/history.js";
+import { confirmed, duration, el, guarded, number, olderFiles, panelId, percent, say, shapeText, tabId, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
-import { exports, failure, showCopies } from "../shared/share.js";
+import { exports, failure, showCopies, showCopiesOf } from "../shared/share.js";
 
 const SECTIONS = [
   { title: "Photograph", fields: ["vessels", "low", "high", "width", "bright", "thickest"], hint: "vessels, thresholds" },
@@ -21,38 +22,90 @@ const ENDS = { low: [0.1, 3], high: [0.1, 4] }; // where a hand looks for thresh
 const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
 const PRESS = "Press Run to watch the swarm here, move by move.";
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
+const MOST_LISTED = 200; // episodes to choose from at once; the Lab has all
+const PAINTED = "shoal-painted";
+const reloaded = () => performance.getEntriesByType("navigation")[0]?.type === "reload";
 const EXAMPLE = { map: "vessels:1000" };
 
 export function vessels({ remember }) {
   const schema = state.start.schemas.swarm;
-  let problem = { ...EXAMPLE }, seed = 0, painted = false, map = null, ended = null, running = null;
+  const history = new History(put), reading = ["vessels", ...schema.reading];
+  let problem = { ...EXAMPLE }, seed = 0, map = null, running = null, begun = false;
+  let painted = null; // cells that were painted over the map: { shape, free }, until they are written as a file
+  let shown = null; // the episode on the stage: its file, its sentence, the settings when it was shown, and whether they are still those
 
   // ---- what is set ----
 
   const editor = new Editor((what) => {
     if (what === "inlet") enterAtInlet();
-    else {
-      painted = true;
-      source.textContent = `${problem.map}, painted`;
-      map.cells = map.free.reduce((sum, bit) => sum + bit, 0);
-      showFacts();
-    }
+    else if (what === "map") {
+      painted = { shape: map.shape, free: pack(map.free) };
+      redo();
+    } else load();
   });
-  const tools = toolbar(editor);
+  const tools = toolbar(editor, history);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
   const source = el("b.source", {}), facts = el("p.facts", {}), warning = el("p.warning", { role: "status", hidden: true });
-  const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => { seed = seedIn(seedInput); load(); });
+  const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => { seed = seedIn(seedInput); redo(); });
 
   function fields() {
     return { kind: "swarm", map: problem.map, ...form.values() };
   }
 
-  function changed(values, name) {
-    problem = { map: problem.map, ...values };
+  /** All that is set; the map and the episodes follow from it. */
+  const whole = () => ({ problem: fields(), seed, cells: painted, inlet: [...editor.inlet] });
+
+  function put({ problem: given, seed: start = 0, cells = null, inlet = [] }) {
+    const same = problem.map === given.map && !problem.vessels === !given.vessels && !painted === !cells;
+    seedInput.value = seed = start;
+    problem = { ...given };
+    form.write(problem);
+    painted = cells;
+    editor.inlet = new Set(inlet);
     showRelevant();
-    if (values.vessels && VESSEL_FIELDS.includes(name) && name !== "width") overlay();
+    if (!same || !begun) setView(problem.vessels && !painted ? "photo" : "cells");
+    begun = true;
+    showSource();
+    redo();
+  }
+
+  /** Note what is set, one step to take back; then show the map as it is now. */
+  function redo(gesture = null) {
+    keep(gesture);
+    load();
+  }
+
+  function keep(gesture = null) {
+    history.note(whole(), gesture);
+    remember({ problem: fields(), seed });
+    markShown();
+    races.refresh();
+    comparisons.refresh();
+    try { // what is painted is in no file yet, and outlasts a reload of the page
+      if (painted) sessionStorage.setItem(PAINTED, JSON.stringify(whole()));
+      else sessionStorage.removeItem(PAINTED);
+    } catch { /* a browser without room for it */ }
+  }
+
+  async function changed(values, name) {
+    if (painted && reading.includes(name)) {
+      if (!(await mayGo("Another way of reading the map"))) {
+        form.write(problem);
+        return;
+      }
+      painted = null;
+      editor.inlet.clear();
+    }
+    problem = { map: problem.map, ...form.values() };
+    showRelevant();
+    showSource();
+    keep(name);
+    if (problem.vessels && VESSEL_FIELDS.includes(name) && name !== "width") overlay();
     else load();
   }
+
+  /** Whether what was painted may make room for something else. */
+  const mayGo = async (what) => !painted || confirmed("Replace what you painted?", `${what} takes the place of the cells that you painted. Ctrl Z brings them back.`, "Replace it");
 
   function showRelevant() {
     form.show(VESSEL_FIELDS, !!problem.vessels);
@@ -70,30 +123,37 @@ export function vessels({ remember }) {
     const chosen = cells.sort((a, b) => distance(a) - distance(b)).slice(0, count).sort((a, b) => a - b);
     form.row("start").write(chosen.length ? chosen.map(place) : undefined);
     if (chosen.length) form.row("particles").write(chosen.length);
-    changed(form.values(), "start");
+    problem = { map: problem.map, ...form.values() };
+    redo();
   }
 
   // ---- the map ----
 
   const load = newest(async () => {
-    remember({ problem: fields(), seed });
-    if (painted) return;
     facts.classList.add("loading");
     try {
-      if (problem.vessels && view === "photo") await overlay();
-      else await showMap(await ask("map", { problem: fields(), seed }));
+      if (problem.vessels && view === "photo" && !painted) await overlay();
+      else await showMap(await ask("map", { problem: fields(), seed, cells: painted }));
     } catch (error) {
+      map = null; // not another map under these settings
+      if (!editor.photograph) editor.setMap(null);
+      volumeFrame.element.hidden = true;
+      editor.element.hidden = false;
+      facts.textContent = "";
       complain(error.message);
     }
     facts.classList.remove("loading");
   });
 
   async function showMap(answer) {
-    map = { ...answer, free: unpack(answer.free, answer.shape.reduce((all, side) => all * side, 1)) };
+    if (editor.stroke) return; // loaded once more at its end
+    const cells = answer.shape.reduce((all, side) => all * side, 1), volume = answer.shape.length === 3;
+    if (painted && String(painted.shape) !== String(answer.shape)) throw new Error(`The painted cells do not fit ${answer.name}, whose size has changed.`);
+    map = { ...answer, free: unpack(painted?.free ?? answer.free, cells) };
+    map.cells = map.free.reduce((sum, bit) => sum + bit, 0);
     complain(answer.problem);
-    source.textContent = answer.name;
+    showSource();
     showFacts();
-    const volume = answer.shape.length === 3;
     editor.element.hidden = tools.hidden = volume;
     volumeFrame.element.hidden = !volume;
     if (!volume) editor.setMap(map);
@@ -103,6 +163,14 @@ export function vessels({ remember }) {
         start: packedCells(answer.start ?? []), targets: null, commands: "", scanned: null, status: "", seed: null, version: state.start.version,
       });
     }
+  }
+
+  /** Say where the map comes from. */
+  function showSource() {
+    const name = written(problem.map);
+    source.textContent = painted ? `${name}, painted` : name;
+    choices.value = state.files.some((file) => file.name === name) ? name : "";
+    generated.value = choices.value ? "" : name;
   }
 
   function showFacts() {
@@ -140,8 +208,7 @@ export function vessels({ remember }) {
     editor.setPhotograph(photograph.image, await imageOf(found.mask, "png"));
     performance.measure("shoal-overlay", { start: began });
     if (surely) complain(found.warning);
-    facts.textContent = `${(100 * found.share).toFixed(1)} % of the pixels are vessel${surely ? `, confidence ${found.confidence.toFixed(2)} of 1` : ""}`;
-    remember({ problem: fields(), seed });
+    facts.textContent = `${percent(found.share)} of the pixels are vessel${surely ? `, confidence ${number(found.confidence, 2)} of 1` : ""}`;
   }
 
   async function imageOf(text, kind) {
@@ -164,38 +231,36 @@ export function vessels({ remember }) {
   // ---- where the map comes from ----
 
   async function choose(name) {
-    painted = false;
-    editor.inlet.clear();
+    if (await mayGo(name)) await take(name);
+    else showSource();
+  }
+
+  async function take(name) {
     const photo = PHOTOGRAPHS.test(name) && !name.includes("-painted");
-    problem = { map: name };
+    painted = null;
+    editor.inlet.clear();
     form.write({ vessels: photo });
     problem = { map: name, ...form.values() };
     showRelevant();
     setView(photo ? "photo" : "cells");
-    await chosen(name);
-  }
-
-  /** Say where the map comes from, and open it. */
-  async function chosen(name) {
-    source.textContent = name;
-    choices.value = state.files.some((file) => file.name === name) ? name : "";
-    generated.value = choices.value ? "" : name;
+    showSource();
     stages.pick("map");
+    keep();
     await load();
   }
 
   const choices = el("select", { id: "vesselsFile", onchange: guarded(() => choices.value && choose(choices.value)) });
   function listFiles() {
     const maps = state.files.filter((file) => file.kind === "map" && !/^papers\/|-figure(-\d+)?\.png$/.test(file.name)), kept = choices.value;
-    choices.replaceChildren(el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)));
+    choices.replaceChildren(el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)), ...olderFiles(leftOut("map")));
     choices.value = kept;
     shownEpisodes();
   }
-  const picked = el("input", { type: "file", hidden: true, onchange: guarded(() => picked.files[0] && bring(picked.files[0])) });
-  const bring = async (file) => choose(await upload(file));
+  const picked = el("input", { type: "file", hidden: true, onchange: guarded(async () => { const [file] = picked.files; picked.value = ""; if (file) await bring(file); }) });
+  const bring = async (file) => { if (await mayGo(file.name)) await take(await upload(file)); };
   const kinds = el("select", {
     "aria-label": "Kind of generated map",
-    onchange: guarded(async () => { if (kinds.value) { generated.value = kinds.value; await choose(kinds.value); } }),
+    onchange: guarded(async () => { const kind = kinds.value; kinds.value = ""; if (kind) await choose(kind); }),
   }, el("option", { value: "" }, "draw a map"), state.start.maps.map((one) => el("option", { value: one.example, title: one.summary }, `${one.name} – ${one.summary}`)));
   const generated = el("input", { type: "text", spellcheck: false, autocomplete: "off", "aria-label": "Name of a generated map, such as vessels:1000:7", value: EXAMPLE.map, onchange: guarded(() => generated.value && choose(generated.value.trim())) });
   const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a picture or volume here"), el("span.soft", {}, "PNG, JPEG, TIFF, NIfTI, .npy, .map, text"));
@@ -213,31 +278,34 @@ export function vessels({ remember }) {
 
   /** Write what was painted as a file, and return the problem. */
   async function ready() {
-    if (painted) {
-      const { file } = await ask("sketch", { shape: map.shape, free: pack(map.free), name: map.name });
-      painted = false;
-      const kept = form.values();
-      for (const name of ["vessels", ...VESSEL_FIELDS, "threshold", "invert", "scale", "level", "label", "channel", "frame", "largest_component"]) delete kept[name];
-      problem = { map: file, ...kept };
-      form.write(problem);
-      source.textContent = file;
-      showRelevant();
-      remember({ problem: fields(), seed });
-    }
+    if (!painted) return fields();
+    const cells = painted, before = JSON.stringify(whole()), { file } = await ask("sketch", { ...cells, name: written(problem.map) });
+    const kept = form.values();
+    for (const name of reading) delete kept[name];
+    if (map?.spacing && kept.cell_size === undefined) [kept.cell_size] = map.spacing; // a picture does not say how large its cells are
+    const given = { kind: "swarm", map: file, ...kept };
+    if (before !== JSON.stringify(whole())) return given; // painted on while it was written
+    painted = null;
+    problem = { map: file, ...kept };
+    form.write(problem);
+    showSource();
+    showRelevant();
+    history.amend(whole());
+    remember({ problem: fields(), seed });
     return fields();
   }
 
   async function play() {
-    const asked = performance.now(), given = await ready();
+    const asked = performance.now(), given = await ready(), at = JSON.stringify(whole());
     stages.pick("run");
     result.replaceChildren();
-    ended = null;
+    shown = null;
     let inside = null, opening = null, waiting = [];
     const take = (piece) => {
       if (piece.commands !== undefined) inside.shoalPlayer?.grow(piece.commands, piece.scans);
       if (piece.end !== undefined) inside.shoalPlayer?.end(piece.end, piece.unreachable);
     };
-    const job = await run("play", { problem: given, seed }, {
+    const job = await run("play", { problem: given, seed: JSON.parse(at).seed }, {
       piece(piece) {
         if (piece.begin) {
           opening = frame.open({ ...piece.begin, live: true, playing: true }).then((opened) => {
@@ -257,7 +325,7 @@ export function vessels({ remember }) {
         finish();
         await opening;
         if (!opening) await frame.open((await ask("page", { file: found.file })).data);
-        showResult(found.file, found.sentence);
+        showResult(found.file, found.sentence, at);
       }),
       failed: (now) => {
         finish();
@@ -279,35 +347,51 @@ export function vessels({ remember }) {
     runWord.textContent = "";
   }
 
-  function showResult(file, sentence) {
-    ended = file;
-    result.replaceChildren(el("p", {}, sentence), exports(file));
+  function showResult(file, sentence, at) {
+    shown = { file, sentence, at, fresh: null };
+    markShown();
   }
 
+  /** Say so if the episode on the stage is of other settings than those that are set now. */
+  function markShown() {
+    const fresh = shown && shown.at === JSON.stringify(whole());
+    if (!shown || shown.fresh === fresh) return;
+    shown.fresh = fresh;
+    result.replaceChildren(el("p", {}, shown.sentence), fresh ? "" : el("p.soft", {}, `${shown.file}: the settings have changed since. Run plays them as they are now.`), exports(shown.file));
+  }
+
+  const ALL = "all of them";
   const episodes = el("select", {
     "aria-label": "Episodes of the folder",
     onchange: guarded(async () => {
-      if (!episodes.value) return;
-      const { data, sentence } = await ask("page", { file: episodes.value });
-      await frame.open(data);
-      showResult(episodes.value, sentence);
+      const file = episodes.value;
       episodes.value = "";
+      if (file === ALL) location.hash = `#lab?${encodeURIComponent(JSON.stringify({ tab: "episodes" }))}`;
+      else if (file) {
+        const { data, sentence } = await ask("page", { file });
+        await frame.open(data);
+        shown = null;
+        showResult(file, sentence, JSON.stringify(whole()));
+      }
     }),
   });
   function shownEpisodes() {
     const found = state.files.filter((file) => file.name.endsWith(".npz"));
-    episodes.replaceChildren(el("option", { value: "" }, found.length ? "open an earlier episode" : "no episode yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
+    const listed = found.slice(0, MOST_LISTED), others = leftOut("episode") + found.length - listed.length;
+    episodes.replaceChildren(el("option", { value: "" }, found.length ? "open an earlier episode" : "no episode yet"), ...listed.map((file) => el("option", { value: file.name }, file.name)),
+      ...(others > 0 ? [el("option", { value: ALL }, `${number(others, 9)} older ones: in the Lab …`)] : []));
   }
 
   // ---- the stages ----
 
-  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed };
+  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed, current: () => JSON.stringify(whole()) };
+  const races = driving(context), comparisons = comparison(context);
   const empty = el("p.empty", {}, PRESS);
   const panels = {
-    map: el("div.panel", { id: "panel-map", role: "tabpanel", "aria-labelledby": "tab-map" }, el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)),
-    run: el("div.panel", { id: "panel-run", role: "tabpanel", "aria-labelledby": "tab-run" }, el("div.stageHead", {}, result, episodes), frame.element, empty),
-    race: el("div.panel", { id: "panel-race", role: "tabpanel", "aria-labelledby": "tab-race" }, driving(context)),
-    compare: el("div.panel.scrolls", { id: "panel-compare", role: "tabpanel", "aria-labelledby": "tab-compare" }, comparison(context)),
+    map: el("div.panel", { id: panelId("Vessels", "map"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "map") }, el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)),
+    run: el("div.panel", { id: panelId("Vessels", "run"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "run") }, el("div.stageHead", {}, result, episodes), frame.element, empty),
+    race: el("div.panel", { id: panelId("Vessels", "race"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "race") }, races.element),
+    compare: el("div.panel.scrolls", { id: panelId("Vessels", "compare"), role: "tabpanel", "aria-labelledby": tabId("Vessels", "compare") }, comparisons.element),
   };
   const stages = tabs("Vessels", [["map", "Map"], ["run", "Run"], ["race", "Drive"], ["compare", "Compare"]], (name) => {
     for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
@@ -319,7 +403,13 @@ export function vessels({ remember }) {
     el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, Object.values(panels)),
     el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
     el("footer.bottom", {}, seedRow, runWord, runBar, stop,
-      el("button.second", { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) }, "As Python …"), go));
+      el("button.second", { type: "button", onclick: guarded(copies) }, "As Python …"), go));
+
+  /** What the stage shows, as Python: an episode whose settings were not changed since, or else the settings. */
+  async function copies() {
+    if (!panels.run.hidden && shown?.fresh) await showCopiesOf(shown.file);
+    else await showCopies(await ready(), seed);
+  }
 
   for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
   for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));
@@ -334,15 +424,19 @@ export function vessels({ remember }) {
   return {
     element,
     title: "Vessels",
+    history,
     async open(given) {
-      if (given?.problem?.map) {
-        seedInput.value = seed = given.seed ?? 0;
-        problem = { ...given.problem };
-        form.write(problem);
-        showRelevant();
-        setView(problem.vessels ? "photo" : "cells");
-        await chosen(written(problem.map));
-      } else if (!map) await choose(problem.map);
+      if (begun && !given?.problem?.map) return;
+      if (begun && painted) say("The painted cells are not lost: Ctrl Z brings them back.");
+      if (!begun && !given?.problem?.map) {
+        begun = true;
+        await choose(problem.map);
+        return;
+      }
+      sayUnknown(schema, given.problem);
+      stages.pick("map");
+      const kept = !begun && reloaded() ? JSON.parse(sessionStorage.getItem(PAINTED) ?? "null") : null;
+      put(kept && JSON.stringify(kept.problem) === JSON.stringify(given.problem) ? kept : { problem: given.problem, seed: given.seed ?? 0 });
     },
   };
 }

@@ -1,6 +1,6 @@
 /* Talking with the server: questions, jobs, files, and the socket that tells of them. */
 
-export const state = { start: null, jobs: new Map(), files: [] };
+export const state = { start: null, jobs: new Map(), files: [], counts: {} };
 const listeners = { job: new Set(), files: new Set() };
 const watchers = new Map(); // job number: what is called with each piece, and with the job
 let socket = null, patience = 500;
@@ -20,7 +20,10 @@ export async function request(method, path, body) {
   } catch {
     throw new Refused("The studio does not answer. Is the command shoal studio still running?");
   }
-  if (!answer.ok) throw new Refused((await answer.text()) || `The studio refused the request (status ${answer.status}).`);
+  if (!answer.ok) {
+    const { error } = await answer.json().catch(() => ({}));
+    throw new Refused(error || `The studio refused the request (status ${answer.status}).`);
+  }
   return answer.json();
 }
 
@@ -35,14 +38,22 @@ export async function upload(file) {
   return name;
 }
 
+/** A page of the files of one kind, newest first: those after `skip` newer ones, with `name` in their names. */
+export const listed = (kind, { skip = 0, name = "" } = {}) => request("GET", `/api/files?${new URLSearchParams({ kind, skip, name })}`);
+
+/** How many files of one kind are older than those that are listed. */
+export const leftOut = (kind) => (state.counts[kind] ?? 0) - state.files.filter((file) => file.kind === kind).length;
+
+/** The newest files of each kind, and how many there are. */
 export async function loadFiles() {
-  state.files = await request("GET", "/api/files");
+  Object.assign(state, await request("GET", "/api/files"));
   listeners.files.forEach((tell) => tell(state.files));
 }
 
 export async function begin() {
   state.start = await request("GET", "/api/start");
   state.files = state.start.files;
+  state.counts = state.start.counts;
   for (const job of state.start.jobs) state.jobs.set(job.id, job);
   connect();
   return state.start;

@@ -3,7 +3,7 @@ import { number, svg } from "./page.js";
 
 /** A step of 1, 2 or 5 times a power of ten, at least as large as asked. */
 function niceStep(rough) {
-  const power = 10 ** Math.floor(Math.log10(Math.max(rough, 1e-9)));
+  const power = 10 ** Math.floor(Math.log10(Math.max(rough, 1e-300)));
   return [1, 2, 5, 10].find((step) => step * power >= rough) * power;
 }
 
@@ -11,6 +11,12 @@ export function ticksOf(low, high, count) {
   const step = niceStep((high - low) / count), found = [];
   for (let tick = Math.ceil(low / step) * step; tick <= high + step * 1e-9; tick += step) found.push(tick);
   return found;
+}
+
+/** A tick with as many digits as tell it from the next one. */
+export function tickText(tick, ticks) {
+  const step = Math.abs((ticks[1] ?? tick + 1) - (ticks[0] ?? tick)) || 1;
+  return Math.abs(tick) < step / 1e6 ? "0" : number(tick, Math.min(15, Math.max(4, Math.ceil(Math.log10(Math.abs(tick) / step)) + 1)));
 }
 
 /** Whether the page is one column: then a chart has fewer words beside it. */
@@ -30,9 +36,9 @@ export function rowsChart(rows, words) {
   const [low, high] = span(rows.flatMap((one) => [...(one.values ?? []), ...ends(one)]));
   const x = (value) => left + ((value - low) / (high - low)) * (width - left - right);
   return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": words },
-    ticksOf(low, high, narrow ? 3 : 5).flatMap((tick) => [
+    ticksOf(low, high, narrow ? 3 : 5).flatMap((tick, _, ticks) => [
       svg("line", { class: "rule", x1: x(tick), x2: x(tick), y1: 4, y2: height - 24 }),
-      svg("text", { class: "tick", x: x(tick), y: height - 8, "text-anchor": "middle" }, number(tick)),
+      svg("text", { class: "tick", x: x(tick), y: height - 8, "text-anchor": "middle" }, tickText(tick, ticks)),
     ]),
     rows.map((one, i) => {
       const y = i * row + row / 2 + 4;
@@ -54,11 +60,11 @@ export function linesChart(lines, { axis, measure }) {
   const y = (value) => top + ((high - value) / (high - low)) * (height - top - bottom);
   const every = Math.ceil(numbers.length / (narrow ? 5 : 9));
   return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${measure} against ${axis}` },
-    ticksOf(low, high, 5).flatMap((tick) => [
+    ticksOf(low, high, 5).flatMap((tick, _, ticks) => [
       svg("line", { class: "rule", x1: left, x2: width - right, y1: y(tick), y2: y(tick) }),
-      svg("text", { class: "tick", x: left - 8, y: y(tick) + 4, "text-anchor": "end" }, number(tick)),
+      svg("text", { class: "tick", x: left - 8, y: y(tick) + 4, "text-anchor": "end" }, tickText(tick, ticks)),
     ]),
-    numbers.filter((_, i) => i % every === 0).map((tick) => svg("text", { class: "tick", x: x(tick), y: height - 26, "text-anchor": "middle" }, number(tick))),
+    numbers.filter((_, i) => i % every === 0).map((tick) => svg("text", { class: "tick", x: x(tick), y: height - 26, "text-anchor": "middle" }, number(tick, 9))),
     svg("text", { class: "tick", x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, axis.replaceAll("_", " ")),
     lines.map((line, i) => svg("g", { class: `line p${i % 5}`, transform: `translate(${4 * (i - (lines.length - 1) / 2)} 0)` }, // side by side, not over each other
       svg("polyline", { class: "way", points: line.points.map((one) => `${x(one.x)},${y(one.mean)}`).join(" ") }),

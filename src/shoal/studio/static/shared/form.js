@@ -1,11 +1,20 @@
 /* Forms made from the schema of a problem: no field is written here. */
-import { el } from "./page.js";
+import { el, told } from "./page.js";
 
 /** Names that mean nothing without options after a colon. */
 export const NEED_OPTIONS = ["manual", "offline"];
 
+/** What a number field holds; the browser gives nothing for what is no number, and nothing would be the default. */
+const numberIn = (input) => (input.validity.badInput ? "no number" : input.value === "" ? undefined : Number(input.value));
+
+/** Say so if a link has fields that no form has: nothing of them would be in the result. */
+export function sayUnknown(schema, problem) {
+  const unknown = Object.keys(problem).filter((name) => name !== "kind" && !Object.hasOwn(schema.properties, name));
+  if (unknown.length) told(new Error(`The link has settings that the studio does not know, and leaves them out: ${unknown.join(", ")}.`));
+}
+
 /** A seed as it is typed; those above 53 bits stay text, so that none of their digits are lost. */
-export const seedIn = (input) => (Number.isSafeInteger(Number(input.value)) ? Number(input.value) : input.value);
+export const seedIn = (input) => (input.validity.badInput ? "no number" : Number.isSafeInteger(Number(input.value)) ? Number(input.value) : input.value);
 
 /** The field of a place's seed beside its word; `id` is the field's. */
 export const seedField = (id, onchange) => {
@@ -80,7 +89,7 @@ function numeric(field, about, kind, changed) {
   });
   return {
     id: about.id, element: input,
-    read: () => (input.value === "" ? undefined : Number(input.value)),
+    read: () => numberIn(input),
     write: (value) => { input.value = value ?? (nullable(field) ? "" : field.default ?? ""); },
   };
 }
@@ -93,7 +102,7 @@ function slider(field, about, ends, changed) {
   input.addEventListener("input", () => { range.value = input.value; changed(); });
   return {
     id: about.id, element: el("div.slide", {}, range, input),
-    read: () => (input.value === "" ? undefined : Number(input.value)),
+    read: () => numberIn(input),
     write: (value) => { input.value = value ?? field.default ?? ""; range.value = input.value; },
   };
 }

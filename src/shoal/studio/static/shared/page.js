@@ -59,10 +59,39 @@ export function openSheet(title, ...children) {
   return sheet;
 }
 
+/** Ask before something is thrown away; resolves to whether it may be. */
+export function confirmed(title, sentence, word) {
+  return new Promise((resolve) => {
+    let answer = false;
+    const sheet = openSheet(title, el("p", {}, sentence), el("div.actions", {},
+      el("button.main", { type: "button", onclick: () => { answer = true; sheet.close(); } }, word),
+      el("button.second", { type: "button", onclick: () => sheet.close() }, "Cancel")));
+    sheet.addEventListener("close", () => resolve(answer), { once: true });
+  });
+}
+
+/** A line that says that something was made with other settings than those that are set now; `current()` is a text of these. */
+export function older(what, current) {
+  const element = el("p.warning", { role: "status", hidden: true }, `The settings have changed since ${what} began.`);
+  let of = null;
+  return {
+    element,
+    begin() { of = current(); element.hidden = true; },
+    refresh() { element.hidden = of === null || of === current(); },
+  };
+}
+
+/** The last line of a list of files that leaves out older ones of their kind. */
+export const olderFiles = (left) => (left > 0 ? [el("option", { value: "", disabled: true }, `${left.toLocaleString("en-GB")} older files: by name`)] : []);
+
+/** The id of a tab or of its panel; several places are on the page at once. */
+export const tabId = (label, name) => `${label.toLowerCase().replace(/\W+/g, "-")}-tab-${name}`;
+export const panelId = (label, name) => `${label.toLowerCase().replace(/\W+/g, "-")}-panel-${name}`;
+
 /** Tabs over panels: one of several buttons is chosen. */
 export function tabs(label, choices, choose, panel = null) {
   const buttons = choices.map(([name, words]) => el("button", {
-    type: "button", role: "tab", id: `tab-${name}`, "aria-selected": "false", "aria-controls": panel ?? `panel-${name}`, onclick: () => pick(name),
+    type: "button", role: "tab", id: tabId(label, name), "aria-selected": "false", "aria-controls": panel ?? panelId(label, name), onclick: () => pick(name),
   }, words));
   const list = el("div.tabs", { role: "tablist", "aria-label": label }, buttons);
   list.addEventListener("keydown", (event) => {
@@ -85,7 +114,7 @@ export function tabs(label, choices, choose, panel = null) {
 
 /** Tabs with a panel for each: entries are [name, words, ...children]; returns the list, the panels and how to choose one. */
 export function tabbed(label, entries, { chosen = () => {}, scrolls = false } = {}) {
-  const panels = entries.map(([name, , ...children]) => el(`div.panel${scrolls ? ".scrolls" : ""}`, { id: `panel-${name}`, role: "tabpanel", "aria-labelledby": `tab-${name}` }, children));
+  const panels = entries.map(([name, , ...children]) => el(`div.panel${scrolls ? ".scrolls" : ""}`, { id: panelId(label, name), role: "tabpanel", "aria-labelledby": tabId(label, name) }, children));
   const found = tabs(label, entries, (picked) => {
     panels.forEach((panel, i) => { panel.hidden = entries[i][0] !== picked; });
     chosen(picked);
@@ -103,7 +132,21 @@ export function dataTable(label, heads, rows) {
 /** A picture of a symbol: a path in a square of 24. */
 export const symbol = (path) => svg("svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }, svg("path", { class: "stroke", d: path }));
 
-export const number = (value, digits = 4) => (value === null || value === undefined ? "–" : Number(value.toPrecision(digits)).toLocaleString("en-GB"));
+/** A number with so many significant digits, however small it is: .0005 is not 0. */
+export function number(value, digits = 4) {
+  if (value === null || value === undefined) return "–";
+  const size = Math.abs(value), rounded = Number(value.toPrecision(digits));
+  if (value !== 0 && (size < 1e-4 || size >= 1e15)) return rounded.toExponential().replace("e+", "e");
+  return rounded.toLocaleString("en-GB", { maximumFractionDigits: 20 });
+}
+
+/** A share as percent. What is not nothing is not "0 %", and what is not all is not "100 %". */
+export function percent(share) {
+  const value = 100 * share, plain = value.toFixed(1);
+  if (value <= 0 || value >= 100) return `${number(value)} %`;
+  if (plain === "0.0") return `${number(value, 2)} %`;
+  return `${plain === "100.0" ? number(100 - Number((100 - value).toPrecision(2)), 15) : plain} %`;
+}
 
 /** The shape of a map with the names of its sides, as the commands and the film player write it. */
 export const shapeText = (shape) =>

@@ -45,6 +45,9 @@ export class PlayerFrame {
     if (this.bare) inside.document.documentElement.classList.add("bare", this.bare);
     inside.shoalOpen(data);
     inside.shoalPlayer?.setTheme(theme());
+    inside.addEventListener("keydown", (event) => { // undo is the page's, also while the film has the keyboard
+      if ((event.ctrlKey || event.metaKey) && ["z", "y"].includes(event.key.toLowerCase())) document.body.dispatchEvent(new KeyboardEvent("keydown", event));
+    });
     return inside;
   }
 

@@ -12,26 +12,40 @@ const FORMATS = [
   ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"], ["mp4", "Film", "MP4"], ["gif", "Film", "GIF"], ["html", "Player page", "HTML"],
 ];
 
+const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
+
+/** The address of a place with a problem and its seed. */
+export const placeOf = (kind, problem, seed) => `#${PLACES[kind]}?${encodeURIComponent(JSON.stringify({ problem, seed }))}`;
+
+const saving = (problem, seed) => el("button.second", {
+  type: "button",
+  onclick: guarded(async () => { const { file } = await ask("save", { problem, seed }); say(`Written into the folder: ${file}`); }),
+}, "Write the file into the folder");
+
 /** Show a problem as Python, as a command and as a file, ready to copy. */
 export const showCopies = guarded(async (problem, seed) => {
-  showForms(await ask("copies", { problem, seed }), el("button.second", {
-    type: "button",
-    onclick: guarded(async () => { const { file } = await ask("save", { problem, seed }); say(`Written into the folder: ${file}`); }),
-  }, "Write the file into the folder"));
+  showForms(await ask("copies", { problem, seed }), { more: saving(problem, seed), about: "The settings of this page." });
 });
 
-/** Show what is on the screen in its three forms; `more` are further buttons. */
-export function showForms(copies, more = []) {
+/** The same for an episode of the folder: its own problem and seed, whatever the form says. */
+export const showCopiesOf = guarded(async (file) => {
+  const copies = await ask("copies", { file }), { problem, seed } = copies;
+  const link = `${location.origin}${location.pathname}${placeOf(problem.kind, problem, seed)}`;
+  showForms(copies, { more: saving(problem, seed), about: `The episode ${file}.`, link });
+});
+
+/** Show something in its three forms: `about` says what it is, `more` are further buttons, `link` is its address. */
+export function showForms(copies, { more = [], about = "", link = location.href } = {}) {
   const text = el("pre.code", { tabIndex: 0, "aria-label": "Text to copy" }), how = el("p.help", {});
   let shown = "python";
   const choice = tabs("Form of the copy", WAYS, (name) => {
     shown = name;
     text.textContent = copies[name];
-    how.textContent = HOW[name];
+    how.textContent = [about, HOW[name], name === "file" && copies.seed ? `Its seed is not in the file: add --seed=${copies.seed}.` : ""].join(" ").trim();
   }, "panel-copies");
   openSheet("The same result elsewhere", choice.list, el("div", { id: "panel-copies", role: "tabpanel" }, how, text), el("div.actions", {},
     el("button.main", { type: "button", onclick: guarded(async () => { await copy(copies[shown]); say("Copied."); }) }, "Copy"), more,
-    el("button.second", { type: "button", onclick: guarded(async () => { await copy(location.href); say("The link opens this page as it is now."); }) }, "Copy a link to this page")));
+    el("button.second", { type: "button", onclick: guarded(async () => { await copy(link); say("The link opens these settings."); }) }, "Copy a link to it")));
   choice.pick("python");
 }
 
@@ -40,7 +54,10 @@ async function copy(text) {
 }
 
 /** Buttons that export an episode of the folder. */
-export const exports = (episode) => exportsOf("export", { episode }, FORMATS, el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"));
+export const exports = (episode) => exportsOf("export", { episode }, FORMATS, [
+  el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"),
+  el("button.chip", { type: "button", title: "The script, the command and the problem of this episode", "aria-label": "Python script of this episode", onclick: () => showCopiesOf(episode) }, "Python"),
+]);
 
 /** Buttons that write a file each, by a job of that kind. */
 export function exportsOf(kind, spec, formats, more = []) {

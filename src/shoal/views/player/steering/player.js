@@ -8,7 +8,7 @@
 
   const { $, fillRows, number } = ShoalDesk;
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
-  const figure = (x) => (x === 0 ? "0" : Math.abs(x) >= 0.1 ? x.toFixed(3) : Math.abs(x) >= 1e-4 ? x.toPrecision(2) : x.toExponential(0)).replace("-", "−");
+  const figure = (x) => (x === 0 ? "0" : Math.abs(x) >= 0.1 ? x.toFixed(3) : Math.abs(x) >= 1e-4 ? x.toPrecision(2) : x.toExponential(1)).replaceAll("-", "−");
   let decimals = 3;
   const signed = (x) => {
     const size = Math.abs(x).toFixed(decimals);
@@ -23,7 +23,7 @@
     $("of").textContent = `of ${number(track.moves)}`;
     $("ofLength").textContent = `of ${figure(data.length)}`;
     const space = data.walls.height > 0;
-    decimals = ShoalTrack.clamp((space ? 2 : 3) - Math.floor(Math.log10(data.size)), 0, 6);
+    decimals = ShoalTrack.clamp((space ? 2 : 3) - Math.floor(Math.log10(data.size)), 0, 12);
     $("player").classList.toggle("single", !data.delta);
     $("deltaStage").hidden = !data.delta;
     $("stage").classList.toggle("turns", space);

@@ -1,6 +1,6 @@
 /* The episodes of the folder, with pictures; one that is chosen is played. */
-import { ask, on, state } from "../../shared/api.js";
-import { el, guarded } from "../../shared/page.js";
+import { ask, listed, newest, on } from "../../shared/api.js";
+import { el, guarded, number } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports } from "../../shared/share.js";
 
@@ -8,6 +8,7 @@ const AT_ONCE = 24;
 
 export function gallery() {
   const grid = el("ul.gallery", { "aria-label": "Episodes of the folder" }), more = el("button.second", { type: "button", hidden: true, onclick: () => { most += AT_ONCE; draw(); } }, "More");
+  const search = el("input", { type: "text", id: "episodeName", spellcheck: false, autocomplete: "off", placeholder: "part of a name", oninput: () => { most = AT_ONCE; draw(); } }), word = el("p.soft", { role: "status" });
   const stage = el("section.watching", { "aria-label": "Episode", hidden: true }), frames = {}, cards = new Map();
   let most = AT_ONCE;
   const seen = new IntersectionObserver((entries) => {
@@ -33,8 +34,16 @@ export function gallery() {
     return made;
   }
 
-  function draw() {
-    const found = state.files.filter((file) => file.kind === "episode");
+  /** The newest episodes with the name that is looked for: as many as were asked for, a page at a time. */
+  const draw = newest(guarded(async () => {
+    const name = search.value.trim(), found = [];
+    let all = 0;
+    do {
+      const { files, counts } = await listed("episode", { skip: found.length, name });
+      all = counts.episode ?? 0;
+      found.push(...files);
+      if (!files.length) break;
+    } while (found.length < Math.min(most, all));
     const shown = found.slice(0, most).map((file) => {
       const key = `${file.name} ${file.time}`;
       if (!cards.has(key)) cards.set(key, card(file));
@@ -42,9 +51,10 @@ export function gallery() {
     });
     grid.replaceChildren(...shown);
     for (const one of shown) if (!one.querySelector("img")) seen.observe(one);
-    more.hidden = found.length <= most;
-    if (!found.length) grid.replaceChildren(el("li.empty", {}, "No episode in this folder yet. The pages Vessels, Steering and Search save every episode that they play."));
-  }
+    more.hidden = all <= most;
+    word.textContent = all > shown.length ? `The newest ${number(shown.length, 9)} of ${number(all, 9)} episodes.` : all ? `${number(all, 9)} ${all === 1 ? "episode" : "episodes"}.` : "";
+    if (!all) grid.replaceChildren(el("li.empty", {}, name ? "No episode has such a name." : "No episode in this folder yet. The pages Vessels, Steering and Search save every episode that they play."));
+  }));
 
   async function watch(file) {
     const { part, data, sentence } = await ask("page", { file: file.name });
@@ -56,6 +66,6 @@ export function gallery() {
     stage.scrollIntoView({ block: "start" });
   }
 
-  on("files", () => { if (grid.isConnected) draw(); });
-  return { element: el("div.shelf", {}, stage, grid, more), open: draw };
+  on("files", () => { if (grid.checkVisibility()) draw(); });
+  return { element: el("div.shelf", {}, stage, el("div.actions", {}, el("label", { htmlFor: search.id }, "Find"), search, word), grid, more), open: () => draw() };
 }

@@ -2,10 +2,10 @@
 import { addJob, ask, cancelJob, ended, fileAddress, newest, on, state } from "../../shared/api.js";
 import { linesChart, rowsChart } from "../../shared/charts.js";
 import { dataTable, duration, el, guarded, number, told } from "../../shared/page.js";
-import { exportsOf, failure, showForms } from "../../shared/share.js";
+import { exportsOf, failure, placeOf, showForms } from "../../shared/share.js";
 
 const FORMATS = [["csv", "Table", "CSV"], ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"]];
-const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
+const MOST_LINES = 10, MOST_VERDICTS = 4;
 const EVERY = 1000; // milliseconds between two looks at a sweep that runs
 const ELSEWHERE = 4000; // and at one that a command runs
 
@@ -72,7 +72,7 @@ export function results({ shown, change }) {
     Object.assign(one, found);
     shown({ store: one.store, sweep: one.name, measure: found.measure });
     draw(one, found);
-    if (found.running && !atWork(one)) setTimeout(() => element.isConnected && !document.hidden && load(), ELSEWHERE);
+    if (found.running && !atWork(one)) setTimeout(() => element.checkVisibility() && !document.hidden && load(), ELSEWHERE);
   }));
 
   function draw(one, found) {
@@ -127,10 +127,11 @@ export function results({ shown, change }) {
     };
     if (told_.length <= 3) return told_.map(sentence).join(" ");
     const pairs = Map.groupBy(told_, (one) => `${one.second} ${one.first}`);
-    return [...pairs.values()].slice(0, 4).map((group) => {
+    const left = pairs.size - MOST_VERDICTS;
+    return [...pairs.values()].slice(0, MOST_VERDICTS).map((group) => {
       const less = group.filter((one) => one.comparison.difference.high < 0).length, more = group.filter((one) => one.comparison.difference.low > 0).length;
       return `With 95 % confidence, mean ${what} are lower for ${group[0].second} than for ${group[0].first} at ${less} of ${group.length} points, and higher at ${more}.`;
-    }).join(" ");
+    }).concat(left > 0 ? `${left} more ${left === 1 ? "pair is" : "pairs are"} in the table.` : []).join(" ");
   }
 
   function chart({ points: all, comparisons: pairs, measure }) {
@@ -143,17 +144,18 @@ export function results({ shown, change }) {
       const { [axis]: x, ...others } = axes, label = short(others);
       lines.set(label, [...(lines.get(label) ?? []), { x, ...estimate }]);
     }
-    const named = [...lines].slice(0, 10).map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
-    return [linesChart(named, { axis, measure }), named.length > 1 ? el("p.lineKeys", {}, named.map((line, i) => el(`span.key.p${i % 5}`, {}, line.label))) : []].flat();
+    const named = [...lines].slice(0, MOST_LINES).map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
+    return [linesChart(named, { axis, measure }), named.length > 1 ? el("p.lineKeys", {}, named.map((line, i) => el(`span.key.p${i % 5}`, {}, line.label))) : [],
+      lines.size > MOST_LINES ? el("p.soft", {}, `${MOST_LINES} of ${lines.size} lines are drawn: the table below has more.`) : []].flat();
   }
 
-  function comparisons({ comparisons: all, measure, compared }) {
+  function comparisons({ comparisons: all, n_comparisons: count, measure, compared }) {
     return el("section", {}, el("h3", {}, `${measure.replaceAll("_", " ")} along ${compared.replaceAll("_", " ")}, on the same seeds`),
       dataTable("Comparisons", ["Compared", "At", "Difference", "95 % interval", "Ratio", "p (Wilcoxon)", "Pairs", ""], all.map(({ axes, first, second, comparison: found }) => {
         const d = found?.difference;
-        return [`${second} less ${first}`, words(axes) === "all" ? "–" : words(axes), ...(d ? [number(d.mean), interval(d.low, d.high), number(found.ratio, 3), found.p_value < 1e-4 ? "< 0.0001" : number(found.p_value, 2),
+        return [`${second} less ${first}`, words(axes) === "all" ? "–" : words(axes), ...(d ? [number(d.mean), interval(d.low, d.high), number(found.ratio, 3), number(found.p_value, 2),
           `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`, d.low > 0 ? "more" : d.high < 0 ? "less" : "no clear difference"] : ["–", "–", "–", "–", "–", "too few finished pairs"])];
-      })));
+      })), count > all.length ? el("p.soft", {}, `The first ${all.length} of ${count} comparisons: shoal sweep summary has all.`) : []);
   }
 
   function points({ points: all, measure, n_points: count, kind }) {
@@ -161,7 +163,7 @@ export function results({ shown, change }) {
       dataTable("Means", ["Point", "Mean", "95 % interval", "Trials", "Completed", ""], all.map((one) => [words(one.axes),
         one.estimate ? number(one.estimate.mean) : "–", interval(one.estimate?.low, one.estimate?.high), `${one.trials}${one.missing ? `, ${one.missing} missing` : ""}`,
         one.completed === null ? "–" : `${one.completed}${one.bound === null ? "" : `; mean restricted to ${number(one.bound)}`}`,
-        one.watch ? el("a", { href: `#${PLACES[kind]}?${encodeURIComponent(JSON.stringify(one.watch))}`, "aria-label": `Watch the first trial at ${words(one.axes)}` }, "Watch") : ""])),
+        one.watch ? el("a", { href: placeOf(kind, one.watch.problem, one.watch.seed), "aria-label": `Watch the first trial at ${words(one.axes)}` }, "Watch") : ""])),
       count > all.length ? el("p.soft", {}, `The first ${all.length} of ${count} points; the table that is exported has all.`) : []);
   }
 
@@ -170,10 +172,10 @@ export function results({ shown, change }) {
   let due = null;
   on("job", (job) => {
     if (job.kind !== "sweep") return;
-    if (job.state === "failed" && `${job.spec.store} ${job.spec.sweep}` === chosen && element.isConnected) told(new Error(failure(job)));
-    if (!element.isConnected) return;
+    if (job.state === "failed" && `${job.spec.store} ${job.spec.sweep}` === chosen && element.checkVisibility()) told(new Error(failure(job)));
+    if (!element.checkVisibility()) return;
     if (job.result?.warning) told(new Error(job.result.warning));
-    due ??= setTimeout(() => { due = null; if (element.isConnected) load(); }, ended(job) || !sweeps.length ? 0 : EVERY);
+    due ??= setTimeout(() => { due = null; if (element.checkVisibility()) load(); }, ended(job) || !sweeps.length ? 0 : EVERY);
     drawList();
   });
 

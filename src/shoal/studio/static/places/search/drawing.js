@@ -1,63 +1,53 @@
-/* A drawn region: polygons to search and zones to keep out of, in metres; by hand with undo, and by numbers. */
+/* A drawn region: polygons to search and zones to keep out of, in metres; by hand and by numbers. */
 import { el, guarded, svg, symbol } from "../../shared/page.js";
 import { handle } from "./canvas.js";
 import { earthAt, pointText, pointsOf } from "./earth.js";
 
 const LOOK = "look", PART = "parts", ZONE = "zones", LAUNCH = "launch";
 const WORDS = { parts: "Region", zones: "No-go zone" };
-const MOST_HANDLES = 300, UNDOS = 200;
+const MOST_HANDLES = 300;
+const FINE = { degrees: 9, metres: 3 }; // digits of corners: as many as a drawing keeps
 const rounded = (point) => point.map((x) => Math.round(x * 1000) / 1000);
 const path = (ring) => ring.map((point, k) => `${k ? "L" : "M"}${point.join(" ")}`).join("") + "Z";
 
 export class Drawing {
-  /** `changed()` is called when something was drawn, `launched(point)` when the tool of launch points is used. */
-  constructor(canvas, { changed, launched }) {
-    Object.assign(this, { canvas, changed, launched, tool: LOOK, draft: null, done: [], undone: [] });
+  /** `changed()` is called when something was drawn, with `drawnOnly` while a hand still draws it and with `corner` for an outline
+   *  that is not closed yet; `launched(point)` when the tool of launch points is used. */
+  constructor(canvas, { changed, launched, history }) {
+    Object.assign(this, { canvas, changed, launched, tool: LOOK });
     this.load(null);
     this.layer = svg("g", { class: "drawn" });
-    this.toolbar = this.makeToolbar();
+    this.toolbar = this.makeToolbar(history);
   }
 
+  /** Show what is drawn, an outline that is not closed yet included. */
   load(told) {
-    this.told = { frame: null, parts: [], zones: [], file: null, ...structuredClone(told ?? {}) };
-    this.done = [];
-    this.undone = [];
-    this.draft = null;
+    const { frame = null, parts = [], zones = [], draft = null } = structuredClone(told ?? {});
+    this.told = { frame, parts, zones };
+    this.draft = draft;
+    if (draft && this.buttons) this.pick(draft.kind);
   }
 
   get empty() {
     return !this.told.parts.length && !this.told.zones.length;
   }
 
+  /** All that is drawn; null for nothing. */
+  get state() {
+    return this.empty && !this.draft && !this.told.frame ? null : { ...this.told, ...(this.draft ? { draft: this.draft } : {}) };
+  }
+
   /** What questions are asked with: null where nothing is drawn. */
   get asked() {
-    const { frame, parts, zones } = this.told;
-    return this.empty ? null : { frame, parts, zones };
+    return this.empty ? null : this.told;
   }
 
   get points() {
     return [...this.told.parts, ...this.told.zones].flat();
   }
 
-  /** Change what is drawn, so that it can be taken back; a file that holds it is no longer of it. */
   edit(change) {
-    this.done.push(JSON.stringify(this.told));
-    if (this.done.length > UNDOS) this.done.shift();
-    this.undone = [];
     change(this.told);
-    this.told.file = null;
-    this.changed();
-  }
-
-  step(from, to) {
-    if (this.draft?.points.length) {
-      this.draft.points.pop();
-      this.changed({ drawnOnly: true });
-      return;
-    }
-    if (!from.length) return;
-    to.push(JSON.stringify(this.told));
-    this.told = JSON.parse(from.pop());
     this.changed();
   }
 
@@ -71,16 +61,23 @@ export class Drawing {
     if (this.draft.points.length > 2 && Math.hypot(point[0] - first[0], point[1] - first[1]) < near) this.close();
     else {
       this.draft.points.push(rounded(point));
-      this.changed({ drawnOnly: true });
+      this.changed({ corner: true });
     }
   }
 
+  /** Close the outline: to take it back is one step, however many corners it has. */
   close() {
     const { kind, points } = this.draft ?? { points: [] };
+    if (points.length > 2) this.told[kind].push(points);
     this.draft = null;
     this.pick(LOOK);
-    if (points.length > 2) this.edit((told) => told[kind].push(points));
-    else this.changed({ drawnOnly: true });
+    this.changed(points.length > 2 ? { closed: true } : { corner: true });
+  }
+
+  drop() {
+    this.draft = null;
+    this.pick(LOOK);
+    this.changed({ corner: true });
   }
 
   pick(tool) {
@@ -100,6 +97,7 @@ export class Drawing {
     this.hint.textContent = this.tool === PART || this.tool === ZONE
       ? draft.length > 2 ? "To close the outline, click its first corner or Close." : "Click the corners of the outline, one after another."
       : this.tool === LAUNCH ? "Click where robots set out." : "";
+    if (!this.hint.textContent && this.points.length > MOST_HANDLES) this.hint.textContent = "Too many corners to move by hand: By numbers lists them.";
     this.closing.hidden = draft.length < 3;
     this.guide.hidden = !this.hint.textContent;
     const corners = this.points.length <= MOST_HANDLES ? [PART, ZONE].flatMap((kind) => this.told[kind].flatMap((ring, k) => this.cornersOf(kind, ring, k))) : [];
@@ -123,46 +121,33 @@ export class Drawing {
     return [...sides, ...corners];
   }
 
-  /** What a drag does: one step to take back, however many moves; shown at once, told at its end. */
+  /** What a drag does: shown at once, told at its end. */
   moving(change) {
-    let begun = false;
     return {
-      move: (to) => {
-        if (!begun) this.done.push(JSON.stringify(this.told));
-        begun = true;
-        this.undone = [];
-        this.told.file = null;
-        change(this.told, rounded(to));
-        this.changed({ drawnOnly: true });
-      },
-      done: () => { begun = false; this.changed(); },
+      move: (to) => { change(this.told, rounded(to)); this.changed({ drawnOnly: true }); },
+      done: () => this.changed(),
     };
   }
 
-  makeToolbar() {
+  makeToolbar(history) {
     const tools = [
       [LOOK, "Move", "M12 3v18M3 12h18M9 6l3-3 3 3M9 18l3 3 3-3M6 9l-3 3 3 3M18 9l3 3-3 3", "Move the canvas and corners"],
       [PART, "Region", "M5 8l6-4 8 4-2 10-10 2z", "Draw a region to search: click its corners"],
       [ZONE, "No-go", "M12 4a8 8 0 1 0 .01 0zM6.5 6.5l11 11", "Draw a no-go zone: click its corners"],
       [LAUNCH, "Launch", "M12 4l6 14H6zM12 18v3", "Click where robots set out"],
     ];
-    this.buttons = tools.map(([tool, words, symbolPath, help]) => el("button.tool", { type: "button", title: help, "aria-label": words, "aria-pressed": String(tool === LOOK), "data-tool": tool, onclick: () => { this.pick(tool); this.changed({ drawnOnly: true }); } }, symbol(symbolPath), el("span", {}, words)));
+    this.buttons = tools.map(([tool, words, symbolPath, help]) => el("button.tool", { type: "button", title: help, "aria-label": words, "aria-pressed": String(tool === LOOK), "data-tool": tool, onclick: () => { this.pick(tool); this.changed({ corner: true }); } }, symbol(symbolPath), el("span", {}, words)));
     this.closing = el("button.second.small", { type: "button", hidden: true, onclick: () => this.close() }, "Close");
     this.hint = el("span.soft.hint", { role: "status" });
-    const undo = el("button.tool", { type: "button", title: "Undo (Ctrl Z)", "aria-label": "Undo", onclick: () => this.step(this.done, this.undone) }, symbol("M9 5L4 10l5 5M4 10h10a5 5 0 0 1 0 10h-3"));
-    const redo = el("button.tool", { type: "button", title: "Redo (Ctrl Shift Z)", "aria-label": "Redo", onclick: () => this.step(this.undone, this.done) }, symbol("M15 5l5 5-5 5M20 10H10a5 5 0 0 0 0 10h3"));
     this.canvas.element.addEventListener("keydown", (event) => {
-      if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") {
-        event.preventDefault();
-        (event.shiftKey ? redo : undo).click();
-      } else if (event.key === "Enter" && this.draft) this.close();
-      else if (event.key === "Escape" && this.draft) { this.draft = null; this.pick(LOOK); this.changed({ drawnOnly: true }); }
+      if (event.key === "Enter" && this.draft) this.close();
+      else if (event.key === "Escape" && this.draft) this.drop();
     });
     this.canvas.plane.addEventListener("dblclick", () => { if (this.draft) this.close(); });
     this.numbers = byNumbers(this);
     this.guide = el("div.guide", { hidden: true }, this.hint, this.closing); // on the canvas, whose size must not change under the hand
     this.canvas.element.append(this.guide);
-    return el("div.toolbar", { role: "toolbar", "aria-label": "Drawing" }, el("div.group", {}, this.buttons), el("div.group", {}, undo, redo), this.numbers.element);
+    return el("div.toolbar", { role: "toolbar", "aria-label": "Drawing" }, el("div.group", {}, this.buttons), history.buttons, this.numbers.element);
   }
 }
 
@@ -183,7 +168,7 @@ function byNumbers(drawing) {
     which.replaceChildren(...names.map(([value, words]) => el("option", { value }, words)));
     which.value = names.some(([value]) => value === kept) ? kept : names[0][0];
     const [kind, k] = chosen(), ring = drawing.told[kind][k], there = frame ? drawing.canvas.earth : null;
-    if (changed || document.activeElement !== text) text.value = (ring ?? []).map((point) => pointText(point, there).replace(",", ", ")).join("\n");
+    if (changed || document.activeElement !== text) text.value = (ring ?? []).map((point) => pointText(point, there, FINE).replace(",", ", ")).join("\n");
     unit.textContent = frame ? "Corners: one longitude, latitude per line" : "Corners: one x, y per line, in metres";
     remove.disabled = !ring;
     if (document.activeElement !== longitude) longitude.value = frame?.[0] ?? "";

@@ -28,8 +28,10 @@ class Earth {
 
 const near = (value, digits) => String(Number(value.toFixed(digits)));
 
+const HAND = { degrees: 7, metres: 2 }; // digits of what a hand sets: a centimetre
+
 /** A point as the fields of a search take it: longitude,latitude or metres. */
-export const pointText = (point, earth) => (earth ? earth.degrees(point).map((x) => near(x, 7)) : point.map((x) => near(x, 2))).join(",");
+export const pointText = (point, earth, digits = HAND) => (earth ? earth.degrees(point).map((x) => near(x, digits.degrees)) : point.map((x) => near(x, digits.metres))).join(",");
 
 /** Points of such a text, in metres; null for what is no list of points. */
 export function pointsOf(text, earth) {

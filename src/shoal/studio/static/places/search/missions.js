@@ -7,24 +7,38 @@ import { lasting } from "./simulate.js";
 
 const SECTIONS = [{ title: "Missions", open: true, fields: ["format", "autopilot", "separation", "delay_tolerance", "altitude_frame", "terrain", "terrain_error", "rally", "cap"] }];
 
-export function missionsPanel({ ready, seed, changed }) {
+const MOST_SAID = 50; // mistakes and warnings
+
+/** `current()` is a text of all that missions are made from: results of another one are not current any more. */
+export function missionsPanel({ ready, current, changed }) {
   const form = makeForm(state.start.schemas.missions, SECTIONS, { label: "Settings of missions", changed });
   const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Write missions");
   const stop = el("button.second", { type: "button", hidden: true }, "Cancel");
   const result = el("div.missions", {}), empty = el("p.empty", {}, "Press Write missions: the studio writes files for PX4 and ArduPilot, GeoJSON, KML, GPX and CSV, and checks them in a simulated flight.");
 
+  let last = null; // what was written: the answer, of which settings, and whether it was shown as current
+
   async function start() {
-    const problem = await ready();
+    const of = current(), [{ seed }, missions] = JSON.parse(of), problem = await ready();
     go.disabled = true;
     bar.hidden = stop.hidden = false;
     const free = () => { go.disabled = false; bar.hidden = stop.hidden = true; word.textContent = ""; };
-    const job = await run("missions", { problem, missions: form.values(), seed: seed() }, {
+    const job = await run("missions", { problem, missions, seed }, {
       job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
-      done: (found) => { free(); show(found); },
+      done: (found) => { free(); last = { found, of, fresh: null }; refresh(); },
       failed: (now) => { free(); if (now.state !== "cancelled") told(new Error(failure(now))); },
     }).catch((error) => { free(); throw error; });
     stop.onclick = guarded(() => cancelJob(job.id));
+  }
+
+  function refresh() {
+    const fresh = last && last.of === current();
+    if (!last || last.fresh === fresh) return;
+    last.fresh = fresh;
+    go.className = fresh ? "second" : "main";
+    if (fresh) show(last.found);
+    else result.replaceChildren(el("p.warning", {}, `The settings have changed since ${last.found.file} was written, so its missions are not shown here. Write the missions again.`));
   }
 
   function show({ file, map, missions, check, command }) {
@@ -35,13 +49,13 @@ export function missionsPanel({ ready, seed, changed }) {
       ["Nearest approach", !missions.separation_m ? "no separation required" : near ? `${number(near.horizontal_m)} m: robots ${near.robots.join(" and ")} after ${lasting(near.time_s)}` : `none nearer than ${number(missions.separation_m[1])} m in height`],
       ["Sorties", String(missions.sorties)], ["Waypoints", number(check.waypoints, 9)],
     ];
-    go.className = "second";
     empty.hidden = true;
     result.replaceChildren(
       el("div.verdictLine", {}, el(`span.verdictChip.${good ? "agrees" : "differs"}`, {}, good ? "checked: no mistakes found" : "checked: mistakes are listed below"),
         el("a.main.download", { href: fileAddress(file), download: file }, "Download the zip"), el("span.soft", {}, file)),
       el("dl.measures", {}, facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value)))),
-      check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, 50).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
+      check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, MOST_SAID).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
+      check.diagnostics.length > MOST_SAID ? el("p.soft", {}, `The first ${MOST_SAID} of ${number(check.diagnostics.length, 9)}: the file check.json in the zip has all.`) : [],
       el("figure.missionMap", {}, el("img", { src: `${fileAddress(map)}?${Date.now()}`, alt: "Map of the missions: paths of the robots, launch points, holes, zones, fence" })),
       dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), one.start_s === null ? "when its vehicle is back" : lasting(one.start_s + one.delay_s), `${number(one.altitude_m)} m`])),
       el("p.soft", {}, "The same in a terminal"), el("pre.code", { tabIndex: 0 }, command));
@@ -49,6 +63,7 @@ export function missionsPanel({ ready, seed, changed }) {
 
   return {
     form,
+    refresh,
     children: [el("div.stageHead", {}, go, stop, bar, word), result, empty],
   };
 }

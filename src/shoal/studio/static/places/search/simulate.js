@@ -1,6 +1,6 @@
 /* Simulate: the run in the player; message loss on a slider, and robots that die by a click while it plays. */
 import { ask, newest, run } from "../../shared/api.js";
-import { duration, el, guarded, say, told } from "../../shared/page.js";
+import { duration, el, guarded, number, percent, say, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, failure } from "../../shared/share.js";
 
@@ -10,8 +10,10 @@ export const lasting = (seconds) => {
   return seconds < 59.5 ? `${Number(seconds.toPrecision(3))} s` : `${Math.floor(whole / 3600) ? `${Math.floor(whole / 3600)}:` : ""}${whole >= 3600 ? two(Math.floor(whole / 60) % 60) : Math.floor(whole / 60)}:${two(whole % 60)}${whole < 3600 ? " min" : " h"}`;
 };
 
-/** `ready()` gives the problem as it is run, `seed()` its seed; `set(fields)` writes fields of the form; `open()` shows this panel. */
-export function simulation({ ready, seed, fields, set, open }) {
+/** `question()` is what is simulated: the problem with its drawing and seed; `ready()` gives it as it is run, with the drawing in a file;
+ *  `set(fields)` writes fields of the form; `open()` shows this panel, `visible()` tells whether it is shown, and `said()` what is said
+ *  to be wrong already. */
+export function simulation({ ready, question, fields, set, open, visible, said }) {
   const frame = new PlayerFrame("search", { title: "The player of the search" });
   const loss = el("input", { type: "range", min: 0, max: 0.95, step: 0.05, value: 0, id: "searchLoss" }), lossWord = el("output", { htmlFor: "searchLoss" }, "0 %");
   const result = el("div.result", {}), faults = el("div.faults", {}), robots = el("div.group.deaths", { role: "group", "aria-label": "Let a robot die now" });
@@ -19,11 +21,12 @@ export function simulation({ ready, seed, fields, set, open }) {
   const keep = el("button.second.keep", { type: "button", hidden: true, onclick: guarded(play) }, "Keep this run");
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Simulate");
   const empty = el("p.empty", {}, "Press Simulate to watch the robots search here. During the search, you can make messages fail and robots die.");
-  let shown = null; // the problem that is played
+  let shown = null; // what is played, as text
+  let stale = false; // and whether it is said that the form is another one
   let runs = 0, running = false; // what was asked for before a run is not shown after it
 
   const crashes = () => [fields().faults ?? []].flat();
-  const same = (problem) => shown && JSON.stringify(problem) === JSON.stringify(shown);
+  const same = () => shown === JSON.stringify(question());
 
   async function show(data, { at = 0, playing = true }) {
     const inside = await frame.open(data), player = inside.shoalPlayer;
@@ -55,23 +58,27 @@ export function simulation({ ready, seed, fields, set, open }) {
 
   const vary = newest(async ({ at = null, playing = null } = {}) => {
     if (running) return;
-    const before = frame.player, asked = runs, problem = await ready();
+    const before = frame.player, asked = runs, about = question();
     word.textContent = "simulating …";
     try {
-      const found = await ask("simulate", { problem, seed: seed(), slow: true });
+      const found = await ask("simulate", { ...about, slow: true });
       if (asked !== runs) return;
-      shown = null;
       await show(found.data, { at: at ?? before?.time ?? 0, playing: playing ?? before?.playing ?? true });
-      result.replaceChildren(el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages did not arrive, ${found.takeovers} taken over, ${(100 * found.seen).toFixed(1)} % seen`));
-      keep.hidden = false;
+      shown = JSON.stringify(about);
+      result.replaceChildren(el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages did not arrive, ${found.takeovers} taken over, ${percent(found.seen)} seen`));
+      keep.hidden = stale = false;
     } catch (error) {
-      told(error);
+      word.textContent = "";
+      keep.hidden = stale = true;
+      result.replaceChildren(el("p.warning", {}, `The film shows the search before the change: the settings cannot be simulated${said() === error.message ? "" : `, ${error.message}`}.`));
+      return;
     }
     word.textContent = "";
+    refresh();
   });
 
   async function play() {
-    const problem = await ready();
+    const of = JSON.stringify(question()), { seed } = JSON.parse(of), problem = await ready();
     runs += 1;
     running = true;
     open();
@@ -79,40 +86,49 @@ export function simulation({ ready, seed, fields, set, open }) {
     go.disabled = true;
     bar.hidden = false;
     const free = () => { running = false; go.disabled = false; bar.hidden = true; word.textContent = ""; };
-    await run("play", { problem, seed: seed() }, {
+    await run("play", { problem, seed }, {
       job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
       done: guarded(async ({ file, sentence }) => {
         free();
         result.replaceChildren(el("p", {}, sentence), exports(file));
         keep.hidden = true;
-        shown = problem;
+        shown = of;
+        stale = false;
         const { data } = await ask("page", { file, slow: true });
         await show(data, again);
-        if (!same(await ready())) vary();
+        refresh();
+        if (!same()) vary();
       }),
       failed: (now) => { free(); told(new Error(failure(now))); },
     }).catch((error) => { free(); throw error; });
   }
 
+  /** The form has changed: what was played is not of it any more, and is not exported as if it were. */
+  function refresh() {
+    const { loss: now = 0 } = fields();
+    loss.value = now;
+    lossWord.textContent = `${number(100 * now, 3)} %`;
+    if (!frame.shown || stale || same()) return;
+    stale = true;
+    keep.hidden = true;
+    result.replaceChildren(el("p.warning", {}, "The settings have changed: the film shows the search before the change."));
+  }
+
   loss.addEventListener("input", () => {
-    lossWord.textContent = `${Math.round(100 * loss.value)} %`;
-    set({ loss: Number(loss.value) || undefined });
+    set({ loss: Number(loss.value) || undefined }, "loss");
     if (frame.shown) vary({ at: 0, playing: true });
   });
 
   return {
     go, word, bar,
     children: [el("div.stageHead", {}, el("span.slider", {}, el("label", { htmlFor: "searchLoss" }, "Messages lost"), loss, lossWord), robots, keep), faults, el("div.stageHead", {}, result), frame.element, empty],
-    /** The form was changed elsewhere. */
-    refresh() {
-      const { loss: now = 0 } = fields();
-      loss.value = now;
-      lossWord.textContent = `${Math.round(100 * now)} %`;
-    },
+    refresh,
+    /** Play the form as it is now, if something is played. */
+    vary() { if (frame.shown && visible() && !same()) vary(); },
     /** The panel is shown: what was played before is played anew if the form is another one. */
-    async enter() {
-      this.refresh();
-      if (frame.shown && !same(await ready())) vary();
+    enter() {
+      refresh();
+      this.vary();
     },
   };
 }

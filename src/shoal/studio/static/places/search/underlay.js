@@ -83,13 +83,13 @@ export class Underlay {
       return { inputs, pick };
     });
     const spotInputs = [0, 1].map((k) => ["column", "row"].map((word) => el("input", { type: "number", step: "any", "aria-label": `Point ${k + 1}, ${word} of the picture`, placeholder: word, oninput: (event) => { this.told.spots[k][word === "row" ? 1 : 0] = event.target.value === "" ? null : Number(event.target.value); } })));
-    const seen = el("input", { type: "range", min: 0.1, max: 1, step: 0.05, id: "underlayOpacity", oninput: () => { this.told.opacity = Number(seen.value); this.image.setAttribute("opacity", seen.value); this.changed(); } });
+    const seen = el("input", { type: "range", min: 0.1, max: 1, step: 0.05, id: "underlayOpacity", oninput: () => { this.told.opacity = Number(seen.value); this.image.setAttribute("opacity", seen.value); this.changed({ gesture: "opacity" }); } });
     const apply = el("button.second", { type: "button", onclick: guarded(async () => {
       const places = rows.map(({ inputs }) => inputs.map((input) => (input.value === "" ? NaN : Number(input.value))));
       if (places.flat().some(Number.isNaN) || this.told.spots.flat().includes(null)) throw new Error("Each of the two points needs a place in the picture and two coordinates.");
       this.told = { ...this.told, places, degrees: unit.value === "degrees" };
       await this.draw();
-      this.changed({ fit: true });
+      this.changed({ placed: true });
     }) }, "Place the picture");
     const word = el("p.help", {});
     const placing = el("div.placing", {}, el("label", { htmlFor: "underlayUnit" }, "Coordinates"), unit,

@@ -10,9 +10,9 @@ const SECTIONS = [
 ];
 
 export function vehicleForm(changed) {
-  const schema = state.start.schemas.vehicle, files = el("select", { id: "vehicleFile", onchange: () => { usual(); changed(); } });
+  const schema = state.start.schemas.vehicle, files = el("select", { id: "vehicleFile", onchange: () => { usual(); changed("file"); } });
   const before = el("div.field", {}, el("label", { htmlFor: "vehicleFile" }, "From a file"), files, el("p.help", {}, "A .toml or .json file in the folder. The settings below replace fields of the file."));
-  const form = makeForm(schema, [{ ...SECTIONS[0], before: [before] }, ...SECTIONS.slice(1)], { label: "Settings of the vehicle", changed: (_, name) => { if (name === "preset") usual(); changed(); } });
+  const form = makeForm(schema, [{ ...SECTIONS[0], before: [before] }, ...SECTIONS.slice(1)], { label: "Settings of the vehicle", changed: (_, name) => { if (name === "preset") usual(); changed(name); } });
 
   function listFiles(wanted = files.value) {
     const found = state.files.filter((file) => /\.(toml|json)$/i.test(file.name) && !/\.(episode|comparison)\.json$/.test(file.name)).map((file) => file.name);
@@ -42,7 +42,7 @@ export function vehicleForm(changed) {
     },
     write(given) {
       const [file, ...changes] = typeof given === "string" ? given.split(",") : [""], known = Object.hasOwn(schema.presets, file);
-      form.write(typeof given === "string" ? { ...(known ? { preset: file } : {}), ...Object.fromEntries(changes.map((word) => word.split("=")).map(([name, value]) => [name, Number(value)])) } : given ?? {});
+      form.write(typeof given === "string" ? { ...(known ? { preset: file } : {}), ...Object.fromEntries(changes.map((word) => word.split("=")).map(([name, value]) => [name, Number.isFinite(Number(value)) ? Number(value) : value])) } : given ?? {});
       listFiles(known ? "" : file);
       usual();
     },

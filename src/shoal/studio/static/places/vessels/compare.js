@@ -2,13 +2,13 @@
 import { ask, cancelJob, run } from "../../shared/api.js";
 import { NEED_OPTIONS } from "../../shared/form.js";
 import { rowsChart } from "../../shared/charts.js";
-import { dataTable, el, guarded, number, told } from "../../shared/page.js";
+import { dataTable, el, guarded, number, older, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { failure } from "../../shared/share.js";
 
 const MOST = 4;
 
-export function comparison({ names, problem, seed }) {
+export function comparison({ names, problem, seed, current }) {
   const chosen = new Set(["best", "closest-frontier"].filter((name) => names.includes(name)));
   const boxes = names.filter((name) => !NEED_OPTIONS.includes(name)).map((name) => {
     const box = el("input", { type: "checkbox", checked: chosen.has(name), value: name });
@@ -24,6 +24,7 @@ export function comparison({ names, problem, seed }) {
   const chart = el("div.chartArea", {}), films = el("div.films", {}), verdict = el("p.verdict", {});
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Compare");
   const stop = el("button.second", { type: "button", hidden: true }, "Cancel");
+  const aged = older("this comparison", current);
   let frames = [];
 
   async function start() {
@@ -33,6 +34,7 @@ export function comparison({ names, problem, seed }) {
     frames = [];
     verdict.textContent = "";
     const base = await problem();
+    aged.begin();
     const job = await run("compare", { problem: base, policies, trials: Number(trials.value), seed: seed() }, {
       job: (now) => { progress.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : now.note ?? ""; },
       piece: ({ compared }) => draw(compared),
@@ -69,7 +71,7 @@ export function comparison({ names, problem, seed }) {
       dataTable("Numbers", ["Policy", "Mean moves", "95 % interval", "More than the best", "p (Wilcoxon)", "Unfinished"], policies.map((one, i) => [
         one.policy, number(one.mean), one.low === null ? "–" : `${number(one.low)} to ${number(one.high)}`,
         i === best ? "the best" : one.moreLow === null ? number(one.more) : `${number(one.more)} (${number(one.moreLow)} to ${number(one.moreHigh)})`,
-        i === best ? "–" : one.p < 1e-4 ? "< 0.0001" : number(one.p, 2), String(one.unfinished)])));
+        i === best ? "–" : number(one.p, 2), String(one.unfinished)])));
   }
 
   /** The same question as a sweep, over what else may vary. */
@@ -88,9 +90,10 @@ export function comparison({ names, problem, seed }) {
     await Promise.all(files.map(async (file, i) => frames[i].open({ ...(await ask("page", { file })).data, playing: false })));
   }
 
-  return el("div.compare", {},
+  const element = el("div.compare", {},
     el("div.setting", {}, el("fieldset", {}, el("legend", {}, "Up to four policies, from the same starts"), el("div.picks", {}, boxes)),
       el("div.actions", {}, el("label", { htmlFor: "compareTrials" }, "Starts"), trials, go, stop, progress, word,
         el("button.second", { type: "button", onclick: guarded(toLab) }, "Over more settings, in the Lab …"))),
-    verdict, chart, films);
+    aged.element, verdict, chart, films);
+  return { element, refresh: aged.refresh };
 }

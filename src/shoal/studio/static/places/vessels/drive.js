@@ -1,14 +1,14 @@
 /* Drive it yourself: the arrow keys move the swarm, and a ghost shows what a policy did from the same start. */
 import { run } from "../../shared/api.js";
 import { NEED_OPTIONS } from "../../shared/form.js";
-import { el, guarded, say, symbol, told } from "../../shared/page.js";
+import { el, guarded, older, say, symbol, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, failure } from "../../shared/share.js";
 
 const PAD = [["u", "up", "M12 19V5M6 11l6-6 6 6"], ["l", "left", "M19 12H5M11 6l-6 6 6 6"], ["r", "right", "M5 12h14M13 6l6 6-6 6"], ["d", "down", "M12 5v14M6 13l6 6 6-6"],
   ["i", "in", "M8 8l8 8M16 8l-8 8"], ["o", "out", "M12 10a2 2 0 1 0 .01 0z"]];
 
-export function driving({ names, problem, seed }) {
+export function driving({ names, problem, seed, current }) {
   const frame = new PlayerFrame("swarm", { title: "Your swarm: drive it with the arrow keys", bare: "driven" });
   const rivals = el("select", { id: "rival" }, names.filter((name) => ![...NEED_OPTIONS, "auto"].includes(name)).map((name) => el("option", { value: name }, name)));
   const mine = bar("You"), theirs = bar("The ghost"), verdict = el("p.verdict", { role: "status" }), kept = el("div.result", {});
@@ -16,6 +16,7 @@ export function driving({ names, problem, seed }) {
     type: "button", "data-letter": letter, "aria-label": `Move ${words}`, onclick: () => drive?.drive(letter),
   }, symbol(path))));
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Start the race");
+  const aged = older("this race", current);
   let drive = null, begun = null, over = false;
 
   function bar(words) {
@@ -25,7 +26,9 @@ export function driving({ names, problem, seed }) {
 
   async function start() {
     const given = { ...(await problem()), policy: rivals.value };
+    const started = seed();
     if (given.slip || given.misplace || given.miss) throw new Error("A race has no noise: set slip, misplace and miss to 0.");
+    aged.begin();
     verdict.textContent = "";
     kept.replaceChildren();
     begun = drive = null;
@@ -35,12 +38,12 @@ export function driving({ names, problem, seed }) {
       if (piece.commands !== undefined) drive.ghostMoves(piece.commands, piece.scans);
       show();
     };
-    await run("play", { problem: given, seed: seed() }, {
+    await run("play", { problem: given, seed: started }, {
       piece(piece) {
         if (piece.begin) {
           begun = { ...piece.begin, policy: "you", scanned: null, live: true, playing: false };
           frame.open(begun).then((inside) => {
-            drive = inside.shoalDrive(begun, { onMove: show, onEnd: () => guarded(finish)(given) });
+            drive = inside.shoalDrive(begun, { onMove: show, onEnd: () => guarded(finish)(given, started) });
             drive.ghost(piece.begin);
             pieces.forEach(take);
             pieces = null;
@@ -64,20 +67,21 @@ export function driving({ names, problem, seed }) {
     theirs.set(drive.ghostShare(at), at > drive.ghostLength ? "" : ` at move ${at}`);
   }
 
-  async function finish(given) {
+  async function finish(given, started) {
     if (over) return;
     over = true;
     const { letters, length, ghostLength } = drive;
     verdict.textContent = `Done in ${length} moves; ${given.policy} needed ${ghostLength}. ${length <= ghostLength ? "You win." : "The ghost wins."}`;
     const { policy, budget, time_per_move: time, scan_every: scans, ...rest } = given;
-    await run("play", { problem: { ...rest, policy: `manual:${letters}` }, seed: seed() }, {
+    await run("play", { problem: { ...rest, policy: `manual:${letters}` }, seed: started }, {
       done: ({ file }) => { kept.replaceChildren(exports(file)); say(`Your race is saved as ${file}`); },
       failed: (job) => told(new Error(failure(job))),
     });
   }
 
-  return el("div.race", {},
+  const element = el("div.race", {},
     el("div.stageHead", {}, el("label", { htmlFor: "rival" }, "Against"), rivals, go, mine.element, theirs.element),
-    verdict, kept, frame.element, el("p.empty", {}, "Press Start the race: your swarm and the swarm of the policy start in the same cells."), pad,
+    aged.element, verdict, kept, frame.element, el("p.empty", {}, "Press Start the race: your swarm and the swarm of the policy start in the same cells."), pad,
     el("p.soft.hintline", {}, "Arrow keys move all particles at once (Page up and Page down: in and out). The violet ghosts show the particles of the policy after as many moves as yours."));
+  return { element, refresh: aged.refresh };
 }

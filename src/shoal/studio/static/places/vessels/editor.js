@@ -1,8 +1,7 @@
-/* The map on a canvas: looked at, painted and erased cell by cell, with undo; and the photograph with what was found on it. */
+/* The map on a canvas: looked at, painted and erased cell by cell; and the photograph with what was found on it. */
 import { el, symbol } from "../../shared/page.js";
 
 export const LOOK = "look", FREE = "free", WALL = "wall", INLET = "inlet";
-const UNDOS = 200;
 
 export function unpack(text, cells) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)), free = new Uint8Array(cells);
@@ -28,7 +27,7 @@ const colourOf = (name) => getComputedStyle(document.documentElement).getPropert
 const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
 
 export class Editor {
-  /** `edited(what)` is called after each stroke: "map" or "inlet". */
+  /** `edited(what)` is called after each stroke: "map", "inlet", or null if it changed nothing. */
   constructor(edited) {
     this.edited = edited;
     this.canvas = el("canvas", { tabIndex: 0, role: "img", "aria-label": "The map. Arrow keys move a cursor, Space paints." });
@@ -38,8 +37,6 @@ export class Editor {
     this.photograph = null;
     this.map = null; // { shape, free, start }
     this.inlet = new Set();
-    this.done = [];
-    this.undone = [];
     this.tool = LOOK;
     this.brush = 3;
     this.zoom = 1;
@@ -52,17 +49,14 @@ export class Editor {
 
   // ---- what is shown ----
 
+  /** Show a map; none, if there is none. */
   setMap(map) {
-    const same = this.map && String(this.map.shape) === String(map.shape);
+    const same = this.map && map && String(this.map.shape) === String(map.shape);
     this.map = map;
     this.photograph = null;
-    if (!same) {
-      this.inlet.clear();
-      this.fit();
-    }
-    this.done = [];
-    this.undone = [];
+    if (!same) this.fit();
     this.paint();
+    this.redraw();
   }
 
   setPhotograph(image, mask) {
@@ -177,7 +171,7 @@ export class Editor {
 
   // ---- painting ----
 
-  /** Set a rectangle of cells; what they were is kept for undo. */
+  /** Set a rectangle of cells. */
   set(tool, row, column, rows, columns) {
     const [height, width] = this.map.shape, value = tool === FREE ? 1 : 0;
     for (let r = Math.max(0, row); r < Math.min(height, row + rows); r++) {
@@ -185,10 +179,10 @@ export class Editor {
         const cell = r * width + c;
         if (tool === INLET) {
           if (!this.map.free[cell] || this.inlet.has(cell)) continue;
-          this.stroke.cells.push([cell, "inlet"]);
+          this.stroke.cells += 1;
           this.inlet.add(cell);
         } else if (this.map.free[cell] !== value) {
-          this.stroke.cells.push([cell, this.map.free[cell]]);
+          this.stroke.cells += 1;
           this.map.free[cell] = value;
           if (!value) this.inlet.delete(cell);
         }
@@ -197,18 +191,15 @@ export class Editor {
   }
 
   beginStroke() {
-    this.stroke = { cells: [], tool: this.tool };
+    this.stroke = { cells: 0, tool: this.tool };
   }
 
   endStroke() {
     const stroke = this.stroke;
     this.stroke = null;
-    if (!stroke?.cells.length) return;
-    this.done.push(stroke);
-    if (this.done.length > UNDOS) this.done.shift();
-    this.undone = [];
+    if (!stroke) return;
     this.paint();
-    this.edited(stroke.tool === INLET ? "inlet" : "map");
+    this.edited(!stroke.cells ? null : stroke.tool === INLET ? "inlet" : "map");
   }
 
   /** Paint a rectangle by its numbers, for those who do not draw. */
@@ -218,37 +209,6 @@ export class Editor {
     this.beginStroke();
     this.set(tool, row, column, rows, columns);
     this.endStroke();
-  }
-
-  undo(from = this.done, to = this.undone) {
-    const stroke = from.pop();
-    if (!stroke) return;
-    const back = stroke.cells.map(([cell, was]) => {
-      if (was === "inlet") {
-        this.inlet.delete(cell);
-        return [cell, "outlet"];
-      }
-      if (was === "outlet") {
-        this.inlet.add(cell);
-        return [cell, "inlet"];
-      }
-      const now = this.map.free[cell];
-      this.map.free[cell] = was;
-      return [cell, now];
-    });
-    to.push({ ...stroke, cells: back.reverse() });
-    this.paint();
-    this.edited(stroke.tool === INLET ? "inlet" : "map");
-  }
-
-  redo() {
-    this.undo(this.undone, this.done);
-  }
-
-  clearInlet() {
-    this.inlet.clear();
-    this.paint();
-    this.edited("inlet");
   }
 
   // ---- hands ----
@@ -314,12 +274,6 @@ export class Editor {
 
   key(event) {
     const step = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
-    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") {
-      event.preventDefault();
-      if (event.shiftKey) this.redo();
-      else this.undo();
-      return;
-    }
     if (!this.map || this.photograph || (!step && event.key !== " ")) return;
     event.preventDefault();
     const [height, width] = this.map.shape;

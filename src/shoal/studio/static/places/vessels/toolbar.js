@@ -10,7 +10,7 @@ const TOOLS = [
 ];
 
 /** The tools beside the map: what the pointer does, how wide, undo, and painting by numbers. */
-export function toolbar(editor) {
+export function toolbar(editor, history) {
   const buttons = TOOLS.map(([name, words, path, help]) => el("button.tool", {
     type: "button", title: help, "aria-pressed": String(name === LOOK), onclick: () => pick(name),
   }, symbol(path), el("span", {}, words)));
@@ -34,9 +34,8 @@ export function toolbar(editor) {
   const byNumbers = el("details.by", {}, el("summary", {}, "By numbers"), form);
   return el("div.toolbar", { role: "toolbar", "aria-label": "Painting" },
     el("div.group", {}, buttons), width,
+    history.buttons,
     el("div.group", {},
-      el("button.tool", { type: "button", title: "Undo (Ctrl Z)", "aria-label": "Undo", onclick: () => editor.undo() }, symbol("M9 5L4 10l5 5M4 10h10a5 5 0 0 1 0 10h-3")),
-      el("button.tool", { type: "button", title: "Redo (Ctrl Shift Z)", "aria-label": "Redo", onclick: () => editor.redo() }, symbol("M15 5l5 5-5 5M20 10H10a5 5 0 0 0 0 10h3")),
       el("button.tool", { type: "button", title: "Fit the map", "aria-label": "Fit the map", onclick: () => editor.fit() }, symbol("M4.5 9V4.5H9M15 4.5h4.5V9M19.5 15v4.5H15M9 19.5H4.5V15"))),
     byNumbers);
 }
