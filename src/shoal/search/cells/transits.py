@@ -1,4 +1,4 @@
-"""Transits: paths outside the region between launch points and the region, around no-go zones."""
+"""Transits: paths outside the region, between launch points and the region or between its parts, around no-go zones."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.errors import InvalidInputError
-from shoal.search.cells.routing import length_of
-from shoal.search.cells.visibility_graph import VisibilityGraph, inside
+from shoal.search.cells.visibility_graph import VisibilityGraph, inside, length_of
 from shoal.search.regions.margin import coarse, grown
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.region import SearchRegion, polygons_in
@@ -49,7 +48,7 @@ class Transits:
         places = check_plane_points(points, what="launch and landing points")
         holes = [shapely.Polygon(hole) for part in shapely.get_parts(region.outline) for hole in part.interiors]
         there = shapely.multipoints(places)
-        barred = shapely.union_all([region.no_go, *(hole for hole in holes if not hole.intersects(there))])
+        barred = shapely.union_all([region.barred, *(hole for hole in holes if not hole.intersects(there))])
         low, high = np.array(region.outline.union(there).bounds).reshape(2, 2)
         room = _ROOM * float((high - low).max()) + 2 * region.margin
         around = shapely.box(*(low - room), *(high + room))

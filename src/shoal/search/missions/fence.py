@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
+from shoal.search.missions.polygons import corners_of, enclosing_polygons
+from shoal.search.regions.margin import with_margin, without_margin
 from shoal.search.regions.outline_checks import Points
-from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.projection import DECIMALS, ROUNDED, LocalFrame
 from shoal.search.regions.region import TOUCH, SearchRegion
 
 ROOM = 15.0  # metres: distance of the fence from paths outside the region
@@ -19,7 +24,8 @@ ArduPilot's limit of 70 corners was tested on a Cube autopilot. The limit of 64 
 in a fence.
 """
 
-_FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
+_LEAST_INCLUSION = 4  # corners that remain for the outline
+_BEYOND = 100.0  # metres beyond the region and the launch points: there no zone matters
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +57,54 @@ class Fence:
         return inside.difference(shapely.union_all(zones))
 
 
+def fenced_region(region: SearchRegion, most: int, *, places: Points, holes: bool = True) -> SearchRegion:
+    """Return a region whose no-go zones are polygons that an autopilot can store, so that a search keeps clear of these polygons.
+
+    Paths that avoid only the no-go zones themselves can leave no room for a polygon with few corners. If the no-go zones and the
+    outline have at most ``most`` corners, or if the polygons would divide the region, the region stays as it is.
+
+    Parameters
+    ----------
+    region : SearchRegion
+        The region with its margin.
+    most : int
+        Maximum number of corners of the whole fence.
+    places : ndarray of float64, shape (k, 2)
+        Launch and landing points in metres, which the polygons leave free.
+    holes : bool
+        Whether robots must keep clear of holes without a no-go zone too.
+    """
+    import shapely
+
+    there = shapely.multipoints(places)
+    kept = [hole for hole in (region.holes if holes else ()) if not hole.intersects(there)]
+    window = _window(shapely.union_all([region.outline, there]))
+    zones = [_clipped(zone, window) for zone in _solid_parts(shapely.union_all([region.no_go, *kept]), region.outline) if zone.intersects(window)]
+    inclusion = corners_of(_solid_parts(_filled(region).convex_hull)) + _LEAST_INCLUSION
+    room = most - min(inclusion, max(_LEAST_INCLUSION, most // 4))
+    if not zones or corners_of(zones) <= room:
+        return region
+    clear = there.buffer(region.margin + ROUNDED) if len(places) else None
+    barriers = enclosing_polygons(zones, room, clear=[clear] * len(zones), merge=True)
+    try:
+        found = with_margin(without_margin(region), region.margin, barriers=barriers)
+    except InvalidInputError:
+        return region
+    if corners_of(barriers) > room or len(shapely.get_parts(found.free)) != len(shapely.get_parts(region.free)):
+        return region
+    return found
+
+
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
     """Return a fence around a region and the paths of all vehicles, in the unit of the region (degrees or metres).
 
     The fence contains the whole region, and a margin of `ROOM` metres around each path outside the region. No-go zones, and holes
-    that no path crosses, become exclusion zones. The fence has a single outline, because autopilots interpret several outlines in
-    different ways. If the region and the margins around paths are not connected, the outline is their convex hull.
+    to which no path comes nearer than the region's margin, become exclusion zones. The fence has a single outline, because
+    autopilots interpret several outlines in different ways. If the region and the margins around paths are not connected, the
+    outline is their convex hull.
 
-    If the fence has too many corners, the function replaces the outline by a simpler outline that contains it. The function also
-    simplifies exclusion zones, except where a path that avoids the zone would enter the simplified zone. If the simplified fence
-    still has too many corners, Shoal prints a notice.
+    If the fence has too many corners, the function replaces its polygons by simpler polygons that contain them. An exclusion zone
+    grows only where it comes no nearer to any path than its nearest path was before.
 
     Parameters
     ----------
@@ -69,62 +113,124 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
         Paths in metres, including launch and landing points.
     most : int, optional
         Maximum number of corners of all rings together that the autopilot stores.
+
+    Raises
+    ------
+    InvalidInputError
+        If no such fence has at most ``most`` corners.
     """
     import shapely
 
-    lines = [shapely.linestrings(way) if len(way) > 1 else shapely.points(way[0]) for way in ways]
-    filled = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(region.outline)])
-    outside = [line.difference(filled).buffer(ROOM, quad_segs=2) for line in lines if not filled.covers(line)]
-    whole = shapely.union_all([filled, *outside])
-    outer = whole if whole.geom_type == "Polygon" else whole.convex_hull
-    barred = shapely.union_all([region.no_go, *_empty_holes(region, lines), *_empty_holes_of(outer, lines)])
-    # Rounding errors of an intersection can leave parts that are thinner than a coordinate is exact; they bar nothing.
-    zones = [part for part in shapely.get_parts(barred.intersection(outer)) if not part.buffer(-TOUCH).is_empty]
-    rings = [shapely.get_coordinates(part.exterior)[:-1] for part in _thinned([outer, *zones], lines, most)]
-    placed = [ring if region.frame is None else region.frame.to_degrees(ring) for ring in rings]
-    return Fence(placed[0], tuple(placed[1:]))
+    flown = shapely.union_all([shapely.linestrings(way) if len(way) > 1 else shapely.points(way[0]) for way in ways])
+    filled = _filled(region)
+    strips = [flown.difference(filled).buffer(ROOM, quad_segs=2)]
+    if region.margin:  # between the border and the margin, vehicles start and land
+        strips.append(flown.intersection(filled).difference(region.free.buffer(ROUNDED)).buffer(region.margin, quad_segs=2))
+    whole = shapely.union_all([filled, *strips])
+    whole = whole.union(region.no_go.intersection(whole.convex_hull))  # a notch has fewer corners as an exclusion zone
+    outer = shapely.Polygon(whole.exterior) if whole.geom_type == "Polygon" else whole.convex_hull
+    zones, holes = _zones(region, flown, _window(outer))
+    zones, beyond = _split(zones, outer)
+    holes, _ = _split(holes, outer)
+    simple = _simplified(outer, [*zones, *holes], beyond, flown, most)
+    if most is not None and corners_of(simple) > most and beyond:
+        simple = _simplified(outer, [*zones, *beyond, *holes], [], flown, most)
+    if most is not None and corners_of(simple) > most and holes:
+        simple = _simplified(outer, [*zones, *beyond], [], flown, most)
+        tell_once(
+            f"fence: the {len(holes)} holes without a no-go zone are no exclusion polygons, because the autopilot stores at most "
+            f"{most} corners"
+        )
+    if most is not None and corners_of(simple) > most:
+        raise InvalidInputError(
+            f"fence: expected at most {most} corners, which the autopilot can store, got {corners_of(simple)} in the simplest fence "
+            "to which no path comes nearer; leave out or simplify no-go zones, or write only formats without a fence "
+            "(geojson, kml, gpx, csv)"
+        )
+    rings = [shapely.get_coordinates(part.exterior)[:-1] for part in simple]
+    if region.frame is not None:
+        rings = [np.round(region.frame.to_degrees(ring), DECIMALS) for ring in rings]
+    return Fence(rings[0], tuple(rings[1:]))
 
 
-def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
-    """Return simplified polygons that have at most ``most`` corners in total, if this is possible.
+def _simplified(outer: Any, zones: list[Any], beyond: list[Any], flown: Any, most: int | None) -> list[Any]:
+    """Return the outline and the zones of a fence, with at most ``most`` corners if this is possible.
 
-    Each simplified polygon contains the given polygon, because the function first grows a polygon by the tolerance of
-    simplification.
+    The outline does not grow into the zones ``beyond`` it.
     """
     import shapely
 
-    if most is None or _corners(shapes) <= most:
+    shapes = [outer, *zones]
+    if most is None or corners_of(shapes) <= most:
         return shapes
-    ways, thin = shapely.union_all(lines), shapes.copy()
-    for step in range(_STEPS):
-        by = _FINEST * 2.0 ** (step / 2)
-        for k, shape in enumerate(shapes):
-            wider = shape.buffer(by, join_style="mitre").simplify(by)
-            free = not k or shape.intersects(ways) or not wider.intersects(ways)
-            if free and wider.geom_type == "Polygon" and wider.is_valid and wider.covers(shape):
-                thin[k] = min([thin[k], wider], key=lambda one: len(one.exterior.coords))
-        if _corners(thin) <= most:
-            return thin
-    tell_once(
-        f"fence: expected at most {most} corners, which the autopilot can store, got {_corners(thin)} in the simplest fence; "
-        "leave out zones, or use an autopilot that stores more corners"
-    )
-    return thin
+    clear = [shapely.union_all(beyond) if beyond else None]
+    for zone in zones:
+        away = float(zone.distance(flown))
+        clear.append(flown.buffer(away - ROUNDED) if away > ROUNDED else flown)
+    return enclosing_polygons(shapes, most, clear=clear)
 
 
-def _corners(shapes: list[Any]) -> int:
-    return sum(len(shape.exterior.coords) - 1 for shape in shapes)
-
-
-def _empty_holes(region: SearchRegion, lines: list[Any]) -> list[Any]:
-    """Return the holes of a region that no vehicle's path crosses."""
+def _filled(region: SearchRegion) -> Any:
+    """Return the outline of a region without its holes."""
     import shapely
 
-    return [hole for part in shapely.get_parts(region.outline) for hole in _empty_holes_of(part, lines)]
+    return shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(region.outline)])
 
 
-def _empty_holes_of(polygon: Any, lines: list[Any]) -> list[Any]:
+def _window(shape: Any) -> Any:
+    """Return the rectangle around a shape, outside of which no zone matters."""
     import shapely
 
-    holes = [shapely.Polygon(ring) for ring in polygon.interiors]
-    return [hole for hole in holes if not any(line.crosses(hole) or line.within(hole) for line in lines)]
+    return shapely.box(*shape.bounds).buffer(_BEYOND, join_style="mitre")
+
+
+def _clipped(zone: Any, window: Any) -> Any:
+    """Return the part of a zone inside a window, if this part is a polygon with fewer corners than the zone."""
+    part = zone.intersection(window)
+    return part if part.geom_type == "Polygon" and corners_of([part]) < corners_of([zone]) else zone
+
+
+def _solid_parts(shape: Any, ground: Any = None) -> list[Any]:
+    """Return polygons without holes that fill a shape: its holes too, except where they hold ``ground``.
+
+    Rounding errors of a union can leave parts that are thinner than a coordinate is exact; they bar nothing.
+    """
+    import shapely
+
+    found, left = [], [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+    while left:
+        part = left.pop()
+        if part.buffer(-TOUCH).is_empty:
+            continue
+        holes = [shapely.Polygon(ring) for ring in part.interiors]
+        held = next((hole for hole in holes if ground is not None and hole.buffer(-TOUCH).intersects(ground)), None)
+        if held is None:
+            found.append(shapely.Polygon(part.exterior))
+            continue
+        low, under, high, top = part.bounds  # a ring around ground becomes two polygons, cut through the middle of the ground
+        middle = held.centroid.x
+        for half in (shapely.box(low, under, middle, top), shapely.box(middle, under, high, top)):
+            left += [piece for piece in shapely.get_parts(part.intersection(half)) if piece.geom_type == "Polygon"]
+    return found
+
+
+def _zones(region: SearchRegion, flown: Any, window: Any) -> tuple[list[Any], list[Any]]:
+    """Return the zones that vehicles must not enter, and the holes of the region to which no path comes too near."""
+    import shapely
+
+    zones = shapely.get_parts(region.no_go).tolist()
+    if region.barriers:
+        zones = [zone for zone in zones if not any(barrier.covers(zone) for barrier in region.barriers)] + list(region.barriers)
+    solid = _solid_parts(shapely.union_all(zones), region.outline)
+    zones = [_clipped(zone, window) for zone in solid if zone.intersects(window)]
+    barred = shapely.union_all(zones) if zones else shapely.Polygon()
+    holes = [hole for hole in region.holes if not barred.covers(hole.buffer(-TOUCH))]
+    least = max(region.margin - ROUNDED, 0.0)
+    free = [hole for hole in holes if hole.distance(flown) >= least and not flown.intersects(hole.buffer(-TOUCH))]
+    return zones, free
+
+
+def _split(shapes: list[Any], outer: Any) -> tuple[list[Any], list[Any]]:
+    """Return the shapes that overlap a polygon, and the other shapes."""
+    inside = [not shape.intersection(outer).buffer(-TOUCH).is_empty for shape in shapes]
+    return [[shape for shape, here in zip(shapes, inside, strict=True) if here is kept] for kept in (True, False)]  # type: ignore[return-value]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,7 +32,9 @@ from shoal.search.problem.fields import (
     parse_numbers,
 )
 from shoal.search.regions.builder import INNER, open_region
-from shoal.search.regions.margin import with_margin
+from shoal.search.regions.margin import with_default_margin, with_margin, without_margin
+from shoal.search.regions.places import places_of, read_points
+from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR = "spanning-tree"
@@ -141,9 +144,11 @@ class SearchProblem(Problem):
         (), help="File of no-go zones, in the same units as REGION (the option can be repeated).", metavar="FILE", repeated=True,
         parse=list, check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
-    margin: float = option(
-        0.0, help="Distance that all paths keep from the border of the region and from no-go zones.", unit="m", least=0
-    )
+    margin: float | None = option(
+        None, help="Distance that all paths keep from the border of the region and from no-go zones. Default: with missions or no-go "
+        "zones, the vehicle's position error, its acceptance radius and the rounding of coordinates together, or less where the "
+        "region is too narrow for it; otherwise 0.", unit="m", least=0,
+    )  # fmt: skip
     layer: str | None = option(None, help="Name of a layer of a GeoPackage file, required if the file has several layers.")
     inner: str | None = option(
         None, help="Meaning of an unmarked polygon inside another polygon. By default, Shoal refuses a file with "
@@ -304,17 +309,48 @@ class SearchProblem(Problem):
     def open_place(self) -> SearchRegion:
         """Open the region of the problem, with its no-go zones and its margin."""
         if isinstance(self.region, SearchRegion):
-            return with_margin(self.region, self.margin)
+            return self.kept_margin(self.region)
         whole = open_region(
             self.region, no_go=list(self.no_go) or None, layer=self.layer, inner=self.inner, across_zones=self.across_zones
         )
-        return with_margin(whole, self.margin)
+        return self.kept_margin(whole)
+
+    def kept_margin(self, region: SearchRegion, *, fenced: bool = False) -> SearchRegion:
+        """Return a region with the problem's margin, or with the default margin if the problem has none.
+
+        The default margin is 0 in a region without no-go zones, unless the vehicles are ``fenced``: have a geofence.
+        """
+        if self.margin is not None:
+            return with_margin(without_margin(region) if fenced else region, self.margin)
+        if region.margin or (region.no_go.is_empty and not fenced):
+            return region
+        vehicle = self._asked_vehicle
+        wanted = vehicle.clearance + (ROUNDED if vehicle.clearance or fenced else 0.0)
+        inner, outer = self._known_places(region, rover=vehicle.kind == "rover")
+        seen = float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT))
+        return with_default_margin(region, wanted, footprint=seen, inner=inner, outer=outer)
+
+    def _known_places(self, region: SearchRegion, *, rover: bool) -> tuple[Any, Any]:
+        """Return the points where robots start inside the region, and the launch and landing points, in metres."""
+        given = [(getattr(self, name), name) for name in ("launch", "land") if getattr(self, name) is not None]
+        places = [places_of(value, region, self.robots, what=name) for value, name in given]
+        outer = np.concatenate([np.zeros((0, 2)), *places])
+        inner = np.zeros((0, 2))
+        if not isinstance(self.starts, str):
+            inner = np.asarray(self.starts, dtype=np.float64)
+        elif os.path.isfile(self.starts) and self.launch is None:
+            inner = read_points(Path(self.starts), region, what="starts", count=self.robots)
+        if rover:  # it cannot leave the region between the border and the margin
+            inner = np.concatenate([inner, outer[region.contains(outer)]])
+        return inner, outer
 
     def place_key(self) -> str | None:
         """Return a text with the fields that define the region, or None if the region is a `SearchRegion`."""
         if isinstance(self.region, SearchRegion):
             return None
         kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")
+        if self.margin is None and self._asked_vehicle.clearance:  # the default margin depends on the vehicle, on what it sees, and on the known places
+            kept += ("vehicle", "footprint", "robots", "starts", "launch", "land")
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in kept)))
 
     def place_is_file(self) -> bool:
