@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
-from shoal.search.missions.polygons import corners_of, enclosing_polygons
+from shoal.search.missions.polygons import Clear, corners_of, enclosing_polygons
 from shoal.search.regions.margin import with_margin, without_margin
 from shoal.search.regions.outline_checks import Points
 from shoal.search.regions.projection import DECIMALS, ROUNDED, LocalFrame
@@ -56,8 +57,33 @@ class Fence:
         inside, *zones = (shapely.make_valid(shapely.Polygon(ring)) for ring in placed)
         return inside.difference(shapely.union_all(zones))
 
+    def clearances(self, ways: Sequence[Points], frame: LocalFrame | None) -> NDArray[np.float64]:
+        """Return the distance in metres of each path from the nearest border of the fence; float64, shape (k,).
 
-def fenced_region(region: SearchRegion, most: int, *, places: Points, holes: bool = True) -> SearchRegion:
+        The distance of a path that leaves the fence or enters an exclusion zone is negative: the length of the path in there, but at
+        least the distance by which it is in there.
+
+        Parameters
+        ----------
+        ways : sequence of ndarray of float64, each of shape (n, 2)
+            Paths in metres of the local frame; a path of one point is a point.
+        frame : LocalFrame or None
+        """
+        import shapely
+
+        area = self.area(frame)
+        border = area.boundary
+        shapely.prepare([area, border])
+        lines = np.array([shapely.linestrings(way) if len(way) > 1 else shapely.points(way[0]) for way in ways], dtype=object)
+        away = np.asarray(shapely.distance(border, lines))
+        for index in np.flatnonzero(~shapely.covers(area, lines)).tolist():
+            beyond = shapely.difference(lines[index], area)
+            ends = shapely.points(shapely.get_coordinates(beyond))
+            away[index] = -max(float(beyond.length), float(shapely.distance(area, ends).max(initial=0.0)))
+        return away
+
+
+def fenced_region(region: SearchRegion, most: int, *, places: Points, wing: bool = False) -> SearchRegion:
     """Return a region whose no-go zones are polygons that an autopilot can store, so that a search keeps clear of these polygons.
 
     Paths that avoid only the no-go zones themselves can leave no room for a polygon with few corners. If the no-go zones and the
@@ -71,23 +97,23 @@ def fenced_region(region: SearchRegion, most: int, *, places: Points, holes: boo
         Maximum number of corners of the whole fence.
     places : ndarray of float64, shape (k, 2)
         Launch and landing points in metres, which the polygons leave free.
-    holes : bool
-        Whether robots must keep clear of holes without a no-go zone too.
+    wing : bool
+        Whether the vehicles are fixed wings, which may turn above holes that are no no-go zones.
     """
     import shapely
 
     there = shapely.multipoints(places)
-    kept = [hole for hole in (region.holes if holes else ()) if not hole.intersects(there)]
+    kept = [hole for hole in (() if wing else region.holes) if not hole.intersects(there)]
     window = _window(shapely.union_all([region.outline, there]))
     zones = [_clipped(zone, window) for zone in _solid_parts(shapely.union_all([region.no_go, *kept]), region.outline) if zone.intersects(window)]
     inclusion = corners_of(_solid_parts(_filled(region).convex_hull)) + _LEAST_INCLUSION
     room = most - min(inclusion, max(_LEAST_INCLUSION, most // 4))
     if not zones or corners_of(zones) <= room:
         return region
-    clear = there.buffer(region.margin + ROUNDED) if len(places) else None
+    clear = (there, region.margin + ROUNDED) if len(places) else None
     barriers = enclosing_polygons(zones, room, clear=[clear] * len(zones), merge=True)
     try:
-        found = with_margin(without_margin(region), region.margin, barriers=barriers)
+        found = with_margin(without_margin(region), region.margin, barriers=barriers, pointed=wing)
     except InvalidInputError:
         return region
     if corners_of(barriers) > room or len(shapely.get_parts(found.free)) != len(shapely.get_parts(region.free)):
@@ -121,12 +147,19 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     """
     import shapely
 
-    flown = shapely.union_all([shapely.linestrings(way) if len(way) > 1 else shapely.points(way[0]) for way in ways])
+    legs = np.concatenate([_legs(way) for way in ways])
+    flown = shapely.geometrycollections(legs)
     filled = _filled(region)
-    strips = [flown.difference(filled).buffer(ROOM, quad_segs=2)]
+    shapely.prepare([flown, filled])
+    outside = legs[~shapely.covers(filled, legs)]
+    strips = [shapely.difference(outside, filled)]
+    strips[0] = shapely.buffer(strips[0], ROOM, quad_segs=2)
     if region.margin:  # between the border and the margin, vehicles start and land
-        strips.append(flown.intersection(filled).difference(region.free.buffer(ROUNDED)).buffer(region.margin, quad_segs=2))
-    whole = shapely.union_all([filled, *strips])
+        free = region.free.buffer(ROUNDED)
+        shapely.prepare(free)
+        near = shapely.difference(legs[~shapely.covers(free, legs)], free)
+        strips.append(shapely.buffer(shapely.intersection(near, filled), region.margin, quad_segs=2))
+    whole = shapely.union_all([filled, *np.concatenate(strips)])
     whole = whole.union(region.no_go.intersection(whole.convex_hull))  # a notch has fewer corners as an exclusion zone
     outer = shapely.Polygon(whole.exterior) if whole.geom_type == "Polygon" else whole.convex_hull
     zones, holes = _zones(region, flown, _window(outer))
@@ -163,11 +196,16 @@ def _simplified(outer: Any, zones: list[Any], beyond: list[Any], flown: Any, mos
     shapes = [outer, *zones]
     if most is None or corners_of(shapes) <= most:
         return shapes
-    clear = [shapely.union_all(beyond) if beyond else None]
-    for zone in zones:
-        away = float(zone.distance(flown))
-        clear.append(flown.buffer(away - ROUNDED) if away > ROUNDED else flown)
+    clear: list[Clear] = [(shapely.union_all(beyond), 0.0) if beyond else None]
+    clear += [(flown, max(float(away) - ROUNDED, 0.0)) for away in shapely.distance(flown, zones)]
     return enclosing_polygons(shapes, most, clear=clear)
+
+
+def _legs(way: Points) -> NDArray[Any]:
+    """Return the legs of a path as Shapely lines, or its only point."""
+    import shapely
+
+    return shapely.points(way[:1]) if len(way) == 1 else shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
 
 
 def _filled(region: SearchRegion) -> Any:

@@ -17,7 +17,13 @@ _HAIR = 1e-3  # metres: a grown corner may touch what it has to leave free
 _NEIGHBOURS = 6  # polygons with which a polygon may be merged
 
 
-def enclosing_polygons(shapes: Sequence[Any], most: int, *, clear: Sequence[Any] = (), merge: bool = False) -> list[Any]:
+Clear = tuple[Any, float] | None
+"""A Shapely geometry that a polygon must not touch, and the distance in metres that the polygon keeps from it; None for nothing."""
+
+
+def enclosing_polygons(
+    shapes: Sequence[Any], most: int, *, clear: Sequence[Clear] = (), merge: bool = False
+) -> list[Any]:
     """Return polygons that contain the given polygons, and have at most ``most`` corners in total, if this is possible.
 
     The function removes one corner after another: it cuts off a corner that points inwards, or extends the two neighbours of a side
@@ -28,10 +34,11 @@ def enclosing_polygons(shapes: Sequence[Any], most: int, *, clear: Sequence[Any]
     shapes : sequence of Shapely Polygon
         Polygons without holes, in metres.
     most : int
-    clear : sequence of Shapely geometry or None
-        For each polygon, an area into which the polygon must not grow.
+    clear : sequence of (Shapely geometry, float) or None
+        For each polygon, what the polygon must not come near to while it grows, and the distance in metres.
     merge : bool
-        Whether the convex hull of two neighbouring polygons may replace both, as a last resort.
+        Whether the convex hull of two neighbouring polygons may replace both, as a last resort. In this case, all entries of
+        ``clear`` must be equal.
 
     Examples
     --------
@@ -41,8 +48,11 @@ def enclosing_polygons(shapes: Sequence[Any], most: int, *, clear: Sequence[Any]
     >>> len(square.exterior.coords) - 1, bool(square.buffer(1e-9).covers(circle)), round(square.area / circle.area, 2)
     (4, True, 1.37)
     """
-    free = list(clear) if len(clear) else [None] * len(shapes)
-    rings = [_Ring(_rough(shape, area), area) for shape, area in zip(shapes, free, strict=True)]
+    import shapely
+
+    free: list[Clear] = list(clear) if len(clear) else [None] * len(shapes)
+    shapely.prepare([one[0] for one in free if one is not None])
+    rings = [_Ring(_rough(shape, one), one) for shape, one in zip(shapes, free, strict=True)]
     while sum(len(ring.points) for ring in rings) > most:
         best = min(rings, key=lambda ring: ring.least, default=None)
         if best is not None and best.least < inf:
@@ -57,7 +67,14 @@ def corners_of(shapes: Sequence[Any]) -> int:
     return sum(len(shape.exterior.coords) - 1 for shape in shapes)
 
 
-def _rough(shape: Any, clear: Any) -> Any:
+def _near(shape: Any, clear: Clear) -> bool:
+    """Return whether a shape is too near to what it has to keep clear of, or touches it."""
+    import shapely
+
+    return clear is not None and bool(shapely.dwithin(clear[0], shape, max(clear[1] - _HAIR, 0.0)))
+
+
+def _rough(shape: Any, clear: Clear) -> Any:
     """Return a polygon of at most a few hundred corners that contains a given polygon, or the given polygon."""
     if corners_of([shape]) <= _MANY:
         return shape
@@ -65,7 +82,7 @@ def _rough(shape: Any, clear: Any) -> Any:
     for step in range(_STEPS):
         tolerance = _FINEST * 2.0 ** (step / 2)
         wider = shape.buffer(tolerance, join_style="mitre", mitre_limit=2.0).simplify(0.9 * tolerance)
-        if wider.geom_type != "Polygon" or not wider.covers(shape) or (clear is not None and wider.intersects(clear)):
+        if wider.geom_type != "Polygon" or not wider.covers(shape) or _near(wider, clear):
             continue
         wider = type(shape)(wider.exterior)
         best = min(best, wider, key=lambda one: len(one.exterior.coords))
@@ -77,7 +94,7 @@ def _rough(shape: Any, clear: Any) -> Any:
 class _Ring:
     """A polygon that loses its corners one after another."""
 
-    def __init__(self, shape: Any, clear: Any) -> None:
+    def __init__(self, shape: Any, clear: Clear) -> None:
         import shapely
 
         self.clear = clear
@@ -137,7 +154,7 @@ class _Ring:
         import shapely
 
         added = shapely.Polygon(triangle)
-        if self.clear is not None and added.area > 0 and shapely.intersects(self.clear, added.buffer(-_HAIR)):
+        if added.area > 0 and _near(added.buffer(-_HAIR), self.clear):
             return False
         left = shapely.Polygon(self._without(corner, meeting))
         return bool(left.is_valid and left.area > 0 and left.buffer(_HAIR).covers(self.shape))
@@ -164,9 +181,8 @@ def _merged(rings: list[_Ring]) -> bool:
     while found:
         _, one, other = heapq.heappop(found)
         hull = shapely.union(shapes[one], shapes[other]).convex_hull
-        kept = [area for area in (rings[one].clear, rings[other].clear) if area is not None]
-        clear = shapely.union_all(kept) if kept else None
-        if clear is None or not clear.intersects(hull.buffer(-_HAIR)):
+        clear = rings[one].clear  # all polygons that may be merged keep clear of the same things
+        if not _near(hull.buffer(-_HAIR), clear):
             for index in sorted((one, other), reverse=True):
                 del rings[index]
             rings.append(_Ring(hull, clear))

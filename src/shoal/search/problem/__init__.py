@@ -320,17 +320,24 @@ class SearchProblem(Problem):
 
         The default margin is 0 in a region without no-go zones, unless the vehicles are ``fenced``: have a geofence.
         """
+        vehicle = self._asked_vehicle
         if self.margin is not None:
-            return with_margin(without_margin(region) if fenced else region, self.margin)
+            return with_margin(without_margin(region) if fenced else region, self.margin, pointed=vehicle.radius > 0)
         if region.margin or (region.no_go.is_empty and not fenced):
             return region
-        vehicle = self._asked_vehicle
         wanted = vehicle.clearance + (ROUNDED if vehicle.clearance or fenced else 0.0)
-        inner, outer = self._known_places(region, rover=vehicle.kind == "rover")
-        seen = float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT))
-        return with_default_margin(region, wanted, footprint=seen, inner=inner, outer=outer)
+        inner, outer = self.known_places(region)
+        return with_default_margin(
+            region,
+            wanted,
+            footprint=float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT)),
+            inner=inner,
+            outer=outer,
+            divided=self.transit,
+            pointed=vehicle.radius > 0,
+        )
 
-    def _known_places(self, region: SearchRegion, *, rover: bool) -> tuple[Any, Any]:
+    def known_places(self, region: SearchRegion) -> tuple[Any, Any]:
         """Return the points where robots start inside the region, and the launch and landing points, in metres."""
         given = [(getattr(self, name), name) for name in ("launch", "land") if getattr(self, name) is not None]
         places = [places_of(value, region, self.robots, what=name) for value, name in given]
@@ -340,7 +347,7 @@ class SearchProblem(Problem):
             inner = np.asarray(self.starts, dtype=np.float64)
         elif os.path.isfile(self.starts) and self.launch is None:
             inner = read_points(Path(self.starts), region, what="starts", count=self.robots)
-        if rover:  # it cannot leave the region between the border and the margin
+        if self._asked_vehicle.kind == "rover":  # it cannot leave the region between the border and the margin
             inner = np.concatenate([inner, outer[region.contains(outer)]])
         return inner, outer
 

@@ -50,6 +50,8 @@ class SearchRegion:
     barriers : tuple of shapely Polygon
         The exclusion polygons of a fence, which contain the no-go zones and holes of the region and have few corners. Robots may
         not enter them either. By default, the region has none.
+    pointed : bool
+        Whether ``free`` has few corners in place of arcs, because robots are fixed wings.
     """
 
     area: Any
@@ -63,6 +65,7 @@ class SearchRegion:
     height: float = 0.0
     bends: Any = None
     barriers: tuple[Any, ...] = ()
+    pointed: bool = False
 
     def __post_init__(self) -> None:
         for name in ("free", "outline"):

@@ -143,7 +143,7 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
     problem = flown(placed_problem(folder, about))
     made = MissionFolder(Path(), problem, checked_fields(MissionOptions, about.get("missions", {}), folder))
-    plan = plan_search(problem, seed=checked_seed(about))
+    plan = plan_search(made.problem, seed=checked_seed(about))
     made.plan(plan)
     told = made.report(plan)
     if made.approach is not None:

@@ -38,13 +38,13 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
         inside, checked = Path(place, "missions"), Path(place, "check")
         made = MissionFolder(inside, problem, options)
         say("progress", (0.1, "planning"))
-        plan = plan_search(problem, seed=seed)
+        plan = plan_search(made.problem, seed=seed)
         say("progress", (0.4, "writing missions"))
         made.write(plan)
         say("progress", (0.7, "checking missions"))
         seen = tuple(plan.footprints.tolist())
         result = check_missions(
-            inside, problem.place, seen if len({*seen}) > 1 else seen[0], angle=plan.grid.angle, cap=options.cap,
+            inside, made.problem.place, seen if len({*seen}) > 1 else seen[0], angle=plan.grid.angle, cap=options.cap,
             separation=options.kept_apart, vehicle=plan.vehicle,
         )  # fmt: skip
         write_check(result, checked, drawn=False)
