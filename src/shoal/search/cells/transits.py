@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -14,6 +14,8 @@ from shoal.search.cells.visibility_graph import VisibilityGraph, inside, length_
 from shoal.search.regions.margin import coarse, grown
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.region import SearchRegion, polygons_in
+
+Ways = Callable[[Points, Points], Points]
 
 _ROOM = 1.0  # how far paths may lead around the region and the launch points, relative to the longer side of their bounds
 
@@ -87,7 +89,8 @@ class WaysOut:
 
     Parameters
     ----------
-    transits : Transits
+    way : callable
+        Function that returns the path from a launch point to a point of the region, such as `Transits.way`.
     launches : mapping of int to ndarray of float64, shape (2,)
         For the number of each robot that starts outside the region (counted from 1), the robot's launch point in metres.
     stops : ndarray of float64, shape (N, 2) or (N, 3)
@@ -98,8 +101,8 @@ class WaysOut:
         Side of a cell in metres.
     """
 
-    def __init__(self, transits: Transits, launches: Mapping[int, Points], stops: Points, size: float) -> None:
-        self._transits, self._launches, self._stops, self._size = transits, launches, stops, size
+    def __init__(self, way: Ways, launches: Mapping[int, Points], stops: Points, size: float) -> None:
+        self._way, self._launches, self._stops, self._size = way, launches, stops, size
         self._known: dict[tuple[float, ...], float] = {}
 
     def __contains__(self, number: int) -> bool:
@@ -112,5 +115,5 @@ class WaysOut:
         if key not in self._known:
             stop = self._stops[cell]
             up = float((stop[2:] - self._stops[:, 2:].min(axis=0)).sum())
-            self._known[key] = (length_of(self._transits.way(launch, stop[:2])) + up) / self._size
+            self._known[key] = (length_of(self._way(launch, stop[:2])) + up) / self._size
         return self._known[key]

@@ -328,6 +328,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     inside = inside_of(region, way)
     barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
     here = searching(inside, sheet.kind)
+    passed = _between_parts(sheet, region, way)
     stray = ~inside[1:-1]
     stray[: here.start] = stray[here.stop :] = False
     for index in np.flatnonzero(stray | barred[1:-1]).tolist():
@@ -335,8 +336,8 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
         if barred[index + 1]:
             sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
         else:
-            if sheet.kind == "fixed-wing":
-                continue  # the vehicle turns there: its legs are reported instead
+            if sheet.kind == "fixed-wing" or passed[index]:
+                continue  # the vehicle turns there, or flies from part to part: its legs are reported instead
             where = region.outside_text(way[index + 1]) if near[index + 1] else "far outside"
             said = f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, {where}"
             sheet.add("outside-region", place, said)
@@ -348,6 +349,22 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
             sheet.add("transit", "", f"expected turns inside the region, got turns up to {away:.3g} m outside")
         elif away > airspace + ROUNDING:
             sheet.add("airspace", "", f"expected turns up to {airspace:g} m outside the region, got {away:.3g} m")
+
+
+def _between_parts(sheet: Sheet, region: SearchRegion, way: Points) -> NDArray[np.bool_]:
+    """Return, for each waypoint, whether a flight may pass it on its way around no-go zones from one part of a region to another.
+
+    A flight may leave a region of several parts between its parts, and a region of one part where the fence of the mission lets it.
+    """
+    import shapely
+
+    if sheet.kind == "rover":
+        return np.zeros(len(sheet.points), dtype=np.bool_)
+    if len(region.parts) > 1 or sheet.fence is None:
+        return np.full(len(sheet.points), len(region.parts) > 1)
+    area = sheet.fence.area(region.frame).buffer(ROUNDING)
+    near = np.isfinite(way[1:-1]).all(axis=1)
+    return np.asarray(near & shapely.intersects_xy(area, *np.where(near[:, None], way[1:-1], 0.0).T))
 
 
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:

@@ -120,6 +120,10 @@ class SearchProblem(Problem):
         None, help="Landing points, in the same form as --launch; by default the launch points.", metavar="POINTS|FILE",
         check=check_places("land", "points or a file"),
     )  # fmt: skip
+    stay_inside: bool = option(
+        False, help="Paths between the region and launch or landing points outside it enter and leave the region at the nearest "
+        "place, and stay inside the region otherwise."
+    )
     delays: tuple[float, ...] | None = option(
         None, help="Delay of each robot's start; by default 0, or with missions, the delays that keep robots apart.", unit="s",
         metavar="S,S,...", parse=parse_numbers,
@@ -224,6 +228,8 @@ class SearchProblem(Problem):
             raise InvalidInputError(f"multiplicity: expected at most {self.robots}, the number of robots, got {self.multiplicity}")
         if (self.bands or self._volume) and self._asked_vehicle.kind == "rover":
             raise InvalidInputError("vehicle: expected a flying vehicle for bands or a box, got a rover")
+        if self.stay_inside and self.launch is None and self.land is None:
+            raise InvalidInputError("stay_inside: expected launch or landing points outside the region, got none")
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (
@@ -380,6 +386,8 @@ class SearchProblem(Problem):
             raise InvalidInputError(
                 f"bands: expected altitudes up to {region.height:g} m, the top of the box, got {self.altitudes[-1]:g} m"
             )
+        if self.stay_inside and all(region.contains(places).all() for places in self.known_places(region)):
+            raise InvalidInputError("stay_inside: expected launch or landing points outside the region, got all of them inside")
         if len(region.parts) > 1 and not self.transit:
             raise InvalidInputError(
                 f"region {region.name!r}{region.margin_text}: expected one part, because robots stay inside, got "
