@@ -54,7 +54,9 @@ class Transits:
         low, high = np.array(region.outline.union(there).bounds).reshape(2, 2)
         room = _ROOM * float((high - low).max()) + 2 * region.margin
         around = shapely.box(*(low - room), *(high + room))
-        space = polygons_in(shapely.union_all([around.difference(grown(barred, region.margin, pointed=region.pointed)), region.free]))
+        space = polygons_in(
+            shapely.union_all([around.difference(grown(barred, region.margin, pointed=region.pointed)), region.free])
+        )
         bends = polygons_in(around.difference(coarse(barred, region.margin)))
         self._space = replace(region, area=space, free=space, outline=space, bends=bends)
         for place in places[~self._space.contains(places)]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ in a fence.
 """
 
 _LEAST_INCLUSION = 4  # corners that remain for the outline
+_LEAST_KEPT = 0.9  # share of the free area that polygons with few corners may leave at least
 _BEYOND = 100.0  # metres beyond the region and the launch points: there no zone matters
 
 
@@ -87,7 +89,7 @@ def fenced_region(region: SearchRegion, most: int, *, places: Points, wing: bool
     """Return a region whose no-go zones are polygons that an autopilot can store, so that a search keeps clear of these polygons.
 
     Paths that avoid only the no-go zones themselves can leave no room for a polygon with few corners. If the no-go zones and the
-    outline have at most ``most`` corners, or if the polygons would divide the region, the region stays as it is.
+    outline have at most ``most`` corners, or if the polygons would take too much of it, the region stays as it is.
 
     Parameters
     ----------
@@ -105,7 +107,11 @@ def fenced_region(region: SearchRegion, most: int, *, places: Points, wing: bool
     there = shapely.multipoints(places)
     kept = [hole for hole in (() if wing else region.holes) if not hole.intersects(there)]
     window = _window(shapely.union_all([region.outline, there]))
-    zones = [_clipped(zone, window) for zone in _solid_parts(shapely.union_all([region.no_go, *kept]), region.outline) if zone.intersects(window)]
+    zones = [
+        _clipped(zone, window)
+        for zone in _solid_parts(shapely.union_all([region.no_go, *kept]), region.outline)
+        if zone.intersects(window)
+    ]
     inclusion = corners_of(_solid_parts(_filled(region).convex_hull)) + _LEAST_INCLUSION
     room = most - min(inclusion, max(_LEAST_INCLUSION, most // 4))
     if not zones or corners_of(zones) <= room:
@@ -116,8 +122,18 @@ def fenced_region(region: SearchRegion, most: int, *, places: Points, wing: bool
         found = with_margin(without_margin(region), region.margin, barriers=barriers, pointed=wing)
     except InvalidInputError:
         return region
-    if corners_of(barriers) > room or len(shapely.get_parts(found.free)) != len(shapely.get_parts(region.free)):
+    if corners_of(barriers) > room:
         return region
+    kept_parts = found.parts[: len(region.parts)]
+    if len(kept_parts) < len(found.parts):  # pockets between polygons that were merged
+        free = shapely.union_all(kept_parts)
+        if free.area < _LEAST_KEPT * region.free.area:
+            return region
+        tell_once(
+            f"fence: {region.free.area - free.area:.3g} m² between no-go zones cannot be entered, because the autopilot stores at "
+            f"most {most} corners"
+        )
+        found = replace(found, free=free, bends=None)
     return found
 
 

@@ -21,9 +21,7 @@ Clear = tuple[Any, float] | None
 """A Shapely geometry that a polygon must not touch, and the distance in metres that the polygon keeps from it; None for nothing."""
 
 
-def enclosing_polygons(
-    shapes: Sequence[Any], most: int, *, clear: Sequence[Clear] = (), merge: bool = False
-) -> list[Any]:
+def enclosing_polygons(shapes: Sequence[Any], most: int, *, clear: Sequence[Clear] = (), merge: bool = False) -> list[Any]:
     """Return polygons that contain the given polygons, and have at most ``most`` corners in total, if this is possible.
 
     The function removes one corner after another: it cuts off a corner that points inwards, or extends the two neighbours of a side

@@ -87,9 +87,7 @@ def _check_meridian(sheet: Sheet) -> None:
         sheet.add("antimeridian", sheet.places[index], said)
 
 
-def check_sense(
-    sheet: Sheet, *, cap: int | None = None, autopilot: str | None = None, fence_distance: float | None = None
-) -> None:
+def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None = None, fence_distance: float | None = None) -> None:
     """Add diagnostics for implausible values in a mission, such as heights and speeds, and for an unexpected autopilot.
 
     With ``fence_distance``, the function also adds diagnostics for paths that are nearer to the fence than this distance in metres.

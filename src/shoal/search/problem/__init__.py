@@ -121,8 +121,9 @@ class SearchProblem(Problem):
         check=check_places("land", "points or a file"),
     )  # fmt: skip
     stay_inside: bool = option(
-        False, help="Paths between the region and launch or landing points outside it enter and leave the region at the nearest "
-        "place, and stay inside the region otherwise."
+        False,
+        help="Paths between the region and launch or landing points outside it enter and leave the region at the nearest "
+        "place, and stay inside the region otherwise.",
     )
     delays: tuple[float, ...] | None = option(
         None, help="Delay of each robot's start; by default 0, or with missions, the delays that keep robots apart.", unit="s",
@@ -362,7 +363,9 @@ class SearchProblem(Problem):
         if isinstance(self.region, SearchRegion):
             return None
         kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")
-        if self.margin is None and self._asked_vehicle.clearance:  # the default margin depends on the vehicle, on what it sees, and on the known places
+        if (
+            self.margin is None and self._asked_vehicle.clearance
+        ):  # the default margin depends on the vehicle, on what it sees, and on the known places
             kept += ("vehicle", "footprint", "robots", "starts", "launch", "land")
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in kept)))
 

@@ -21,9 +21,7 @@ _MOST_UNSEEN = 5e-4  # share of a region that a default margin may leave unseen:
 _SEEN = 1e-9  # an unseen area is a rounding error up to this fraction of the region's area
 
 
-def with_margin(
-    region: SearchRegion, margin: float, *, barriers: Sequence[Any] = (), pointed: bool = False
-) -> SearchRegion:
+def with_margin(region: SearchRegion, margin: float, *, barriers: Sequence[Any] = (), pointed: bool = False) -> SearchRegion:
     """Return a region in which robots keep a margin: a distance from the border of the region and from its no-go zones.
 
     Parameters
