@@ -1,4 +1,4 @@
-"""Regions narrower than one footprint: thin rectangles, L shapes, slivers and triangles, at all angles, for all vehicles and tours."""
+"""Regions narrower than one footprint: rectangles, L shapes, slivers and triangles, at all angles, for all vehicles and tours."""
 
 from __future__ import annotations
 

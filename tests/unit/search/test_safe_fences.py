@@ -138,11 +138,18 @@ def test_more_zones_than_a_fence_has_corners_are_merged_before_the_search_is_pla
 @pytest.mark.parametrize("number", range(6))
 def test_random_regions_and_zones(tmp_path, number):
     rng = np.random.default_rng(number)
-    outline = shapely.union(shapely.box(0, 0, *rng.uniform((150, 60), (300, 100))), shapely.box(0, 0, *rng.uniform((50, 150), (90, 250))))
-    zones = [star(*rng.uniform((10, 10), (200, 150)), rng.uniform(5, 20), int(rng.integers(3, 25)), rng.uniform(0.5, 1)) for _ in range(4)]
+    outline = shapely.union(
+        shapely.box(0, 0, *rng.uniform((150, 60), (300, 100))), shapely.box(0, 0, *rng.uniform((50, 150), (90, 250)))
+    )
+    zones = [
+        star(*rng.uniform((10, 10), (200, 150)), rng.uniform(5, 20), int(rng.integers(3, 25)), rng.uniform(0.5, 1))
+        for _ in range(4)
+    ]
     region = region_of(outline, frame=FRAME, no_go=shapely.union_all(zones))
     settings = {"launch": tuple((-30.0, float(y)) for y in rng.uniform(-50, 200, 2))} if number % 2 else {}
-    made = written(region, tmp_path, list(MOST)[number % 2], robots=2, footprint=20.0, vehicle="multirotor", transit=True, **settings)
+    made = written(
+        region, tmp_path, list(MOST)[number % 2], robots=2, footprint=20.0, vehicle="multirotor", transit=True, **settings
+    )
     assert judge(tmp_path, 64 if number % 2 == 0 else 70) > made.problem.margin - 2 * TIGHT
     assert not check_missions(tmp_path, made.problem.place, 20.0).errors
 
@@ -193,13 +200,16 @@ def test_a_path_outside_the_written_fence_is_refused_before_a_file_exists(tmp_pa
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_refuses_with_exit_code_2_and_writes_nothing(tmp_path, capsys, monkeypatch):
+def test_zones_that_have_no_room_in_the_fence_are_said(tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr("shoal.core.notices.listeners", [said.append])
+    monkeypatch.setattr("shoal.core.notices._told", set())
     monkeypatch.setattr("shoal.views.search.mission_folder.fenced_region", lambda region, most, **_: region)
-    region = field([star(*place, 2.0, 5) for place in np.random.default_rng(1).uniform((10, 10), (290, 190), (30, 2))])
-    made = MissionFolder(tmp_path / "out", SearchProblem(region, footprint=20.0, vehicle="multirotor"), MissionOptions())
-    with pytest.raises(InvalidInputError, match="fence: expected at most 64 corners"):
-        made.plan(plan_search(made.problem))
-    assert not (tmp_path / "out").exists()
+    region = field([star(*place, 2.0, 5) for place in np.random.default_rng(1).uniform((10, 10), (190, 90), (30, 2))], 200, 100)
+    written(region, tmp_path, footprint=20.0, vehicle="multirotor")
+    assert judge(tmp_path, 64) > 0
+    left = [text for text in said if "no exclusion polygons, because the autopilot stores at most 64 corners" in text]
+    assert len(left) == 1
 
 
 def test_the_default_margin_is_what_the_vehicle_needs_or_what_the_region_has_room_for():
@@ -215,7 +225,7 @@ def test_the_default_margin_is_what_the_vehicle_needs_or_what_the_region_has_roo
 
 
 def test_missions_without_a_margin_say_so(tmp_path, capsys):
-    words = "search rectangle:200x100 --robots 1 --footprint 20 --vehicle multirotor --format csv --missions".split()
+    words = ["search", "rectangle:200x100", "--footprint", "20", "--vehicle", "multirotor", "--format", "csv", "--missions"]
     assert command([*words, str(tmp_path / "a"), "--json"]) == 0
     out = capsys.readouterr()
     assert json.loads(out.out)["region"]["margin_m"] == pytest.approx(3.01)

@@ -62,8 +62,8 @@ class Fence:
     def clearances(self, ways: Sequence[Points], frame: LocalFrame | None) -> NDArray[np.float64]:
         """Return the distance in metres of each path from the nearest border of the fence; float64, shape (k,).
 
-        The distance of a path that leaves the fence or enters an exclusion zone is negative: the length of the path in there, but at
-        least the distance by which it is in there.
+        The distance of a path that leaves the fence or enters an exclusion zone is negative: the length of the path in there, but
+        at least the distance by which it is in there.
 
         Parameters
         ----------
@@ -117,12 +117,18 @@ def fenced_region(region: SearchRegion, most: int, *, places: Points, wing: bool
     if not zones or corners_of(zones) <= room:
         return region
     clear = (there, region.margin + ROUNDED) if len(places) else None
-    barriers = enclosing_polygons(zones, room, clear=[clear] * len(zones), merge=True)
-    try:
-        found = with_margin(without_margin(region), region.margin, barriers=barriers, pointed=wing)
-    except InvalidInputError:
-        return region
+    plain = without_margin(region)
+
+    def undivided(polygons: list[Any]) -> bool:
+        free = plain.outline.difference(shapely.union_all(polygons)).buffer(-region.margin, quad_segs=2)
+        return float(max(shapely.area(shapely.get_parts(free)), default=0.0)) > _LEAST_KEPT * region.parts[0].area
+
+    barriers = enclosing_polygons(zones, room, clear=[clear] * len(zones), merge=undivided)
     if corners_of(barriers) > room:
+        return region
+    try:
+        found = with_margin(plain, region.margin, barriers=barriers, pointed=wing)
+    except InvalidInputError:
         return region
     kept_parts = found.parts[: len(region.parts)]
     if len(kept_parts) < len(found.parts):  # pockets between polygons that were merged
@@ -146,7 +152,8 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     outline is their convex hull.
 
     If the fence has too many corners, the function replaces its polygons by simpler polygons that contain them. An exclusion zone
-    grows only where it comes no nearer to any path than its nearest path was before.
+    grows only where it comes no nearer to any path than its nearest path was before. If the fence still has too many corners, the
+    smallest holes and no-go zones are left out, and Shoal prints a notice.
 
     Parameters
     ----------
@@ -155,11 +162,6 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
         Paths in metres, including launch and landing points.
     most : int, optional
         Maximum number of corners of all rings together that the autopilot stores.
-
-    Raises
-    ------
-    InvalidInputError
-        If no such fence has at most ``most`` corners.
     """
     import shapely
 
@@ -184,22 +186,28 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     simple = _simplified(outer, [*zones, *holes], beyond, flown, most)
     if most is not None and corners_of(simple) > most and beyond:
         simple = _simplified(outer, [*zones, *beyond, *holes], [], flown, most)
-    if most is not None and corners_of(simple) > most and holes:
-        simple = _simplified(outer, [*zones, *beyond], [], flown, most)
-        tell_once(
-            f"fence: the {len(holes)} holes without a no-go zone are no exclusion polygons, because the autopilot stores at most "
-            f"{most} corners"
-        )
     if most is not None and corners_of(simple) > most:
-        raise InvalidInputError(
-            f"fence: expected at most {most} corners, which the autopilot can store, got {corners_of(simple)} in the simplest fence "
-            "to which no path comes nearer; leave out or simplify no-go zones, or write only formats without a fence "
-            "(geojson, kml, gpx, csv)"
-        )
+        simple = _largest(outer, [*zones, *beyond], holes, flown, most)
     rings = [shapely.get_coordinates(part.exterior)[:-1] for part in simple]
     if region.frame is not None:
         rings = [np.round(region.frame.to_degrees(ring), DECIMALS) for ring in rings]
     return Fence(rings[0], tuple(rings[1:]))
+
+
+def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: int) -> list[Any]:
+    """Return the outline and the largest zones of a fence, as many as have room, and print how many are left out."""
+    ranked = [*sorted(zones, key=lambda zone: -zone.area), *sorted(holes, key=lambda hole: -hole.area)]
+    kept = len(ranked)
+    simple = [outer, *ranked]
+    while kept and corners_of(simple) > most:
+        kept -= max(1, (corners_of(simple) - most) * kept // (2 * corners_of(simple)))
+        simple = _simplified(outer, ranked[:kept], [], flown, most)
+    left = len(ranked) - kept
+    tell_once(
+        f"fence: {left} of {len(ranked)} no-go zones and holes are no exclusion polygons, because the autopilot stores at most "
+        f"{most} corners; paths keep {min(float(zone.distance(flown)) for zone in ranked[kept:]):.3g} m or more from them"
+    )
+    return simple
 
 
 def _simplified(outer: Any, zones: list[Any], beyond: list[Any], flown: Any, most: int | None) -> list[Any]:
@@ -286,5 +294,7 @@ def _zones(region: SearchRegion, flown: Any, window: Any) -> tuple[list[Any], li
 
 def _split(shapes: list[Any], outer: Any) -> tuple[list[Any], list[Any]]:
     """Return the shapes that overlap a polygon, and the other shapes."""
-    inside = [not shape.intersection(outer).buffer(-TOUCH).is_empty for shape in shapes]
-    return [[shape for shape, here in zip(shapes, inside, strict=True) if here is kept] for kept in (True, False)]  # type: ignore[return-value]
+    found: tuple[list[Any], list[Any]] = ([], [])
+    for shape in shapes:
+        found[bool(shape.intersection(outer).buffer(-TOUCH).is_empty)].append(shape)
+    return found

@@ -1,9 +1,9 @@
-"""Polygons with few corners that contain given polygons: the rings of a geofence, of which an autopilot stores only some corners."""
+"""Polygons with few corners that contain given polygons: the rings of a geofence, of which autopilots store only some corners."""
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from typing import Any
 
@@ -21,7 +21,9 @@ Clear = tuple[Any, float] | None
 """A Shapely geometry that a polygon must not touch, and the distance in metres that the polygon keeps from it; None for nothing."""
 
 
-def enclosing_polygons(shapes: Sequence[Any], most: int, *, clear: Sequence[Clear] = (), merge: bool = False) -> list[Any]:
+def enclosing_polygons(
+    shapes: Sequence[Any], most: int, *, clear: Sequence[Clear] = (), merge: Callable[[list[Any]], bool] | None = None
+) -> list[Any]:
     """Return polygons that contain the given polygons, and have at most ``most`` corners in total, if this is possible.
 
     The function removes one corner after another: it cuts off a corner that points inwards, or extends the two neighbours of a side
@@ -34,9 +36,9 @@ def enclosing_polygons(shapes: Sequence[Any], most: int, *, clear: Sequence[Clea
     most : int
     clear : sequence of (Shapely geometry, float) or None
         For each polygon, what the polygon must not come near to while it grows, and the distance in metres.
-    merge : bool
-        Whether the convex hull of two neighbouring polygons may replace both, as a last resort. In this case, all entries of
-        ``clear`` must be equal.
+    merge : callable, optional
+        Function that returns whether given polygons may be used. With this function, the convex hull of two neighbouring polygons
+        may replace both, as a last resort. In this case, all entries of ``clear`` must be equal.
 
     Examples
     --------
@@ -55,7 +57,7 @@ def enclosing_polygons(shapes: Sequence[Any], most: int, *, clear: Sequence[Clea
         best = min(rings, key=lambda ring: ring.least, default=None)
         if best is not None and best.least < inf:
             best.reduce()
-        elif not (merge and _merged(rings)):
+        elif merge is None or not _merged(rings, merge):
             break
     return [ring.shape for ring in rings]
 
@@ -162,7 +164,7 @@ def _cross(one: Points, other: Points) -> Any:
     return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
 
 
-def _merged(rings: list[_Ring]) -> bool:
+def _merged(rings: list[_Ring], accept: Callable[[list[Any]], bool]) -> bool:
     """Replace the two rings whose convex hull adds the least area by this hull; return whether a pair could be merged."""
     import shapely
 
@@ -180,7 +182,8 @@ def _merged(rings: list[_Ring]) -> bool:
         _, one, other = heapq.heappop(found)
         hull = shapely.union(shapes[one], shapes[other]).convex_hull
         clear = rings[one].clear  # all polygons that may be merged keep clear of the same things
-        if not _near(hull.buffer(-_HAIR), clear):
+        others = [shape for k, shape in enumerate(shapes) if k not in (one, other)]
+        if not _near(hull.buffer(-_HAIR), clear) and accept([hull, *others]):
             for index in sorted((one, other), reverse=True):
                 del rings[index]
             rings.append(_Ring(hull, clear))

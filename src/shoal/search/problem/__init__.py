@@ -150,9 +150,9 @@ class SearchProblem(Problem):
         parse=list, check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
     margin: float | None = option(
-        None, help="Distance that all paths keep from the border of the region and from no-go zones. Default: with missions or no-go "
-        "zones, the vehicle's position error, its acceptance radius and the rounding of coordinates together, or less where the "
-        "region is too narrow for it; otherwise 0.", unit="m", least=0,
+        None, help="Distance that all paths keep from the border of the region and from no-go zones. Default: with missions or "
+        "no-go zones, the sum of the vehicle's position error, its acceptance radius and the rounding of coordinates, or less "
+        "where the region is too narrow; otherwise 0.", unit="m", least=0,
     )  # fmt: skip
     layer: str | None = option(None, help="Name of a layer of a GeoPackage file, required if the file has several layers.")
     inner: str | None = option(

@@ -78,8 +78,8 @@ def with_default_margin(
 ) -> SearchRegion:
     """Return a region with the margin ``wanted``, or with the largest smaller margin that takes nothing from the search.
 
-    A smaller margin is chosen if the margin ``wanted`` would divide the region, leave more than 0.05 % of it unseen, or bar a start,
-    launch or landing point. Shoal prints a notice that names the chosen margin and the reason.
+    A smaller margin is chosen if the margin ``wanted`` would divide the region, leave more than 0.05 % of it unseen, or bar a
+    start, launch or landing point. Shoal prints a notice that names the chosen margin and the reason.
 
     Parameters
     ----------
