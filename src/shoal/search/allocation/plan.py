@@ -249,7 +249,8 @@ class SearchPlan:
         if not len(stops):
             return 0.0, 0.0
         end = self.places[robot] if self.landing is None else self.landing[robot]
-        ways = (self.leg(self.places[robot], self.positions(stops[:1])[0]), self.leg(self.positions(stops[-1:])[0], end))
+        first, last = self.positions(stops[[0, -1]])[:, :2]
+        ways = (self.leg(self.places[robot], first), self.leg(last, end))
         allowed = self.grid.region.outline.buffer(TOUCH)
         out, back = (float(shapely.linestrings(way).difference(allowed).length) for way in ways)
         return out, back

@@ -165,7 +165,7 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     """
     import shapely
 
-    legs = np.concatenate([_legs(way) for way in ways])
+    legs = np.concatenate([_legs(way) for way in ways] or [np.zeros(0, dtype=object)])
     flown = shapely.geometrycollections(legs)
     filled = _filled(region)
     shapely.prepare([flown, filled])
@@ -202,10 +202,11 @@ def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: i
     while kept and corners_of(simple) > most:
         kept -= max(1, (corners_of(simple) - most) * kept // (2 * corners_of(simple)))
         simple = _simplified(outer, ranked[:kept], [], flown, most)
-    left = len(ranked) - kept
+    left = ranked[kept:]
+    away = min((float(zone.distance(flown)) for zone in left if not flown.is_empty), default=0.0)
     tell_once(
-        f"fence: {left} of {len(ranked)} no-go zones and holes are no exclusion polygons, because the autopilot stores at most "
-        f"{most} corners; paths keep {min(float(zone.distance(flown)) for zone in ranked[kept:]):.3g} m or more from them"
+        f"fence: {len(left)} of {len(ranked)} no-go zones and holes are no exclusion polygons, because the autopilot stores at most "
+        f"{most} corners; all paths keep at least {away:.3g} m from them"
     )
     return simple
 
@@ -221,7 +222,7 @@ def _simplified(outer: Any, zones: list[Any], beyond: list[Any], flown: Any, mos
     if most is None or corners_of(shapes) <= most:
         return shapes
     clear: list[Clear] = [(shapely.union_all(beyond), 0.0) if beyond else None]
-    clear += [(flown, max(float(away) - ROUNDED, 0.0)) for away in shapely.distance(flown, zones)]
+    clear += [None if flown.is_empty else (flown, max(float(flown.distance(zone)) - ROUNDED, 0.0)) for zone in zones]
     return enclosing_polygons(shapes, most, clear=clear)
 
 
@@ -288,7 +289,7 @@ def _zones(region: SearchRegion, flown: Any, window: Any) -> tuple[list[Any], li
     barred = shapely.union_all(zones) if zones else shapely.Polygon()
     holes = [hole for hole in region.holes if not barred.covers(hole.buffer(-TOUCH))]
     least = max(region.margin - ROUNDED, 0.0)
-    free = [hole for hole in holes if hole.distance(flown) >= least and not flown.intersects(hole.buffer(-TOUCH))]
+    free = [hole for hole in holes if not (hole.distance(flown) < least or flown.intersects(hole.buffer(-TOUCH)))]
     return zones, free
 
 

@@ -14,6 +14,7 @@ from shoal.search.regions.outline_checks import Points
 _MANY = 300  # corners above which a polygon is first simplified roughly
 _FINEST, _STEPS = 0.01, 28  # metres: first tolerance of the rough simplification, and number of increases, each by a factor of √2
 _HAIR = 1e-3  # metres: a grown corner may touch what it has to leave free
+_TINY = 1e-6  # metres
 _NEIGHBOURS = 6  # polygons with which a polygon may be merged
 
 
@@ -52,7 +53,7 @@ def enclosing_polygons(
 
     free: list[Clear] = list(clear) if len(clear) else [None] * len(shapes)
     shapely.prepare([one[0] for one in free if one is not None])
-    rings = [_Ring(_rough(shape, one), one) for shape, one in zip(shapes, free, strict=True)]
+    rings = [_Ring(_widened(_rough(shape, one)), one) for shape, one in zip(shapes, free, strict=True)]
     while sum(len(ring.points) for ring in rings) > most:
         best = min(rings, key=lambda ring: ring.least, default=None)
         if best is not None and best.least < inf:
@@ -60,6 +61,12 @@ def enclosing_polygons(
         elif merge is None or not _merged(rings, merge):
             break
     return [ring.shape for ring in rings]
+
+
+def _widened(shape: Any) -> Any:
+    """Return a polygon that is wider than a given one by more than its rounding errors, with the same number of corners."""
+    wider = shape.buffer(_TINY, join_style="mitre", mitre_limit=10.0)
+    return wider if wider.geom_type == "Polygon" and corners_of([wider]) <= corners_of([shape]) and wider.covers(shape) else shape
 
 
 def corners_of(shapes: Sequence[Any]) -> int:

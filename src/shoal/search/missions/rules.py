@@ -352,13 +352,14 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
 def _between_parts(sheet: Sheet, region: SearchRegion, way: Points) -> NDArray[np.bool_]:
     """Return, for each waypoint, whether a flight may pass it on its way around no-go zones from one part of a region to another.
 
-    A flight may leave a region of several parts between its parts, and a region of one part where the fence of the mission lets it.
+    A flight may leave a region of several parts between its parts. A margin can divide a region of one part beside its zones: there
+    it may be where the fence of the mission lets it.
     """
     import shapely
 
     if sheet.kind == "rover":
         return np.zeros(len(sheet.points), dtype=np.bool_)
-    if len(region.parts) > 1 or sheet.fence is None:
+    if len(region.parts) > 1 or sheet.fence is None or region.no_go.is_empty:
         return np.full(len(sheet.points), len(region.parts) > 1)
     area = sheet.fence.area(region.frame).buffer(ROUNDING)
     near = np.isfinite(way[1:-1]).all(axis=1)
