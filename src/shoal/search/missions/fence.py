@@ -198,15 +198,17 @@ def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: i
     """Return the outline and the largest zones of a fence, as many as have room, and print how many are left out."""
     ranked = [*sorted(zones, key=lambda zone: -zone.area), *sorted(holes, key=lambda hole: -hole.area)]
     kept = len(ranked)
-    simple = [outer, *ranked]
-    while kept and corners_of(simple) > most:
-        kept -= max(1, (corners_of(simple) - most) * kept // (2 * corners_of(simple)))
+    simple = _simplified(outer, ranked, [], flown, most)
+    while kept and (over := corners_of(simple) - most) > 0:
+        while kept and over > 0:
+            over -= corners_of([simple[kept]])
+            kept -= 1
         simple = _simplified(outer, ranked[:kept], [], flown, most)
     left = ranked[kept:]
     away = min((float(zone.distance(flown)) for zone in left if not flown.is_empty), default=0.0)
     tell_once(
-        f"fence: {len(left)} of {len(ranked)} no-go zones and holes are no exclusion polygons, because the autopilot stores at most "
-        f"{most} corners; all paths keep at least {away:.3g} m from them"
+        f"fence: {len(left)} of {len(ranked)} no-go zones and holes are no exclusion polygons, because the autopilot stores at "
+        f"most {most} corners; all paths keep at least {away:.3g} m from them"
     )
     return simple
 

@@ -134,6 +134,8 @@ class _Ring:
         count = len(points)
         if count <= 3:
             return
+        if count == 4:  # sides of a parallelogram never meet: a triangle at one of its corners
+            yield from self._triangles()
         before, after, next_after = (np.roll(points, -shift, axis=0) for shift in (-1, 1, 2))
         turns = _cross(points - before, after - points)  # above 0 at a corner that points outwards
         for k in np.flatnonzero(turns <= 0).tolist():
@@ -149,8 +151,23 @@ class _Ring:
             triangle = np.array([points[k], meeting, after[k]])
             yield abs(float(_cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))) / 2, k, meeting, triangle
 
+    def _triangles(self) -> Iterator[tuple[float, int, Points | None, Points]]:
+        """Yield the triangles that have two sides of a quadrilateral, and a third side through its opposite corner."""
+        for corner in range(4):
+            here, after, opposite, before = np.roll(self.points, -corner, axis=0)
+            one, other, far = after - here, before - here, opposite - here
+            area = float(_cross(one, other))
+            if area <= 0:
+                continue
+            # In the basis of the two sides, the third side is the line of all points with the coordinate sum of the corner.
+            total = float(_cross(far, other) + _cross(one, far)) / area
+            ring = np.array([here, here + total * one, here + total * other])
+            yield area * total**2 / 2 - float(self.shape.area), -1, ring, ring
+
     def _without(self, corner: int, meeting: Points | None) -> Points:
-        """Return the ring without a corner, or with one new corner in place of a corner and the next one."""
+        """Return the ring without a corner, with a new corner in place of a corner and the next one, or another ring."""
+        if corner < 0:
+            return np.asarray(meeting)
         points = self.points.copy()
         if meeting is None:
             return np.delete(points, corner, axis=0)
