@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.core.notices import tell_once
 from shoal.search.allocation.plan import SearchPlan, plan_search
@@ -28,6 +29,7 @@ from shoal.views.drawing.charts import save_figure
 from shoal.views.search.missions import missions_figure
 
 MAP = "map.png"
+_SHARES = (0.5, 0.25, 0.0)  # of the default margin, for fixed wings without room for their turns
 
 
 class MissionFolder:
@@ -51,6 +53,7 @@ class MissionFolder:
         for name in options.format:
             FORMATS.get(name)
         options.check_for(problem)
+        self.asked = problem
         self.problem = self._ready(problem)
         self.terrain = None if options.terrain is None else open_terrain(Path(options.terrain))
 
@@ -70,6 +73,31 @@ class MissionFolder:
         """Whether a file of the chosen formats contains a fence."""
         return not self.given.format or bool({"plan", "wpl"} & {*self.given.format})
 
+    def planned(self, *, seed: int) -> SearchPlan:
+        """Plan the search, and create its missions.
+
+        If a fixed wing has no room for a turn, and the user asked for no margin, the method tries narrower margins.
+        """
+        wide = self.problem.margin or 0.0
+        for share in _SHARES if self.asked.margin is None and self.problem.chosen_vehicle.radius else ():
+            try:
+                plan = plan_search(self.problem, seed=seed)
+                self.plan(plan)
+            except InvalidInputError as error:
+                if not str(error).startswith("turn_radius"):
+                    raise
+                self.problem = self._ready(self.asked.replaced(margin=share * wide).at_place(self.asked.place))
+            else:
+                if self.problem.margin != wide:
+                    tell_once(
+                        f"margin: {self.problem.margin:.3g} m in place of {wide:.3g} m, because with the wider margin the vehicle "
+                        "has no room for its turns; --margin sets another one"
+                    )
+                return plan
+        plan = plan_search(self.problem, seed=seed)
+        self.plan(plan)
+        return plan
+
     def plan(self, plan: SearchPlan) -> None:
         """Create the missions of a search plan."""
         given, region = self.given, plan.grid.region
@@ -88,9 +116,8 @@ class MissionFolder:
 
     def run(self, *, seed: int) -> SearchEpisode:
         """Run the search with the missions' start delays, which keep the vehicles apart."""
+        plan = self.planned(seed=seed)
         problem = self.problem
-        plan = plan_search(problem, seed=seed)
-        self.plan(plan)
         delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}
         if any(delays.values()):
             seconds = tuple(delays.get(robot + 1, 0.0) for robot in range(problem.robots))
