@@ -230,6 +230,7 @@ class SearchEpisode(Episode):
 
     def _route(self, robot: int) -> dict[str, Any]:
         log, route = self.trace.robots[robot], self.routes[robot]
+        out, back = self.plan.outside_lengths(robot)
         return {
             "robot": robot + 1,
             "start": self.plan.places[robot].tolist(),
@@ -238,6 +239,8 @@ class SearchEpisode(Episode):
             "cells": len(log.cells) if self.plan.widths[robot] == 1 else len(np.unique(np.concatenate([*self.seen[robot], []]))),
             "stops": len(log.cells),
             "length_m": route.length,
+            "outside_out_m": out,
+            "outside_home_m": back,
             "turns": int(turns_of(route.points).sum()),
             "status": log.status,
         }

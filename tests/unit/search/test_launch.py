@@ -131,7 +131,7 @@ def test_missions_kept_apart_by_delays_make_the_simulation_late(tmp_path):
     options = MissionOptions(format=("csv",))
     problem = SearchProblem(region_of(FIELD), robots=3, footprint=20, launch="-20,50", vehicle="multirotor")
     folder = MissionFolder(tmp_path / "missions", problem, options)
-    episode = folder.run(problem, seed=1)
+    episode = folder.run(seed=1)
     delays = [mission.delay for mission in folder.missions]
     assert max(delays) > 0
     assert episode.problem.delays == tuple(delays)

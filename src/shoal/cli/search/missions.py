@@ -97,6 +97,15 @@ Airspace = Annotated[
         help="Distance by which turns of fixed wings may leave the area inside --margin. Default: no limit, but a warning.",
     ),
 ]
+FenceDistance = Annotated[
+    float | None,
+    typer.Option(
+        "--fence-distance",
+        metavar="METRES",
+        help="Distance that all paths and rally points must keep from the fence, inside it and outside its exclusion polygons. "
+        "Default: paths must only stay inside the fence.",
+    ),
+]
 OverTerrain = Annotated[
     Path | None,
     typer.Option(
@@ -152,6 +161,7 @@ def check(
     delay_tolerance: Late = DELAY,
     vehicle: FlownBy = None,
     airspace: Airspace = None,
+    fence_distance: FenceDistance = None,
     terrain: OverTerrain = None,
     terrain_error: HeightError = _KEPT["terrain_error"].default,
     bands: Bands = None,
@@ -185,6 +195,7 @@ def check(
         bands=None if bands is None else parsed(_FIELDS["bands"], bands),
         airspace=None if airspace is None else check_number(airspace, what="--airspace", least=0),
         terrain=None if terrain is None else open_terrain(terrain),
+        fence_distance=None if fence_distance is None else check_number(fence_distance, what="--fence-distance", least=0),
     )  # fmt: skip
     written = []
     if out is not None:

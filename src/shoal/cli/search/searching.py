@@ -61,7 +61,7 @@ def search(
     writer = None if missions is None else _mission_folder(missions, problem, options)
     check_outputs(out, film)
     with nullcontext() if problem.live is None else patience("searching with one process per robot ..."):
-        episode = run(problem, seed=seed) if writer is None else writer.run(problem, seed=seed)
+        episode = run(problem, seed=seed) if writer is None else writer.run(seed=seed)
     finish(episode, [] if writer is None else writer.write(episode.plan), out, film, json_=json_, writer=writer)
 
 
@@ -105,7 +105,7 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
         vehicle="multirotor",
     )
     writer = _mission_folder(out / "missions", problem, MissionOptions(format=("plan", "kml")))
-    episode = writer.run(problem, seed=seed)
+    episode = writer.run(seed=seed)
     result = episode.report()
     written = writer.write(episode.plan)
     written += write_episode(episode, result, out, [out / "search.html"])

@@ -42,6 +42,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         ("found", f"at {place_text(finding)}, sure to {100 * finding['confidence']:.1f} %")
         for finding in result["findings"][:_ROWS]
     ]
+    rows += outside_rows(result["routes"])
     if "missions" in result:
         rows += missions_rows(result["missions"])
     rows += compared_rows(episode)
@@ -93,6 +94,26 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
     if told["near_homes"] is not None:
         rows.append(("warning", told["near_homes"]["warning"]))
     return rows
+
+
+def outside_rows(routes: list[dict[str, Any]]) -> list[tuple[str, str]]:
+    """Return the row of a summary with the lengths of paths outside the region, from launch and to landing points.
+
+    Examples
+    --------
+    >>> outside_rows([{"robot": 1, "outside_out_m": 20.0, "outside_home_m": 0.0}])
+    [('outside', 'robot 1 leads 20 m outside the region on its way out, and 0 m on its way home')]
+    """
+    far = [one for one in routes if max(one["outside_out_m"], one["outside_home_m"]) > _SEEN]
+    rows = [
+        (
+            "outside" if not number else "",
+            f"robot {one['robot']} leads {one['outside_out_m']:.4g} m outside the region on its way out, and "
+            f"{one['outside_home_m']:.4g} m on its way home",
+        )
+        for number, one in enumerate(far[:_ROWS])
+    ]
+    return rows + ([("", f"and {len(far) - _ROWS} more")] if len(far) > _ROWS else [])
 
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:

@@ -45,6 +45,7 @@ from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.regions.coverage import check_footprints
 from shoal.search.regions.places import places_of
+from shoal.search.regions.region import TOUCH
 from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
@@ -80,6 +81,9 @@ class SearchPlan:
     compared : tuple of Candidate
         The compared tours from the fastest to the slowest, and then the compared allocations from the fastest to the slowest. The
         tuple is empty if the planner compared nothing.
+    stay_inside : bool
+        Whether paths between the region and launch or landing points outside it cross the border of the region only once, at the
+        place nearest to the point.
     """
 
     grid: Grid
@@ -94,6 +98,7 @@ class SearchPlan:
     vehicle: Vehicle = Vehicle(preset="ideal")
     delays: NDArray[np.float64] = None  # type: ignore[assignment]  # settled below
     compared: tuple[Candidate, ...] = ()
+    stay_inside: bool = False
 
     def __post_init__(self) -> None:
         if self.delays is None:
@@ -185,7 +190,7 @@ class SearchPlan:
         if self.grid.region.contains(home[None, :2])[0]:
             first = self.paths.legs(np.stack([home, searched.points[0]]))
         else:
-            way = self._transits.way(home[:2], searched.points[0, :2])
+            way = self._way_in(home[:2], searched.points[0, :2])
             if len(home) == 3:  # climb above home to the first cell's altitude, and then fly level
                 way = np.vstack([home, at_altitude(way, searched.points[0, 2])])
             first = Route(way, np.array([0, len(way) - 1]), np.ones(len(way) - 1, dtype=np.bool_))
@@ -206,7 +211,7 @@ class SearchPlan:
         if not outside:
             return None
         launches = {robot + 1: self.places[robot] for robot in outside}
-        return WaysOut(self._transits, launches, self.tour_cost.points * self.grid.size, self.grid.size)
+        return WaysOut(self._way_in, launches, self.tour_cost.points * self.grid.size, self.grid.size)
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return the path between a launch or landing point and a point of a route, in either direction; float64, shape (k, 2).
@@ -215,7 +220,40 @@ class SearchPlan:
         """
         both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[:, :2]
         inside = bool(self.grid.region.contains(both).all())
-        return self.paths.legs(both).points[:, :2] if inside else self._transits.way(*both)
+        if inside:
+            return self.paths.legs(both).points[:, :2]
+        return self._way_in(*both) if not self.grid.region.contains(both[:1])[0] else self._way_in(*both[::-1])[::-1]
+
+    def _way_in(self, place: Points, stop: Points) -> Points:
+        """Return the path from a place outside the region to a point, in metres; float64, shape (k, 2)."""
+        if not (self.stay_inside and self.grid.region.contains(stop[None])[0]):
+            return self._transits.way(place, stop)
+        import shapely
+
+        part = min(self.grid.region.parts, key=lambda one: float(one.distance(shapely.points(stop))))
+        entry = shapely.get_coordinates(shapely.shortest_line(part, shapely.points(place)))[0]
+        return np.vstack([self._transits.way(place, entry)[:-1], self._inner_paths.leg(entry, stop)])
+
+    @cached_property
+    def _inner_paths(self) -> RegionPaths:
+        return RegionPaths(layers_of(self.grid)[0])
+
+    def outside_lengths(self, robot: int) -> tuple[float, float]:
+        """Return the length of a robot's paths outside the region, in metres: from its launch point, and to its landing point.
+
+        The landing point is the launch point, unless the plan has landing points.
+        """
+        import shapely
+
+        stops = self.stops(robot)
+        if not len(stops):
+            return 0.0, 0.0
+        end = self.places[robot] if self.landing is None else self.landing[robot]
+        first, last = self.positions(stops[[0, -1]])[:, :2]
+        ways = (self.leg(self.places[robot], first), self.leg(last, end))
+        allowed = self.grid.region.outline.buffer(TOUCH)
+        out, back = (float(shapely.linestrings(way).difference(allowed).length) for way in ways)
+        return out, back
 
     def _route_round(self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]) -> Route:
         grid = self.grid
@@ -281,7 +319,8 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
     plan = (grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit, landing, vehicle)
     delays = np.zeros(robots) if problem.delays is None else np.array(problem.delays)
-    made = SearchPlan(*plan, delays=delays, compared=laid.compared + tuple(shared if len(shared) > 1 else ()))
+    compared = laid.compared + tuple(shared if len(shared) > 1 else ())
+    made = SearchPlan(*plan, delays=delays, compared=compared, stay_inside=problem.stay_inside)
     return replace(made, allocation=replace(given, times=given.times + _late(made)))
 
 

@@ -184,6 +184,8 @@ class CellGrid:
         height, width = self.shape
         whole = self.clipped.whole
         doors = whole[: height - down, : width - right] & whole[down:, right:]
+        if not doors.size:  # a grid of one row or one column: a step along it is no step across it
+            return doors
         n, pairs = len(self.clipped.pieces), self.portals.pairs
         number = np.minimum(pairs, n - 1)
         flat = np.where(pairs < n, self.clipped.rows[number] * width + self.clipped.cols[number], pairs - n)
@@ -251,7 +253,7 @@ def cells_of(
         raise InvalidInputError(f"cell size: expected at most the footprint, {side:g} m, got {step:g} m")
     region = visible_region(region, side, angle)
     area = rotated_shape(region.area, -angle)
-    free = rotated_shape(region.free, -angle) if region.margin else None
+    free = rotated_shape(region.free, -angle) if region.restricted else None
     lattice = lattice_over(area, step, angle, offset)
     clipped = with_centers_free(clip_to_cells(area, lattice), lattice, free)
     portals = portals_of(clipped, lattice)

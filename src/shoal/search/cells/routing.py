@@ -12,14 +12,16 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.portal_graph import PortalGraph
-from shoal.search.cells.visibility_graph import VisibilityGraph, inside, merge_collinear, pulled
+from shoal.search.cells.transits import Transits
+from shoal.search.cells.visibility_graph import VisibilityGraph, inside, leg_lengths, length_of, merge_collinear, pulled
+from shoal.search.regions.margin import without_margin
 from shoal.search.regions.outline_checks import Points, text_of
 
 _MARGINS = (1.0, 4.0, 16.0)  # distance from a leg, in cells, within which corners are considered: initial, growth factor, maximum
 _MOST_CORNERS = 1000
 _HAIR = 1e-9  # relative to a cell: rounding error
 
-__all__ = ["RegionPaths", "Route", "length_of", "merge_collinear"]
+__all__ = ["RegionPaths", "Route", "leg_lengths", "length_of", "merge_collinear"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +72,8 @@ class RegionPaths:
     ----------
     grid : CellGrid
     transit : bool
-        Whether a path may lead straight from one part of the region to another part. Only flying vehicles can leave the region
-        between its parts.
+        Whether a path may lead from one part of the region to another part, around no-go zones and holes. Only flying vehicles can
+        leave the region between its parts.
 
     Examples
     --------
@@ -142,7 +144,7 @@ class RegionPaths:
         plain = self._centered[index]
         close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
         known = np.zeros(max(0, len(visit) - 1), dtype=np.bool_)
-        known[begins[1:] - 1] = plain[:-1] & plain[1:] & close & (grid.region.margin <= grid.size / 2)
+        known[begins[1:] - 1] = plain[:-1] & plain[1:] & close & (grid.region.margin <= grid.size / 2) & (not grid.region.barriers)
         return self._joined(grid.viewpoints[visit], known)
 
     @cached_property
@@ -174,23 +176,21 @@ class RegionPaths:
         good[asked] = inside(self.grid.region, stops[asked], stops[asked + 1])
         ways = {int(k): self._way(stops[k], stops[k + 1]) for k in np.flatnonzero(~good)}
         between = np.zeros(len(stops), dtype=np.int64)
-        for k, way in ways.items():
-            between[k + 1] = 0 if way is None else len(way) - 2
+        for k, (way, _) in ways.items():
+            between[k + 1] = len(way) - 2
         places = np.arange(len(stops)) + np.cumsum(between)
         points = np.empty((len(stops) + int(between.sum()), 2))
         transit = np.zeros(max(0, len(points) - 1), dtype=np.bool_)
         points[places] = stops
-        for k, way in ways.items():
-            if way is None:
-                transit[places[k]] = True
-            else:
-                points[places[k] + 1 : places[k + 1]] = way[1:-1]
+        for k, (way, outside) in ways.items():
+            points[places[k] + 1 : places[k + 1]] = way[1:-1]
+            transit[places[k] : places[k + 1]] = outside
         return Route(points, places, transit)
 
-    def _way(self, start: Points, end: Points) -> Points | None:
-        """Return a path inside the region between two points whose straight connection leaves the region.
+    def _way(self, start: Points, end: Points) -> tuple[Points, bool]:
+        """Return a path between two points whose straight connection leaves the region, and whether it is a transit.
 
-        If the points lie in different parts of the region, the result is None.
+        The path stays inside the region, unless the points lie in different parts of the region.
         """
         if self._part(start) != self._part(end):
             if not self.transit:
@@ -199,9 +199,13 @@ class RegionPaths:
                     f"got {text_of(start)} and {text_of(end)} in different parts; use --transit if vehicles may "
                     "leave the region"
                 )
-            return None
+            return self._transits.way(start, end), True
         near = self._near(start, end)
-        return self._far(start, end) if near is None else near
+        return (self._far(start, end) if near is None else near), False
+
+    @cached_property
+    def _transits(self) -> Transits:
+        return Transits(self.grid.region, np.zeros((0, 2)))
 
     def _near(self, start: Points, end: Points) -> Points | None:
         """Return the shortest path around the corners near the straight line from ``start`` to ``end``.
@@ -279,18 +283,6 @@ class RegionPaths:
     @cached_property
     def _portal_graph(self) -> PortalGraph:
         region = self.grid.region
-        if not region.margin:
+        if not region.restricted:
             return PortalGraph(self.grid)
-        return PortalGraph(cells_of(replace(region, area=region.free, margin=0.0), self.grid.size))
-
-
-def length_of(way: Points) -> float:
-    """Return the length of a path in metres."""
-    return float(leg_lengths(way).sum())
-
-
-def leg_lengths(way: Points) -> NDArray[np.float64]:
-    """Return the length of each leg of a path in metres, in two or three dimensions; float64, shape (k - 1,)."""
-    steps = np.diff(way, axis=0).T
-    level = np.hypot(steps[0], steps[1])
-    return np.asarray(level if len(steps) == 2 else np.hypot(level, steps[2]))
+        return PortalGraph(cells_of(without_margin(replace(region, outline=region.free)), self.grid.size))

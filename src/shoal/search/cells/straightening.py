@@ -82,7 +82,7 @@ def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
     order = np.lexsort((away, of))
     room = parts[order[np.searchsorted(of[order], np.arange(len(free)))]]
     shapes = shapely.intersection(room, boxes)
-    if grid.region.margin:
+    if grid.region.restricted:
         shapes = shapely.intersection(shapes, rotated_shape(grid.region.free, -grid.angle))
     return {k: shape for k, shape in zip(free.tolist(), shapes, strict=True) if shape.geom_type == "Polygon" and not shape.is_empty}
 

@@ -1,8 +1,8 @@
-"""Transits: paths outside the region between launch points and the region, around no-go zones."""
+"""Transits: paths outside the region, between launch points and the region or between its parts, around no-go zones."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.errors import InvalidInputError
-from shoal.search.cells.routing import length_of
-from shoal.search.cells.visibility_graph import VisibilityGraph, inside
+from shoal.search.cells.visibility_graph import VisibilityGraph, inside, length_of
 from shoal.search.regions.margin import coarse, grown
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.region import SearchRegion, polygons_in
+
+Ways = Callable[[Points, Points], Points]
 
 _ROOM = 1.0  # how far paths may lead around the region and the launch points, relative to the longer side of their bounds
 
@@ -49,11 +50,13 @@ class Transits:
         places = check_plane_points(points, what="launch and landing points")
         holes = [shapely.Polygon(hole) for part in shapely.get_parts(region.outline) for hole in part.interiors]
         there = shapely.multipoints(places)
-        barred = shapely.union_all([region.no_go, *(hole for hole in holes if not hole.intersects(there))])
+        barred = shapely.union_all([region.barred, *(hole for hole in holes if not hole.intersects(there))])
         low, high = np.array(region.outline.union(there).bounds).reshape(2, 2)
         room = _ROOM * float((high - low).max()) + 2 * region.margin
         around = shapely.box(*(low - room), *(high + room))
-        space = polygons_in(shapely.union_all([around.difference(grown(barred, region.margin)), region.free]))
+        space = polygons_in(
+            shapely.union_all([around.difference(grown(barred, region.margin, pointed=region.pointed)), region.free])
+        )
         bends = polygons_in(around.difference(coarse(barred, region.margin)))
         self._space = replace(region, area=space, free=space, outline=space, bends=bends)
         for place in places[~self._space.contains(places)]:
@@ -88,7 +91,8 @@ class WaysOut:
 
     Parameters
     ----------
-    transits : Transits
+    way : callable
+        Function that returns the path from a launch point to a point of the region, such as `Transits.way`.
     launches : mapping of int to ndarray of float64, shape (2,)
         For the number of each robot that starts outside the region (counted from 1), the robot's launch point in metres.
     stops : ndarray of float64, shape (N, 2) or (N, 3)
@@ -99,8 +103,8 @@ class WaysOut:
         Side of a cell in metres.
     """
 
-    def __init__(self, transits: Transits, launches: Mapping[int, Points], stops: Points, size: float) -> None:
-        self._transits, self._launches, self._stops, self._size = transits, launches, stops, size
+    def __init__(self, way: Ways, launches: Mapping[int, Points], stops: Points, size: float) -> None:
+        self._way, self._launches, self._stops, self._size = way, launches, stops, size
         self._known: dict[tuple[float, ...], float] = {}
 
     def __contains__(self, number: int) -> bool:
@@ -113,5 +117,5 @@ class WaysOut:
         if key not in self._known:
             stop = self._stops[cell]
             up = float((stop[2:] - self._stops[:, 2:].min(axis=0)).sum())
-            self._known[key] = (length_of(self._transits.way(launch, stop[:2])) + up) / self._size
+            self._known[key] = (length_of(self._way(launch, stop[:2])) + up) / self._size
         return self._known[key]

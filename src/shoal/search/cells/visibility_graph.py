@@ -225,3 +225,15 @@ def merge_collinear(points: Points) -> Points:
     turn = np.linalg.norm(np.cross(np.hstack([before, upright]), np.hstack([after, upright])), axis=1)
     straight = (turn <= 1e-9 * scale) & (np.sum(before * after, axis=1) > 0)
     return np.asarray(way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])])
+
+
+def length_of(way: Points) -> float:
+    """Return the length of a path in metres."""
+    return float(leg_lengths(way).sum())
+
+
+def leg_lengths(way: Points) -> NDArray[np.float64]:
+    """Return the length of each leg of a path in metres, in two or three dimensions; float64, shape (k - 1,)."""
+    steps = np.diff(way, axis=0).T
+    level = np.hypot(steps[0], steps[1])
+    return np.asarray(level if len(steps) == 2 else np.hypot(level, steps[2]))

@@ -20,14 +20,15 @@ PRESETS: dict[str, dict[str, float]] = {
     "ideal": {"cruise_speed": 1.0, "altitude": 30.0},
     "multirotor": {
         "cruise_speed": 5.0, "climb_speed": 2.5, "sink_speed": 1.5, "acceleration": 2.5, "altitude": 30.0, "endurance": 25.0,
-        "reserve": 0.2, "acceptance_radius": 1.0,
+        "reserve": 0.2, "acceptance_radius": 1.0, "position_error": 2.0,
     },
     "fixed-wing": {
         "cruise_speed": 16.0, "climb_speed": 3.0, "sink_speed": 2.0, "turn_radius": 40.0, "altitude": 80.0, "endurance": 60.0,
-        "reserve": 0.2, "acceptance_radius": 5.0,
+        "reserve": 0.2, "acceptance_radius": 5.0, "position_error": 3.0,
     },
     "rover": {
         "cruise_speed": 1.0, "acceleration": 0.5, "altitude": 0.0, "endurance": 120.0, "reserve": 0.2, "acceptance_radius": 0.5,
+        "position_error": 1.0,
     },
 }  # fmt: skip
 """Values that each preset of a vehicle sets. Fields that a preset does not set are 0 or unlimited."""
@@ -99,6 +100,10 @@ class Vehicle(Problem):
     )  # fmt: skip
     acceptance_radius: float | None = option(
         None, help="Distance at which a waypoint is reached; by default the autopilot's value.", unit="m", above=0, most=1000
+    )
+
+    position_error: float | None = option(
+        None, help="Largest usual error of the vehicle's own position.", unit="m", least=0, most=1000
     )
 
     def __post_init__(self) -> None:
@@ -177,6 +182,11 @@ class Vehicle(Problem):
     def cruise(self) -> float:
         """Cruise speed of the vehicle in m/s."""
         return float(self.cruise_speed or 0.0)
+
+    @property
+    def clearance(self) -> float:
+        """Distance in metres by which the vehicle may be off its path: its position error and its acceptance radius together."""
+        return float(self.position_error or 0.0) + float(self.acceptance_radius or 0.0)
 
     @property
     def height(self) -> float:

@@ -156,6 +156,7 @@ def check_missions(
     bands: Sequence[float] | None = None,
     airspace: float | None = None,
     terrain: Terrain | None = None,
+    fence_distance: float | None = None,
 ) -> MissionCheck:
     """Read mission files, and measure how much of a region the vehicles see.
 
@@ -175,8 +176,8 @@ def check_missions(
         Angle of the footprint's sides in degrees, counter-clockwise from east. By default, `angle_of` finds the angle.
     format : str, optional
         Format of the files to check. By default, the function checks the first format of ``FORMATS`` with a file in ``folder``.
-    cap, autopilot, airspace : optional
-        The arguments ``cap``, ``autopilot`` and ``airspace`` of `lint`, which also receives ``vehicle``.
+    cap, autopilot, airspace, fence_distance : optional
+        The arguments ``cap``, ``autopilot``, ``airspace`` and ``fence_distance`` of `lint`, which also receives ``vehicle``.
     separation : Separation, optional
         Required separation of vehicles in flight. With a separation, the function computes the nearest approach of two vehicles,
         and compares the homes and landing points of different vehicles.
@@ -201,7 +202,16 @@ def check_missions(
             f"{folder}: expected a folder of mission files, got {'a file' if Path(folder).exists() else 'none'}"
         )
     apart = None if separation is None else separation.horizontal
-    sheets = examine(folder, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace, separation=apart)
+    sheets = examine(
+        folder,
+        region,
+        cap=cap,
+        autopilot=autopilot,
+        vehicle=vehicle,
+        airspace=airspace,
+        separation=apart,
+        fence_distance=fence_distance,
+    )
     present = [format_of(Path(sheet.file)) for sheet in sheets]
     if format is not None:
         FORMATS.get(format)

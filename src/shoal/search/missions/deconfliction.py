@@ -15,6 +15,7 @@ import numpy as np
 
 from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
+from shoal.search.flight.flight import Flight
 from shoal.search.flight.staggering import Separation, staggered
 from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.turning import LINK
@@ -25,9 +26,11 @@ from shoal.search.missions.mission import Mission
 from shoal.search.missions.splitting import missions_of
 from shoal.search.regions.margin import grown
 from shoal.search.regions.outline_checks import Points, text_of
+from shoal.search.regions.projection import ROUNDED
 
 Sorties = tuple[Mission, ...]
 
+_ROUNDS = 6  # number of times that the time of loitering is lengthened by half
 _ENDINGS = {"multirotor": "land", "fixed-wing": "loiter", "rover": "return"}
 
 
@@ -38,6 +41,7 @@ def plan_missions(
     rally: Points | None = None,
     airspace: float | None = None,
     ending: str | None = None,
+    fenced: bool = True,
     **options: Any,
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, for a search without faults.
@@ -60,6 +64,8 @@ def plan_missions(
         Ending of missions. By default, if a separation is given, multirotors land, and fixed wings without a landing point loiter.
         If no separation is given, `missions_of` chooses the default. On a return, vehicles might not keep the separation, because
         the autopilot chooses the altitude of the return.
+    fenced : bool
+        Whether the fence has at most as many corners as the autopilot stores. False for files without a fence.
     options
         Arguments of `missions_of` that the plan does not determine, such as ``autopilot``.
 
@@ -71,7 +77,7 @@ def plan_missions(
         ending = _ENDINGS[plan.vehicle.kind]
     region = plan.grid.region
     options |= {
-        "blocked": grown(region.no_go, region.margin),
+        "blocked": grown(region.barred, region.margin),
         "area": None if airspace is None else region.free.buffer(airspace),
         "ending": ending,
     }
@@ -87,7 +93,7 @@ def plan_missions(
     made = [(replace(one[0], delay=float(delay)), *one[1:]) if one else () for one, delay in zip(made, plan.delays, strict=True)]
     if separation is not None:
         made = _Schedule(plan, separation, sorties).settled(made)
-    return _fenced([mission for one in made for mission in one], plan, np.zeros((0, 2)) if rally is None else rally)
+    return _fenced([mission for one in made for mission in one], plan, np.zeros((0, 2)) if rally is None else rally, fenced=fenced)
 
 
 def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
@@ -95,7 +101,11 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, 
     stops = plan.stops(robot)
     if not len(stops):
         return ()
-    landing = None if options["ending"] in (None, "return") else plan.places[robot]
+    landing = None if plan.landing is None else plan.landing[robot]
+    if landing is None and options["ending"] not in (None, "return"):
+        landing = plan.places[robot]
+    if options["ending"] == "loiter" and plan.vehicle.radius:
+        landing = _loiter_place(plan, plan.places[robot] if landing is None else landing, options["blocked"])
     route = plan.route(robot, stops)
     begin = min(1, int(route.stops[1]))
     way = route.points[begin:]  # without home, above which it climbs anyway
@@ -111,9 +121,28 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, 
         link=float(plan.footprints[robot]) * LINK,
         ways=plan.leg,
         out=int(route.stops[1]) - begin,
-        landing=landing if plan.landing is None else plan.landing[robot],
+        landing=landing,
         **options,
     )
+
+
+def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
+    """Return the place nearest to a landing point at which a fixed wing has room for its last circles.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    import shapely
+
+    radius = Flight(plan.vehicle, place).radius
+    room = blocked.buffer(radius + ROUNDED)
+    if not shapely.intersects_xy(room, *place):
+        return place
+    allowed = shapely.box(*shapely.union_all([plan.grid.region.outline, room]).bounds).buffer(radius).difference(room)
+    if allowed.is_empty:
+        raise InvalidInputError(f"ending: expected room for circles of {radius:.4g} m around {text_of(place)} m, got none")
+    return np.asarray(shapely.get_coordinates(shapely.shortest_line(allowed, shapely.points(place)))[0])
 
 
 def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
@@ -133,27 +162,40 @@ class _Schedule:
         While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
         """
         self.stay = 2 * max((self._flights(made, robot, 0, 0.0)[0].duration for robot, one in enumerate(made) if one), default=0.0)
-        while True:
-            found, last = self._once(made)
-            if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
-                return found
-            self.stay = 1.5 * last  # vehicles that stay in the air must be separated from all later flights
+        longest = self.stay
+        # Two vehicles that loiter may each wait for the end of the other one's circles. If every vehicle has its own layer, and the
+        # vehicles start from the highest layer down, none has to climb through the circles of another one.
+        for stacked in (False, True):
+            self.stay = longest
+            for _ in range(_ROUNDS):
+                found, last = self._once(made, stacked=stacked)
+                if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
+                    return found
+                self.stay = 1.5 * last  # vehicles that stay in the air must be separated from all later flights
+        raise InvalidInputError(
+            "separation: expected missions whose vehicles keep apart, got vehicles that loiter in the way of later starts; use the "
+            "ending land, launch points farther apart, or vehicles with enough endurance for a single sortie each"
+        )
 
-    def _once(self, made: list[Sorties]) -> tuple[list[Sorties], float]:
-        """Return the missions with layers and start times, and the time at which all vehicles are back.
+    def _once(self, made: list[Sorties], *, stacked: bool = False) -> tuple[list[Sorties], float]:
+        """Return the missions with layers and start times, and the time at which all vehicles are back or begin to loiter.
 
-        Vehicles that loiter stay in the air for ``self.stay`` seconds.
+        Vehicles that loiter stay in the air for ``self.stay`` seconds. If ``stacked`` is true, each vehicle has its own layer, and
+        the vehicles start from the highest layer down.
         """
         plan, robots = self.plan, range(len(made))
         layers: Sequence[int] = [0] * len(made)
         # from between the layers of a volume, no part of it is seen
-        if plan.vehicle.kind != "rover" and not plan.grid.region.height:
+        layered = plan.vehicle.kind != "rover" and not plan.grid.region.height
+        if layered and stacked:
+            lasting = [self._flights(made, robot, 0, 0.0)[0].duration if made[robot] else 0.0 for robot in robots]
+            layers = np.argsort(np.argsort(lasting, kind="stable")).tolist()
+        elif layered:
             raised = [partial(self._raised, made, robot) for robot in robots]
             layers = staggered(raised, self.separation, earliest=plan.delays)[0].tolist()
         made = [self.sorties(robot, layer) if layer else made[robot] for robot, layer in zip(robots, layers, strict=True)]
         flights = [[self._flights(made, robot, number, 0.0) for number in range(len(made[robot]))] for robot in robots]
-        delays = staggered([partial(_same, one[0] if one else ()) for one in flights], self.separation, layers, plan.delays)[1]
-        starts = {(robot, 0): float(delays[robot]) for robot in robots if made[robot]}
+        starts = self._first_starts(flights, layers, stacked=stacked)
         ready = [(self._back(flights[robot], 0, starts[robot, 0]), robot, 1) for robot in robots if len(made[robot]) > 1]
         while ready:
             since, robot, number = heappop(ready)
@@ -162,8 +204,28 @@ class _Schedule:
             starts[robot, number] = float(start)
             if number + 1 < len(made[robot]):
                 heappush(ready, (self._back(flights[robot], number, float(start)), robot, number + 1))
-        last = max((start + flights[robot][number][0].duration for (robot, number), start in starts.items()), default=0.0)
+        last = 0.0
+        for (robot, number), start in starts.items():
+            circling = self.stay if made[robot][number].loiter is not None and number + 1 == len(made[robot]) else 0.0
+            last = max(last, start + flights[robot][number][0].duration - circling)
         return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
+
+    def _first_starts(
+        self, flights: Sequence[Sequence[Sequence[Trajectory]]], layers: Sequence[int], *, stacked: bool
+    ) -> dict[tuple[int, int], float]:
+        """Return the start time of each robot's first sortie."""
+        earliest = self.plan.delays
+        if not stacked:
+            delays = staggered([partial(_same, one[0] if one else ()) for one in flights], self.separation, layers, earliest)[1]
+            return {(robot, 0): float(delays[robot]) for robot, one in enumerate(flights) if one}
+        starts: dict[tuple[int, int], float] = {}
+        for robot in np.argsort(layers, kind="stable")[::-1].tolist():
+            if flights[robot]:
+                others = [(flights[other][0], at) for (other, _), at in starts.items()]
+                since = np.array([max([float(earliest[robot]), *starts.values()])])
+                _, (start,) = staggered([partial(_same, flights[robot][0])], self.separation, [0], since, others)
+                starts[robot, 0] = float(start)
+        return starts
 
     def _raised(self, made: Sequence[Sorties], robot: int, layer: int) -> Sequence[Trajectory]:
         """Return the trajectories of a robot's first sortie in a given altitude layer."""
@@ -196,14 +258,15 @@ class _Schedule:
         return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
 
 
-def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points) -> tuple[Mission, ...]:
+def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points, *, fenced: bool) -> tuple[Mission, ...]:
     """Return missions with the fence and the rally points of a plan."""
     region = plan.grid.region
     if not missions:
         return ()
     ways = [mission.way_in(region.frame)[:, :2] for mission in missions]
     ways += [circle for mission in missions if len(circle := mission.circle_in(region.frame))]
-    fence = fence_of(region, [*ways, *(point[None] for point in rally)], most=CORNERS[missions[0].autopilot])
+    most = CORNERS[missions[0].autopilot] if fenced else None
+    fence = fence_of(region, [*ways, *(point[None] for point in rally)], most=most)
     area = fence.area(region.frame)
     import shapely
 

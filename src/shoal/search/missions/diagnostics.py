@@ -86,6 +86,7 @@ RULES: dict[str, Rule] = {
     "no-go": Rule("error", "a waypoint is in a no-go zone, or a leg crosses a no-go zone"),
     "beside": Rule("error", "a file of the fence or of rally points beside `.waypoints` files is unreadable"),
     "fence": Rule("error", "a path leaves the fence, or enters an exclusion zone of the fence"),
+    "fence-near": Rule("error", "a path, or a rally point, is nearer to the fence than the required distance (`--fence-distance`)"),
     "leg-outside": Rule("error", "a leg of a rover leaves the region, or a path of a rover from or to home leaves the region"),
     "transit": Rule("warning", "a leg of a flight leaves the region"),
     "formats-differ": Rule("error", "two files of one sortie in different formats have different contents"),

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
+from shoal.search.missions.polygons import Clear, corners_of, enclosing_polygons
+from shoal.search.regions.margin import with_margin, without_margin
 from shoal.search.regions.outline_checks import Points
-from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.projection import DECIMALS, ROUNDED, LocalFrame
 from shoal.search.regions.region import TOUCH, SearchRegion
 
 ROOM = 15.0  # metres: distance of the fence from paths outside the region
@@ -19,7 +26,9 @@ ArduPilot's limit of 70 corners was tested on a Cube autopilot. The limit of 64 
 in a fence.
 """
 
-_FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
+_LEAST_INCLUSION = 4  # corners that remain for the outline
+_LEAST_KEPT = 0.9  # share of the free area that polygons with few corners may leave at least
+_BEYOND = 100.0  # metres beyond the region and the launch points: there no zone matters
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,17 +59,101 @@ class Fence:
         inside, *zones = (shapely.make_valid(shapely.Polygon(ring)) for ring in placed)
         return inside.difference(shapely.union_all(zones))
 
+    def clearances(self, ways: Sequence[Points], frame: LocalFrame | None) -> NDArray[np.float64]:
+        """Return the distance in metres of each path from the nearest border of the fence; float64, shape (k,).
+
+        The distance of a path that leaves the fence or enters an exclusion zone is negative: the length of the path in there, but
+        at least the distance by which it is in there.
+
+        Parameters
+        ----------
+        ways : sequence of ndarray of float64, each of shape (n, 2)
+            Paths in metres of the local frame; a path of one point is a point.
+        frame : LocalFrame or None
+        """
+        import shapely
+
+        area = self.area(frame)
+        border = area.boundary
+        shapely.prepare([area, border])
+        lines = np.array([shapely.linestrings(way) if len(way) > 1 else shapely.points(way[0]) for way in ways], dtype=object)
+        away = np.asarray(shapely.distance(border, lines))
+        for index in np.flatnonzero(~shapely.covers(area, lines)).tolist():
+            beyond = shapely.difference(lines[index], area)
+            ends = shapely.points(shapely.get_coordinates(beyond))
+            away[index] = -max(float(beyond.length), float(shapely.distance(area, ends).max(initial=0.0)))
+        return away
+
+
+def fenced_region(region: SearchRegion, most: int, *, places: Points, wing: bool = False) -> SearchRegion:
+    """Return a region whose no-go zones are polygons that an autopilot can store, so that a search keeps clear of these polygons.
+
+    Paths that avoid only the no-go zones themselves can leave no room for a polygon with few corners. If the no-go zones and the
+    outline have at most ``most`` corners, or if the polygons would take too much of it, the region stays as it is.
+
+    Parameters
+    ----------
+    region : SearchRegion
+        The region with its margin.
+    most : int
+        Maximum number of corners of the whole fence.
+    places : ndarray of float64, shape (k, 2)
+        Launch and landing points in metres, which the polygons leave free.
+    wing : bool
+        Whether the vehicles are fixed wings, which may turn above holes that are no no-go zones.
+    """
+    import shapely
+
+    there = shapely.multipoints(places)
+    kept = [hole for hole in (() if wing else region.holes) if not hole.intersects(there)]
+    window = _window(shapely.union_all([region.outline, there]))
+    zones = [
+        _clipped(zone, window)
+        for zone in _solid_parts(shapely.union_all([region.no_go, *kept]), region.outline)
+        if zone.intersects(window)
+    ]
+    inclusion = corners_of(_solid_parts(_filled(region).convex_hull)) + _LEAST_INCLUSION
+    room = most - min(inclusion, max(_LEAST_INCLUSION, most // 4))
+    if not zones or corners_of(zones) <= room:
+        return region
+    clear = (there, region.margin + ROUNDED) if len(places) else None
+    plain = without_margin(region)
+
+    def undivided(polygons: list[Any]) -> bool:
+        free = plain.outline.difference(shapely.union_all(polygons)).buffer(-region.margin, quad_segs=2)
+        return float(max(shapely.area(shapely.get_parts(free)), default=0.0)) > _LEAST_KEPT * region.parts[0].area
+
+    barriers = enclosing_polygons(zones, room, clear=[clear] * len(zones), merge=undivided)
+    if corners_of(barriers) > room:
+        return region
+    try:
+        found = with_margin(plain, region.margin, barriers=barriers, pointed=wing)
+    except InvalidInputError:
+        return region
+    kept_parts = found.parts[: len(region.parts)]
+    if len(kept_parts) < len(found.parts):  # pockets between polygons that were merged
+        free = shapely.union_all(kept_parts)
+        if free.area < _LEAST_KEPT * region.free.area:
+            return region
+        tell_once(
+            f"fence: {region.free.area - free.area:.3g} m² between no-go zones cannot be entered, because the autopilot stores at "
+            f"most {most} corners"
+        )
+        found = replace(found, free=free, bends=None)
+    return found
+
 
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
     """Return a fence around a region and the paths of all vehicles, in the unit of the region (degrees or metres).
 
     The fence contains the whole region, and a margin of `ROOM` metres around each path outside the region. No-go zones, and holes
-    that no path crosses, become exclusion zones. The fence has a single outline, because autopilots interpret several outlines in
-    different ways. If the region and the margins around paths are not connected, the outline is their convex hull.
+    to which no path comes nearer than the region's margin, become exclusion zones. The fence has a single outline, because
+    autopilots interpret several outlines in different ways. If the region and the margins around paths are not connected, the
+    outline is their convex hull.
 
-    If the fence has too many corners, the function replaces the outline by a simpler outline that contains it. The function also
-    simplifies exclusion zones, except where a path that avoids the zone would enter the simplified zone. If the simplified fence
-    still has too many corners, Shoal prints a notice.
+    If the fence has too many corners, the function replaces its polygons by simpler polygons that contain them. An exclusion zone
+    grows only where it comes no nearer to any path than its nearest path was before. If the fence still has too many corners, the
+    smallest holes and no-go zones are left out, and Shoal prints a notice.
 
     Parameters
     ----------
@@ -72,59 +165,139 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     """
     import shapely
 
-    lines = [shapely.linestrings(way) if len(way) > 1 else shapely.points(way[0]) for way in ways]
-    filled = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(region.outline)])
-    outside = [line.difference(filled).buffer(ROOM, quad_segs=2) for line in lines if not filled.covers(line)]
-    whole = shapely.union_all([filled, *outside])
-    outer = whole if whole.geom_type == "Polygon" else whole.convex_hull
-    barred = shapely.union_all([region.no_go, *_empty_holes(region, lines), *_empty_holes_of(outer, lines)])
-    # Rounding errors of an intersection can leave parts that are thinner than a coordinate is exact; they bar nothing.
-    zones = [part for part in shapely.get_parts(barred.intersection(outer)) if not part.buffer(-TOUCH).is_empty]
-    rings = [shapely.get_coordinates(part.exterior)[:-1] for part in _thinned([outer, *zones], lines, most)]
-    placed = [ring if region.frame is None else region.frame.to_degrees(ring) for ring in rings]
-    return Fence(placed[0], tuple(placed[1:]))
+    legs = np.concatenate([_legs(way) for way in ways] or [np.zeros(0, dtype=object)])
+    flown = shapely.geometrycollections(legs)
+    filled = _filled(region)
+    shapely.prepare([flown, filled])
+    outside = legs[~shapely.covers(filled, legs)]
+    strips = [shapely.difference(outside, filled)]
+    strips[0] = shapely.buffer(strips[0], ROOM, quad_segs=2)
+    if region.margin:  # between the border and the margin, vehicles start and land
+        free = region.free.buffer(ROUNDED)
+        shapely.prepare(free)
+        near = shapely.difference(legs[~shapely.covers(free, legs)], free)
+        strips.append(shapely.buffer(shapely.intersection(near, filled), region.margin, quad_segs=2))
+    whole = shapely.union_all([filled, *np.concatenate(strips)])
+    whole = whole.union(region.no_go.intersection(whole.convex_hull))  # a notch has fewer corners as an exclusion zone
+    outer = shapely.Polygon(whole.exterior) if whole.geom_type == "Polygon" else whole.convex_hull
+    zones, holes = _zones(region, flown, _window(outer))
+    zones, beyond = _split(zones, outer)
+    holes, _ = _split(holes, outer)
+    simple = _simplified(outer, [*zones, *holes], beyond, flown, most)
+    if most is not None and corners_of(simple) > most and beyond:
+        simple = _simplified(outer, [*zones, *beyond, *holes], [], flown, most)
+    if most is not None and corners_of(simple) > most:
+        simple = _largest(outer, [*zones, *beyond], holes, flown, most)
+    rings = [shapely.get_coordinates(part.exterior)[:-1] for part in simple]
+    if region.frame is not None:
+        rings = [np.round(region.frame.to_degrees(ring), DECIMALS) for ring in rings]
+    return Fence(rings[0], tuple(rings[1:]))
 
 
-def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
-    """Return simplified polygons that have at most ``most`` corners in total, if this is possible.
+def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: int) -> list[Any]:
+    """Return the outline and the largest zones of a fence, as many as have room, and print how many are left out."""
+    ranked = [*sorted(zones, key=lambda zone: -zone.area), *sorted(holes, key=lambda hole: -hole.area)]
+    kept = len(ranked)
+    simple = _simplified(outer, ranked, [], flown, most)
+    while kept and (over := corners_of(simple) - most) > 0:
+        while kept and over > 0:
+            over -= corners_of([simple[kept]])
+            kept -= 1
+        simple = _simplified(outer, ranked[:kept], [], flown, most)
+    left = ranked[kept:]
+    away = min((float(zone.distance(flown)) for zone in left if not flown.is_empty), default=0.0)
+    tell_once(
+        f"fence: {len(left)} of {len(ranked)} no-go zones and holes are no exclusion polygons, because the autopilot stores at "
+        f"most {most} corners; all paths keep at least {away:.3g} m from them"
+    )
+    return simple
 
-    Each simplified polygon contains the given polygon, because the function first grows a polygon by the tolerance of
-    simplification.
+
+def _simplified(outer: Any, zones: list[Any], beyond: list[Any], flown: Any, most: int | None) -> list[Any]:
+    """Return the outline and the zones of a fence, with at most ``most`` corners if this is possible.
+
+    The outline does not grow into the zones ``beyond`` it.
     """
     import shapely
 
-    if most is None or _corners(shapes) <= most:
+    shapes = [outer, *zones]
+    if most is None or corners_of(shapes) <= most:
         return shapes
-    ways, thin = shapely.union_all(lines), shapes.copy()
-    for step in range(_STEPS):
-        by = _FINEST * 2.0 ** (step / 2)
-        for k, shape in enumerate(shapes):
-            wider = shape.buffer(by, join_style="mitre").simplify(by)
-            free = not k or shape.intersects(ways) or not wider.intersects(ways)
-            if free and wider.geom_type == "Polygon" and wider.is_valid and wider.covers(shape):
-                thin[k] = min([thin[k], wider], key=lambda one: len(one.exterior.coords))
-        if _corners(thin) <= most:
-            return thin
-    tell_once(
-        f"fence: expected at most {most} corners, which the autopilot can store, got {_corners(thin)} in the simplest fence; "
-        "leave out zones, or use an autopilot that stores more corners"
-    )
-    return thin
+    clear: list[Clear] = [(shapely.union_all(beyond), 0.0) if beyond else None]
+    clear += [None if flown.is_empty else (flown, max(float(flown.distance(zone)) - ROUNDED, 0.0)) for zone in zones]
+    return enclosing_polygons(shapes, most, clear=clear)
 
 
-def _corners(shapes: list[Any]) -> int:
-    return sum(len(shape.exterior.coords) - 1 for shape in shapes)
-
-
-def _empty_holes(region: SearchRegion, lines: list[Any]) -> list[Any]:
-    """Return the holes of a region that no vehicle's path crosses."""
+def _legs(way: Points) -> NDArray[Any]:
+    """Return the legs of a path as Shapely lines, or its only point."""
     import shapely
 
-    return [hole for part in shapely.get_parts(region.outline) for hole in _empty_holes_of(part, lines)]
+    return shapely.points(way[:1]) if len(way) == 1 else shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
 
 
-def _empty_holes_of(polygon: Any, lines: list[Any]) -> list[Any]:
+def _filled(region: SearchRegion) -> Any:
+    """Return the outline of a region without its holes."""
     import shapely
 
-    holes = [shapely.Polygon(ring) for ring in polygon.interiors]
-    return [hole for hole in holes if not any(line.crosses(hole) or line.within(hole) for line in lines)]
+    return shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(region.outline)])
+
+
+def _window(shape: Any) -> Any:
+    """Return the rectangle around a shape, outside of which no zone matters."""
+    import shapely
+
+    return shapely.box(*shape.bounds).buffer(_BEYOND, join_style="mitre")
+
+
+def _clipped(zone: Any, window: Any) -> Any:
+    """Return the part of a zone inside a window, if this part is a polygon with fewer corners than the zone."""
+    part = zone.intersection(window)
+    return part if part.geom_type == "Polygon" and corners_of([part]) < corners_of([zone]) else zone
+
+
+def _solid_parts(shape: Any, ground: Any = None) -> list[Any]:
+    """Return polygons without holes that fill a shape: its holes too, except where they hold ``ground``.
+
+    Rounding errors of a union can leave parts that are thinner than a coordinate is exact; they bar nothing.
+    """
+    import shapely
+
+    found, left = [], [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+    while left:
+        part = left.pop()
+        if part.buffer(-TOUCH).is_empty:
+            continue
+        holes = [shapely.Polygon(ring) for ring in part.interiors]
+        held = next((hole for hole in holes if ground is not None and hole.buffer(-TOUCH).intersects(ground)), None)
+        if held is None:
+            found.append(shapely.Polygon(part.exterior))
+            continue
+        low, under, high, top = part.bounds  # a ring around ground becomes two polygons, cut through the middle of the ground
+        middle = held.centroid.x
+        for half in (shapely.box(low, under, middle, top), shapely.box(middle, under, high, top)):
+            left += [piece for piece in shapely.get_parts(part.intersection(half)) if piece.geom_type == "Polygon"]
+    return found
+
+
+def _zones(region: SearchRegion, flown: Any, window: Any) -> tuple[list[Any], list[Any]]:
+    """Return the zones that vehicles must not enter, and the holes of the region to which no path comes too near."""
+    import shapely
+
+    zones = shapely.get_parts(region.no_go).tolist()
+    if region.barriers:
+        zones = [zone for zone in zones if not any(barrier.covers(zone) for barrier in region.barriers)] + list(region.barriers)
+    solid = _solid_parts(shapely.union_all(zones), region.outline)
+    zones = [_clipped(zone, window) for zone in solid if zone.intersects(window)]
+    barred = shapely.union_all(zones) if zones else shapely.Polygon()
+    holes = [hole for hole in region.holes if not barred.covers(hole.buffer(-TOUCH))]
+    least = max(region.margin - ROUNDED, 0.0)
+    free = [hole for hole in holes if not (hole.distance(flown) < least or flown.intersects(hole.buffer(-TOUCH)))]
+    return zones, free
+
+
+def _split(shapes: list[Any], outer: Any) -> tuple[list[Any], list[Any]]:
+    """Return the shapes that overlap a polygon, and the other shapes."""
+    found: tuple[list[Any], list[Any]] = ([], [])
+    for shape in shapes:
+        found[bool(shape.intersection(outer).buffer(-TOUCH).is_empty)].append(shape)
+    return found

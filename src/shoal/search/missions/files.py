@@ -23,7 +23,7 @@ from shoal.search.missions.diagnostics import RULES, Sheet
 from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl
 from shoal.search.missions.formats.fences import FENCE, RALLY, fence_text, rally_text, read_fence, read_rally
 from shoal.search.missions.mission import KINDS, Mission
-from shoal.search.missions.rules import check_coordinates
+from shoal.search.missions.rules import ROUNDING, check_coordinates, fence_clearances
 from shoal.search.regions.formats.xml_tree import decode_xml
 from shoal.search.regions.limits import LARGEST_FILE
 
@@ -96,7 +96,8 @@ def write_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid. In this case, the function writes no file.
+        If an argument is invalid, or if a path or a rally point, rounded as in a file, leaves the fence or enters an exclusion
+        polygon of the fence, rounded as in the file. In these cases, the function writes no file.
     OutputError
         If a file cannot be written. After an `OutputError`, no partly written file remains.
     """
@@ -123,6 +124,7 @@ def write_missions(
     named = list(texts)
     if "wpl" in formats:
         texts |= {Path(folder) / name: text for name, text in _beside(missions).items()}
+    _check_written(missions, texts)
     with ExitStack() as stack:
         for path, text in texts.items():
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
@@ -130,6 +132,33 @@ def write_missions(
         (Path(folder) / name).unlink(missing_ok=True)
     write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | _times(missions, vehicle))
     return [*named, *(path for path in texts if path not in named)]
+
+
+def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
+    """Refuse missions whose paths or rally points leave the fence, according to the texts of the files.
+
+    The function reads each text as an autopilot would: it compares rounded coordinates of paths with rounded corners of polygons.
+    """
+    suffixes = _formats_by_suffix()
+    fences = {mission.name: mission.fence for mission in missions}
+    for path, text in texts.items():
+        if path.stem not in fences or fences[path.stem] is None or path.suffix not in suffixes:
+            continue
+        sheet = Sheet(path.name)
+        FORMATS.get(suffixes[path.suffix]).scan(text, sheet)
+        beside = texts.get(path.parent / FENCE)
+        fence = sheet.fence or fences[path.stem]
+        if path.suffix == wpl.SUFFIX and beside is not None:
+            fence = read_fence(beside, FENCE)
+            sheet.rally = read_rally(texts[path.parent / RALLY], RALLY) if path.parent / RALLY in texts else ()
+        if sheet.home is None or not len(sheet.points) or fence is None:
+            continue  # the file of a third-party format
+        for name, away in zip(*fence_clearances(sheet, fence), strict=True):
+            if away < -ROUNDING:
+                raise InvalidInputError(
+                    f"{path.name}: expected paths and rally points inside the fence as the file contains it, got {name} "
+                    f"{-away:.3g} m outside the fence or in an exclusion polygon; no file was written"
+                )
 
 
 def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, dict[str, float]]:

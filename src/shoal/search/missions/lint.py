@@ -11,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from shoal.core.checks import check_choice, check_integer
+from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.errors import InvalidInputError
 from shoal.search.flight.timing import leg_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, mission_of, open_sheet, take_beside
+from shoal.search.missions.formats.fences import FENCE
 from shoal.search.missions.homes import near_homes
 from shoal.search.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, way_of
 from shoal.search.problem.mission_options import CAPS
@@ -38,6 +39,7 @@ def lint(
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
     separation: float | None = None,
+    fence_distance: float | None = None,
 ) -> list[Diagnostic]:
     """Return the mistakes in a mission file, or in all mission files of a folder, including contradictions between files.
 
@@ -59,6 +61,8 @@ def lint(
     separation : float, optional
         Distance in metres that homes and landing points of different vehicles should keep. By default, the linter does not compare
         the homes of vehicles.
+    fence_distance : float, optional
+        Distance in metres that all paths and rally points must keep from the fence. By default, they must only stay inside it.
 
     Returns
     -------
@@ -70,7 +74,16 @@ def lint(
     InvalidInputError
         If no mission file exists, or if the region is in degrees and a mission in metres, or the reverse.
     """
-    sheets = examine(source, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace, separation=separation)
+    sheets = examine(
+        source,
+        region,
+        cap=cap,
+        autopilot=autopilot,
+        vehicle=vehicle,
+        airspace=airspace,
+        separation=separation,
+        fence_distance=fence_distance,
+    )
     return [diagnostic for sheet in sheets for diagnostic in sheet.diagnostics]
 
 
@@ -83,6 +96,7 @@ def examine(
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
     separation: float | None = None,
+    fence_distance: float | None = None,
 ) -> list[Sheet]:
     """Return the content of each mission file as a sheet, with the diagnostics that `lint` returns for this file."""
     if autopilot is not None:
@@ -96,9 +110,15 @@ def examine(
     sheets = [open_sheet(path) for path in paths]
     if folder:
         take_beside(source, sheets)
+    if fence_distance is not None:
+        check_number(fence_distance, what="fence_distance", least=0)
+        if not any(sheet.fence is not None for sheet in sheets):
+            raise InvalidInputError(
+                f"fence_distance: expected missions with a fence (.plan, or .waypoints beside a {FENCE}), got none in {source}"
+            )
     for sheet in sheets:
         if sheet.readable:
-            check_sense(sheet, cap=cap, autopilot=autopilot)
+            check_sense(sheet, cap=cap, autopilot=autopilot, fence_distance=fence_distance)
             _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
             if vehicle is not None:
                 _check_duration(sheet, vehicle)

@@ -87,8 +87,11 @@ def _check_meridian(sheet: Sheet) -> None:
         sheet.add("antimeridian", sheet.places[index], said)
 
 
-def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None = None) -> None:
-    """Add diagnostics for implausible values in a mission, such as heights and speeds, and for an unexpected autopilot."""
+def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None = None, fence_distance: float | None = None) -> None:
+    """Add diagnostics for implausible values in a mission, such as heights and speeds, and for an unexpected autopilot.
+
+    With ``fence_distance``, the function also adds diagnostics for paths that are nearer to the fence than this distance in metres.
+    """
     if autopilot is not None and sheet.autopilot is not None and sheet.autopilot != autopilot:
         sheet.add("firmware", "", f"expected a mission for {autopilot!r}, got a mission for {sheet.autopilot!r}")
     _check_cap(sheet, cap, autopilot)
@@ -96,6 +99,8 @@ def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None =
     _check_acceptance(sheet)
     if sheet.fence is not None and (way := way_of(sheet)) is not None:
         _check_fence(sheet, way, sheet.fence)
+        if fence_distance is not None:
+            _check_near_fence(sheet, fence_distance)
     if sheet.speed is not None and not 0 < sheet.speed <= _FASTEST:
         sheet.add("speed", "", f"expected a speed above 0 and at most {_FASTEST:g} m/s, got {sheet.speed:g}")
     if sheet.geographic and sheet.decimals is not None and sheet.decimals < 7:
@@ -194,6 +199,40 @@ def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
         sheet.add("fence", sheet.places[min(index, len(sheet.places) - 1)], said)
 
 
+def fence_clearances(sheet: Sheet, fence: Fence) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the legs, the last circle and the rally points of a mission, and their distances from a fence in metres.
+
+    A distance is negative outside the fence or in an exclusion zone, as in `Fence.clearances`. If the mission is too far away for a
+    local frame, the result is empty.
+    """
+    assert sheet.home is not None
+    way = way_of(sheet)
+    if way is None:
+        return [], np.zeros(0)
+    frame = LocalFrame(*sheet.home) if sheet.geographic else None
+    names = [f"{sheet.places[0]}, from home", *(f"{place}, the path to it" for place in sheet.places[1:]), "the path to its end"]
+    ways = [way[k : k + 2] for k in range(len(way) - 1)]
+    circle = circle_around(sheet.landing or sheet.home, sheet.loiter, frame)
+    rally = np.array(sheet.rally, dtype=np.float64).reshape(-1, 2)
+    try:
+        points = rally if frame is None else frame.to_metres(rally)
+        ways += [circle] * bool(len(circle)) + [point[None] for point in points]
+        names += ["the last circle"] * bool(len(circle)) + [f"rally point {k}" for k in range(1, len(rally) + 1)]
+        return names, fence.clearances(ways, frame)
+    except InvalidInputError:
+        return [], np.zeros(0)
+
+
+def _check_near_fence(sheet: Sheet, least: float) -> None:
+    """Add diagnostics for paths and rally points that are nearer to the fence than a distance, but do not leave the fence."""
+    assert sheet.fence is not None
+    for name, away in zip(*fence_clearances(sheet, sheet.fence), strict=True):
+        if -ROUNDING <= away < least - ROUNDING:
+            place, _, what = name.partition(", ")
+            said = f"expected at least {least:g} m between all paths and the fence, got {max(away, 0.0):.3g} m"
+            sheet.add("fence-near", place if what else "", f"{said}, {what or name}")
+
+
 def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
     """Return the distances in metres from a point to each waypoint."""
     if not sheet.geographic:
@@ -287,6 +326,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     inside = inside_of(region, way)
     barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
     here = searching(inside, sheet.kind)
+    passed = _between_parts(sheet, region, way)
     stray = ~inside[1:-1]
     stray[: here.start] = stray[here.stop :] = False
     for index in np.flatnonzero(stray | barred[1:-1]).tolist():
@@ -294,8 +334,8 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
         if barred[index + 1]:
             sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
         else:
-            if sheet.kind == "fixed-wing":
-                continue  # the vehicle turns there: its legs are reported instead
+            if sheet.kind == "fixed-wing" or passed[index]:
+                continue  # the vehicle turns there, or flies from part to part: its legs are reported instead
             where = region.outside_text(way[index + 1]) if near[index + 1] else "far outside"
             said = f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, {where}"
             sheet.add("outside-region", place, said)
@@ -307,6 +347,23 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
             sheet.add("transit", "", f"expected turns inside the region, got turns up to {away:.3g} m outside")
         elif away > airspace + ROUNDING:
             sheet.add("airspace", "", f"expected turns up to {airspace:g} m outside the region, got {away:.3g} m")
+
+
+def _between_parts(sheet: Sheet, region: SearchRegion, way: Points) -> NDArray[np.bool_]:
+    """Return, for each waypoint, whether a flight may pass it on its way around no-go zones from one part of a region to another.
+
+    A flight may leave a region of several parts between its parts. A margin can divide a region of one part beside its zones: there
+    it may be where the fence of the mission lets it.
+    """
+    import shapely
+
+    if sheet.kind == "rover":
+        return np.zeros(len(sheet.points), dtype=np.bool_)
+    if len(region.parts) > 1 or sheet.fence is None or region.no_go.is_empty:
+        return np.full(len(sheet.points), len(region.parts) > 1)
+    area = sheet.fence.area(region.frame).buffer(ROUNDING)
+    near = np.isfinite(way[1:-1]).all(axis=1)
+    return np.asarray(near & shapely.intersects_xy(area, *np.where(near[:, None], way[1:-1], 0.0).T))
 
 
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:

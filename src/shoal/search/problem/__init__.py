@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -32,8 +33,10 @@ from shoal.search.problem.fields import (
 )
 from shoal.search.regions.builder import INNER, open_region
 from shoal.search.regions.formats.reading import HIDDEN
-from shoal.search.regions.margin import with_margin
+from shoal.search.regions.margin import with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline_checks import check_spikes
+from shoal.search.regions.places import places_of, read_points
+from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR = "spanning-tree"
@@ -123,6 +126,11 @@ class SearchProblem(Problem):
         None, help="Landing points, in the same form as --launch; by default the launch points.", metavar="POINTS|FILE",
         check=check_places("land", "points or a file"),
     )  # fmt: skip
+    stay_inside: bool = option(
+        False,
+        help="Paths between the region and launch or landing points outside it enter and leave the region at the nearest "
+        "place, and stay inside the region otherwise.",
+    )
     delays: tuple[float, ...] | None = option(
         None, help="Delay of each robot's start; by default 0, or with missions, the delays that keep robots apart.", unit="s",
         metavar="S,S,...", parse=parse_numbers,
@@ -147,9 +155,11 @@ class SearchProblem(Problem):
         (), help="File of no-go zones, in the same units as REGION (the option can be repeated).", metavar="FILE", repeated=True,
         parse=list, check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
-    margin: float = option(
-        0.0, help="Distance that all paths keep from the border of the region and from no-go zones.", unit="m", least=0
-    )
+    margin: float | None = option(
+        None, help="Distance that all paths keep from the border of the region and from no-go zones. Default: with missions or "
+        "no-go zones, the sum of the vehicle's position error, its acceptance radius and the rounding of coordinates, or less "
+        "where the region is too narrow; otherwise 0.", unit="m", least=0,
+    )  # fmt: skip
     layer: str | None = option(
         None, help="Name of a layer of a GeoPackage file, required if the file has several layers; survey or fence for a plan of "
         "QGroundControl, required if the plan has both.",
@@ -232,6 +242,8 @@ class SearchProblem(Problem):
             raise InvalidInputError(f"multiplicity: expected at most {self.robots}, the number of robots, got {self.multiplicity}")
         if (self.bands or self._volume) and self._asked_vehicle.kind == "rover":
             raise InvalidInputError("vehicle: expected a flying vehicle for bands or a box, got a rover")
+        if self.stay_inside and self.launch is None and self.land is None:
+            raise InvalidInputError("stay_inside: expected launch or landing points outside the region, got none")
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (
@@ -317,16 +329,56 @@ class SearchProblem(Problem):
     def open_place(self) -> SearchRegion:
         """Open the region of the problem, with its no-go zones and its margin."""
         if isinstance(self.region, SearchRegion):
-            return with_margin(self.region, self.margin)
+            return self.kept_margin(self.region)
         reading = {name: getattr(self, name) for name in READING}
         whole = open_region(self.region, no_go=list(self.no_go) or None, **reading)
-        return with_margin(whole, self.margin)
+        return self.kept_margin(whole)
+
+    def kept_margin(self, region: SearchRegion, *, fenced: bool = False) -> SearchRegion:
+        """Return a region with the problem's margin, or with the default margin if the problem has none.
+
+        The default margin is 0 in a region without no-go zones, unless the vehicles are ``fenced``: have a geofence.
+        """
+        vehicle = self._asked_vehicle
+        if self.margin is not None:
+            return with_margin(without_margin(region) if fenced else region, self.margin, pointed=vehicle.radius > 0)
+        if region.margin or (region.no_go.is_empty and not fenced):
+            return region
+        wanted = vehicle.clearance + (ROUNDED if vehicle.clearance or fenced else 0.0)
+        inner, outer = self.known_places(region)
+        return with_default_margin(
+            region,
+            wanted,
+            footprint=float(np.min(self.footprint or vehicle.row_spacing or FOOTPRINT)),
+            inner=inner,
+            outer=outer,
+            divided=self.transit,
+            pointed=vehicle.radius > 0,
+        )
+
+    def known_places(self, region: SearchRegion) -> tuple[Any, Any]:
+        """Return the points where robots start inside the region, and the launch and landing points, in metres."""
+        given = [(getattr(self, name), name) for name in ("launch", "land") if getattr(self, name) is not None]
+        places = [places_of(value, region, self.robots, what=name) for value, name in given]
+        outer = np.concatenate([np.zeros((0, 2)), *places])
+        inner = np.zeros((0, 2))
+        if not isinstance(self.starts, str):
+            inner = np.asarray(self.starts, dtype=np.float64)
+        elif os.path.isfile(self.starts) and self.launch is None:
+            inner = read_points(Path(self.starts), region, what="starts", count=self.robots)
+        if self._asked_vehicle.kind == "rover":  # it cannot leave the region between the border and the margin
+            inner = np.concatenate([inner, outer[region.contains(outer)]])
+        return inner, outer
 
     def place_key(self) -> str | None:
         """Return a text with the fields that define the region, or None if the region is a `SearchRegion`."""
         if isinstance(self.region, SearchRegion):
             return None
-        kept = ("region", "no_go", "margin", *READING)
+        kept: tuple[str, ...] = ("region", "no_go", "margin", *READING)
+        if (
+            self.margin is None and self._asked_vehicle.clearance
+        ):  # the default margin depends on the vehicle, on what it sees, and on the known places
+            kept += ("vehicle", "footprint", "robots", "starts", "launch", "land")
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in kept)))
 
     def place_is_file(self) -> bool:
@@ -350,6 +402,8 @@ class SearchProblem(Problem):
             raise InvalidInputError(
                 f"bands: expected altitudes up to {region.height:g} m, the top of the box, got {self.altitudes[-1]:g} m"
             )
+        if self.stay_inside and all(region.contains(places).all() for places in self.known_places(region)):
+            raise InvalidInputError("stay_inside: expected launch or landing points outside the region, got all of them inside")
         if len(region.parts) > 1 and not self.transit:
             raise InvalidInputError(
                 f"region {region.name!r}{region.margin_text}: expected one part, because robots stay inside, got "

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.search.regions.coverage import footprints_along
 from shoal.search.regions.region import SearchRegion, polygons_in
 
 _SEGMENTS = 32  # segments of a quarter circle: arcs are within 0.03 % of the margin
 _POINTED = 2.0  # maximum distance of a bend from a corner, divided by the margin; the bend replaces an arc around the corner
 _COARSE = 0.02  # smallest step of `coarse`, relative to the side of a square with the area of the shape
+_SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.02, 0.01)  # of the wanted margin, tried in this order
+_MOST_UNSEEN = 5e-4  # share of a region that a default margin may leave unseen: half of what the mission check tolerates
 _SEEN = 1e-9  # an unseen area is a rounding error up to this fraction of the region's area
 
 
-def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
+def with_margin(region: SearchRegion, margin: float, *, barriers: Sequence[Any] = (), pointed: bool = False) -> SearchRegion:
     """Return a region in which robots keep a margin: a distance from the border of the region and from its no-go zones.
 
     Parameters
@@ -23,6 +29,11 @@ def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
     region : SearchRegion
     margin : float
         Margin in metres, 0 or more.
+    barriers : sequence of Shapely polygons
+        Exclusion polygons of a fence, from which robots keep the margin too.
+    pointed : bool
+        Whether the area where robots may be has few corners in place of arcs. A fixed wing cannot follow the short sides of an arc
+        one by one.
 
     Raises
     ------
@@ -35,18 +46,104 @@ def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
     >>> with_margin(open_region("rectangle:100x50"), 10).free.area
     2400.0
     """
-    if margin == 0:
+    if margin == 0 and not barriers:
         return region
-    free = polygons_in(region.outline.buffer(-margin, quad_segs=_SEGMENTS))
+    import shapely
+
+    inner = region.outline.difference(shapely.union_all(list(barriers))) if barriers else region.outline
+    shape: dict[str, Any] = {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": _SEGMENTS}
+    free = polygons_in(inner.buffer(-margin, **shape)) if margin else polygons_in(inner)
     if free.is_empty:
         raise InvalidInputError(f"margin: expected a margin that leaves some area of the region {region.name!r}, got {margin:g} m")
-    bends = polygons_in(region.outline.buffer(-margin, join_style="mitre", mitre_limit=_POINTED))
-    return replace(region, free=free, margin=margin, bends=bends)
+    bends = None
+    if margin and not pointed:
+        bends = polygons_in(inner.buffer(-margin, join_style="mitre", mitre_limit=_POINTED))
+    return replace(region, free=free, margin=margin, bends=bends, barriers=tuple(barriers), pointed=pointed)
 
 
-def grown(shape: Any, margin: float) -> Any:
-    """Return all points that are at most ``margin`` metres away from a Shapely geometry."""
-    return shape.buffer(margin, quad_segs=_SEGMENTS) if margin else shape
+def without_margin(region: SearchRegion) -> SearchRegion:
+    """Return a region in which robots may be everywhere in the outline."""
+    return replace(region, area=region.outline, free=region.outline, margin=0.0, bends=None, barriers=(), pointed=False)
+
+
+def with_default_margin(
+    region: SearchRegion,
+    wanted: float,
+    *,
+    footprint: float,
+    inner: Any = None,
+    outer: Any = None,
+    divided: bool = False,
+    pointed: bool = False,
+) -> SearchRegion:
+    """Return a region with the margin ``wanted``, or with the largest smaller margin that takes nothing from the search.
+
+    A smaller margin is chosen if the margin ``wanted`` would divide the region, leave more than 0.05 % of it unseen, or bar a
+    start, launch or landing point. Shoal prints a notice that names the chosen margin and the reason.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    wanted : float
+        Margin in metres.
+    footprint : float
+        Side in metres of the smallest square that a robot sees.
+    inner : ndarray of float64, shape (k, 2), optional
+        Points at which robots must be inside the margin.
+    outer : ndarray of float64, shape (k, 2), optional
+        Points that need the margin only from no-go zones.
+    divided : bool
+        Whether the margin may divide the region, because robots fly from part to part.
+    pointed : bool
+        As in `with_margin`.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> with_default_margin(open_region("rectangle:100x50"), 3.0, footprint=20.0).margin
+    3.0
+    >>> with_default_margin(open_region("rectangle:100x4"), 3.0, footprint=20.0).margin
+    1.5
+    """
+    import shapely
+
+    if wanted <= 0:
+        return region
+    outline, reason = region.outline, ""
+    near = [np.inf]
+    if inner is not None and len(inner):
+        near.append(float(shapely.distance(outline.boundary, shapely.points(inner)).min()))
+    if outer is not None and len(outer) and not region.no_go.is_empty:
+        near.append(float(shapely.distance(region.no_go, shapely.points(outer)).min()))
+    parts = len(shapely.get_parts(outline))
+    shape: dict[str, Any] = {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": 4}
+    for share in _SHARES:
+        margin = round(share * wanted, 3)
+        if margin <= 0 or margin > min(near):
+            reason = reason or "a start, launch or landing point is nearer to a border or a no-go zone"
+            continue
+        free = polygons_in(outline.buffer(-margin, **shape))
+        if free.is_empty or (len(shapely.get_parts(free)) != parts and not divided):
+            reason = reason or "the wider margin would divide the region"
+        elif outline.difference(free.buffer(footprint / 2)).area > _MOST_UNSEEN * outline.area:
+            reason = reason or "parts of the region could not be seen with the wider margin"
+        else:
+            break
+    else:
+        margin = 0.0
+    if margin < wanted:
+        tell_once(f"margin: {margin:g} m in place of the default {wanted:g} m, because {reason}; --margin sets another one")
+    return with_margin(region, margin, pointed=pointed)
+
+
+def grown(shape: Any, margin: float, *, pointed: bool = False) -> Any:
+    """Return all points that are at most ``margin`` metres away from a Shapely geometry.
+
+    If ``pointed`` is true, the result has few corners in place of arcs, and contains some more points.
+    """
+    if not margin:
+        return shape
+    return shape.buffer(margin, join_style="mitre", mitre_limit=_POINTED) if pointed else shape.buffer(margin, quad_segs=_SEGMENTS)
 
 
 def coarse(shape: Any, margin: float) -> Any:
@@ -73,7 +170,7 @@ def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -
     >>> visible_region(kept, 20.0).area_m2, visible_region(kept, 10.0).area_m2
     (5000.0, 3600.0)
     """
-    if region.margin == 0:
+    if not region.restricted:
         return region
     import shapely
 

@@ -15,6 +15,7 @@ from shoal.search.regions.outline_checks import Points, check_plane_points, text
 
 REACH = 100_000.0  # metres from the origin; at this distance, the scale error is 1.2e-4
 DECIMALS = 8  # decimals of degrees in mission files: 1.1 mm
+ROUNDED = 0.01  # metres: a path and a polygon of a mission file, both rounded, are less than this nearer to each other than planned
 
 
 @dataclass(frozen=True)

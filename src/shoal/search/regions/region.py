@@ -47,6 +47,11 @@ class SearchRegion:
         Height in metres of the volume above the region, or 0 for a plane region.
     bends : shapely Polygon or MultiPolygon, optional
         A shape inside ``free`` that has fewer corners than ``free``. Where possible, paths bend at the corners of ``bends``.
+    barriers : tuple of shapely Polygon
+        The exclusion polygons of a fence, which contain the no-go zones and holes of the region and have few corners. Robots may
+        not enter them either. By default, the region has none.
+    pointed : bool
+        Whether ``free`` has few corners in place of arcs, because robots are fixed wings.
     """
 
     area: Any
@@ -59,6 +64,8 @@ class SearchRegion:
     outline: Any = None
     height: float = 0.0
     bends: Any = None
+    barriers: tuple[Any, ...] = ()
+    pointed: bool = False
 
     def __post_init__(self) -> None:
         for name in ("free", "outline"):
@@ -91,6 +98,18 @@ class SearchRegion:
 
         pieces = shapely.get_parts(self.free)
         return tuple(sorted(pieces, key=lambda part: (-part.area, part.bounds)))
+
+    @property
+    def restricted(self) -> bool:
+        """Whether robots may not be everywhere in the outline: they keep a margin, or avoid the exclusion polygons of a fence."""
+        return self.margin > 0 or bool(self.barriers)
+
+    @property
+    def barred(self) -> Any:
+        """All places that no robot may enter, inside or outside the outline, as one Shapely geometry: zones and barriers."""
+        import shapely
+
+        return shapely.union_all([self.no_go, *self.barriers]) if self.barriers else self.no_go
 
     @property
     def holes(self) -> tuple[Any, ...]:

@@ -14,7 +14,6 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.builder import build_region
-from shoal.search.regions.margin import with_margin
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring
 from shoal.search.regions.projection import LocalFrame
 from shoal.studio.answers.shared import opened
@@ -56,7 +55,7 @@ class Drawing:
         found = tuple(RegionOutline(Ring(points, where), no_go=no_go) for points, no_go, where in rings)
         outlines = RegionOutlines(found, "the drawing", geographic=self.frame is not None, closed=False)
         region = build_region(outlines, list(problem.no_go), name="drawing", inner=problem.inner)
-        return problem.at_place(with_margin(region, problem.margin))
+        return problem.at_place(problem.kept_margin(region))
 
     def write(self, folder: Folder, stem: str) -> str:
         """Write the drawn polygons and no-go zones to a new GeoJSON file (CSV for a drawing in metres), and return its name."""

@@ -143,8 +143,7 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
     problem = flown(placed_problem(folder, about))
     made = MissionFolder(Path(), problem, checked_fields(MissionOptions, about.get("missions") or {}, folder))
-    plan = plan_search(problem, seed=checked_seed(about))
-    made.plan(plan)
+    plan = made.planned(seed=checked_seed(about))
     told = made.report(plan)
     if made.approach is not None:
         canvas = _Canvas(plan.grid.region.frame, frame_of(about.get("frame")))

@@ -22,7 +22,6 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # so that equal missions give equal archives
 
 def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Plan a search, and write and check its missions. Return the names of the archive and the map, and the linter's report."""
-    from shoal.search.allocation.plan import plan_search
     from shoal.search.missions import check_missions
     from shoal.views.search.mission_folder import MAP, MissionFolder, write_check
 
@@ -36,13 +35,13 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
         inside, checked = Path(place, "missions"), Path(place, "check")
         made = MissionFolder(inside, problem, options)
         say("progress", (0.1, "planning"))
-        plan = plan_search(problem, seed=seed)
+        plan = made.planned(seed=seed)
         say("progress", (0.4, "writing missions"))
         made.write(plan)
         say("progress", (0.7, "checking missions"))
         seen = tuple(plan.footprints.tolist())
         result = check_missions(
-            inside, problem.place, seen if len({*seen}) > 1 else seen[0], angle=plan.grid.angle, cap=options.cap,
+            inside, made.problem.place, seen if len({*seen}) > 1 else seen[0], angle=plan.grid.angle, cap=options.cap,
             separation=options.kept_apart, vehicle=plan.vehicle,
         )  # fmt: skip
         write_check(result, checked, drawn=False)

@@ -8,27 +8,37 @@ from typing import Any
 
 import numpy as np
 
+from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
+from shoal.core.notices import tell_once
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.episode import SearchEpisode
 from shoal.search.flight.terrain_files import open_terrain
 from shoal.search.missions import FORMATS, Mission, MissionCheck, write_missions
 from shoal.search.missions.approach import MissionApproach, airspace_of, missions_approach
 from shoal.search.missions.deconfliction import plan_missions
+from shoal.search.missions.fence import CORNERS, fenced_region
 from shoal.search.missions.files import UNCOVERED
 from shoal.search.missions.homes import homes_of, near_homes
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
+from shoal.search.regions.margin import without_margin
 from shoal.search.regions.places import read_points
 from shoal.search.run import run
 from shoal.views.drawing.charts import save_figure
 from shoal.views.search.missions import missions_figure
 
 MAP = "map.png"
+_SHARES = (0.5, 0.25, 0.0)  # of the default margin, for fixed wings without room for their turns
 
 
 class MissionFolder:
     """A folder for the missions of a search plan. The missions assume that no robot has a fault.
+
+    Attributes
+    ----------
+    problem : SearchProblem
+        The problem, in whose region vehicles keep the margin and the exclusion polygons of the missions' fence.
 
     Raises
     ------
@@ -43,7 +53,50 @@ class MissionFolder:
         for name in options.format:
             FORMATS.get(name)
         options.check_for(problem)
+        self.asked = problem
+        self.problem = self._ready(problem)
         self.terrain = None if options.terrain is None else open_terrain(Path(options.terrain))
+
+    def _ready(self, problem: SearchProblem) -> SearchProblem:
+        """Return the problem with the margin of missions, and with exclusion polygons that the autopilot can store."""
+        region = problem.kept_margin(without_margin(problem.place), fenced=True)
+        if self._fenced:
+            places = np.concatenate(problem.known_places(region))
+            wing = problem.chosen_vehicle.kind == "fixed-wing"
+            region = fenced_region(region, CORNERS[self.given.autopilot], places=places, wing=wing)
+        if not region.margin:
+            tell_once("margin: paths may touch the fence and no-go zones, because the margin is 0 m")
+        return problem.replaced(margin=region.margin).at_place(region)
+
+    @property
+    def _fenced(self) -> bool:
+        """Whether a file of the chosen formats contains a fence."""
+        return not self.given.format or bool({"plan", "wpl"} & {*self.given.format})
+
+    def planned(self, *, seed: int) -> SearchPlan:
+        """Plan the search, and create its missions.
+
+        If a fixed wing has no room for a turn, and the user asked for no margin, the method tries narrower margins.
+        """
+        wide = self.problem.margin or 0.0
+        for share in _SHARES if self.asked.margin is None and self.problem.chosen_vehicle.radius else ():
+            try:
+                plan = plan_search(self.problem, seed=seed)
+                self.plan(plan)
+            except InvalidInputError as error:
+                if not str(error).startswith("turn_radius"):
+                    raise
+                self.problem = self._ready(self.asked.replaced(margin=share * wide).at_place(self.asked.place))
+            else:
+                if self.problem.margin != wide:
+                    tell_once(
+                        f"margin: {self.problem.margin:.3g} m in place of {wide:.3g} m, because with the wider margin the vehicle "
+                        "has no room for its turns; --margin sets another one"
+                    )
+                return plan
+        plan = plan_search(self.problem, seed=seed)
+        self.plan(plan)
+        return plan
 
     def plan(self, plan: SearchPlan) -> None:
         """Create the missions of a search plan."""
@@ -53,6 +106,7 @@ class MissionFolder:
             separation=given.kept_apart,
             rally=None if given.rally is None else read_points(Path(given.rally), region, what="rally points"),
             terrain=self.terrain,
+            fenced=self._fenced,
             **{
                 name: getattr(given, name) for name in ("autopilot", "cap", "altitude_frame", "terrain_error", "airspace", "ending")
             },
@@ -60,10 +114,10 @@ class MissionFolder:
         if given.kept_apart is not None:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
 
-    def run(self, problem: SearchProblem, *, seed: int) -> SearchEpisode:
+    def run(self, *, seed: int) -> SearchEpisode:
         """Run the search with the missions' start delays, which keep the vehicles apart."""
-        plan = plan_search(problem, seed=seed)
-        self.plan(plan)
+        plan = self.planned(seed=seed)
+        problem = self.problem
         delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}
         if any(delays.values()):
             seconds = tuple(delays.get(robot + 1, 0.0) for robot in range(problem.robots))

@@ -1,0 +1,279 @@
+"""Missions are safe as written: an independent reader of the files tests each leg against each polygon of the fence."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from shoal.cli import run as command
+from shoal.core.errors import InvalidInputError
+from shoal.search.allocation.plan import plan_search
+from shoal.search.cells.grid import cells_of
+from shoal.search.cells.routing import RegionPaths
+from shoal.search.flight.staggering import Separation
+from shoal.search.missions import check_missions, lint, write_missions
+from shoal.search.missions.deconfliction import plan_missions
+from shoal.search.missions.fence import Fence
+from shoal.search.missions.polygons import corners_of, enclosing_polygons
+from shoal.search.problem import SearchProblem
+from shoal.search.problem.mission_options import MissionOptions
+from shoal.search.regions.margin import with_default_margin
+from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.region import region_of
+from shoal.views.search.mission_folder import MissionFolder
+
+FRAME = LocalFrame(18.4, -33.9)
+MOST = {"px4": 64, "ardupilot": 70}
+TIGHT = 0.01  # metres: rounded coordinates, and the plane of this reader
+
+
+def metres(lonlat, origin):
+    """Metres east and north on a sphere: not Shoal's projection."""
+    array = np.radians(np.asarray(lonlat, dtype=np.float64) - origin) * 6_371_008.8
+    return array * (np.cos(np.radians(origin[1])), 1.0)
+
+
+def read_plan(path):
+    """Return the path from home to the end, the last circles, and the polygons with whether each is an inclusion."""
+    data = json.loads(path.read_text())
+    latitude, longitude, _ = data["mission"]["plannedHomePosition"]
+    items = [(one["command"], *one["params"][4:6][::-1], one["params"][2]) for one in data["mission"]["items"]]
+    polygons = [([corner[::-1] for corner in one["polygon"]], one["inclusion"]) for one in data["geoFence"]["polygons"]]
+    return flown((longitude, latitude), items), polygons
+
+
+def read_waypoints(path):
+    rows = [line.split("\t") for line in path.read_text().splitlines()[1:]]
+    items = [(int(row[3]), float(row[9]), float(row[8]), float(row[6])) for row in rows]
+    polygons: list[tuple[list[tuple[float, float]], bool]] = []
+    missing = 0
+    for line in (path.parent / "fence.txt").read_text().splitlines()[1:]:
+        row = line.split("\t")
+        if not missing:
+            polygons.append(([], row[3] == "5001"))
+            missing = int(float(row[4]))
+        polygons[-1][0].append((float(row[9]), float(row[8])))
+        missing -= 1
+    return flown(items[0][1:3], items[1:]), polygons
+
+
+def flown(home, items):
+    way, circles = [home], []
+    for command_, longitude, latitude, radius in items:
+        if command_ in (16, 17, 21):
+            way.append((longitude, latitude))
+        elif command_ == 20:
+            way.append(home)
+        if command_ == 17 and radius:
+            circles.append(((longitude, latitude), radius))
+    return way, circles
+
+
+def judge(folder, most):
+    """Return the smallest distance of any leg from any polygon of the fence, after tests of all of them."""
+    nearest = np.inf
+    files = [(path, read_plan) for path in folder.glob("*.plan")] + [(path, read_waypoints) for path in folder.glob("*.waypoints")]
+    assert files
+    for path, reader in files:
+        (way, circles), polygons = reader(path)
+        assert 1 <= sum(kept for _, kept in polygons) <= 1, path
+        assert sum(len(ring) for ring, _ in polygons) <= most, path
+        points = metres(way, way[0])
+        legs = list(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)))
+        legs += [shapely.Point(metres([place], way[0])[0]).buffer(radius).exterior for place, radius in circles]
+        for ring, kept in polygons:
+            area = shapely.Polygon(metres(ring, way[0]))
+            for leg in legs:
+                if kept:
+                    assert area.buffer(TIGHT).covers(leg), (path, "outside")
+                    nearest = min(nearest, leg.distance(area.exterior))
+                else:
+                    assert not leg.intersects(area.buffer(-TIGHT)), (path, leg.intersection(area).length)
+                    nearest = min(nearest, leg.distance(area))
+    return nearest
+
+
+def star(x, y, radius, corners=16, depth=0.8):
+    """A zone with many corners, every other one of which points inwards."""
+    angles = np.linspace(0, 2 * np.pi, 2 * corners, endpoint=False)
+    far = radius * np.where(np.arange(2 * corners) % 2, 1.0, depth)
+    return shapely.Polygon(np.column_stack([x + far * np.cos(angles), y + far * np.sin(angles)]))
+
+
+def written(region, folder, autopilot="px4", **settings):
+    settings = {"tour": "boustrophedon", "angle": 0.0, "allocation": "hop"} | settings  # what takes no time to plan
+    made = MissionFolder(folder, SearchProblem(region, **settings), MissionOptions(format=("plan", "wpl"), autopilot=autopilot))
+    made.plan(plan_search(made.problem, seed=0))
+    write_missions(made.missions, folder, formats=("plan", "wpl"), vehicle=made.problem.chosen_vehicle)
+    return made
+
+
+def field(zones, width=300.0, height=200.0, frame=FRAME):
+    return region_of(shapely.box(0, 0, width, height), frame=frame, no_go=shapely.union_all(zones) if zones else None)
+
+
+FOUR = [star(68, 60, 16), star(68, 140, 20), star(180, 70, 23), star(210, 150, 16)]
+
+
+@pytest.mark.parametrize("autopilot", MOST)
+def test_no_leg_enters_a_many_cornered_zone_of_the_written_fence(tmp_path, autopilot):
+    made = written(field(FOUR), tmp_path, autopilot, robots=2, footprint=20.0, vehicle="multirotor")
+    assert made.problem.margin == pytest.approx(3.01)  # 2 m position error, 1 m acceptance radius, 1 cm rounding
+    assert judge(tmp_path, MOST[autopilot]) > 2.99
+    assert not check_missions(tmp_path, made.problem.place, 20.0, fence_distance=2.99).errors
+
+
+@pytest.mark.parametrize("count", [25, 40])
+def test_more_zones_than_a_fence_has_corners_are_merged_before_the_search_is_planned(tmp_path, count):
+    rng = np.random.default_rng(count)
+    zones = [star(*rng.uniform((20, 20), (380, 280)), rng.uniform(2, 6), 5) for _ in range(count)]
+    written(field(zones, 400.0, 300.0), tmp_path, robots=2, footprint=30.0, vehicle="multirotor")
+    assert judge(tmp_path, 64) > 2.9
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_random_regions_and_zones(tmp_path, number):
+    rng = np.random.default_rng(number)
+    outline = shapely.union(
+        shapely.box(0, 0, *rng.uniform((150, 60), (300, 100))), shapely.box(0, 0, *rng.uniform((50, 150), (90, 250)))
+    )
+    zones = [
+        star(*rng.uniform((10, 10), (200, 150)), rng.uniform(5, 20), int(rng.integers(3, 25)), rng.uniform(0.5, 1))
+        for _ in range(4)
+    ]
+    region = region_of(outline, frame=FRAME, no_go=shapely.union_all(zones))
+    settings = {"launch": tuple((-30.0, float(y)) for y in rng.uniform(-50, 200, 2))} if number % 2 else {}
+    made = written(
+        region, tmp_path, list(MOST)[number % 2], robots=2, footprint=20.0, vehicle="multirotor", transit=True, **settings
+    )
+    assert judge(tmp_path, 64 if number % 2 == 0 else 70) > made.problem.margin - 2 * TIGHT
+    assert not check_missions(tmp_path, made.problem.place, 20.0).errors
+
+
+def test_a_fixed_wing_flies_from_part_to_part_around_the_zone_between_them(tmp_path):
+    outline = shapely.union(shapely.box(-200, -90, 200, -60), shapely.box(-12, -90, 13, 90))
+    region = region_of(outline, frame=FRAME, no_go=shapely.Point(2, 12).buffer(9, quad_segs=2))
+    made = written(region, tmp_path, robots=2, footprint=10.0, vehicle="fixed-wing", transit=True)
+    assert made.problem.margin > 1
+    assert judge(tmp_path, 64) > made.problem.margin - 0.1
+    assert not check_missions(tmp_path, region, 10.0).errors
+
+
+def test_transits_lead_around_zones_and_are_marked():
+    region = region_of(shapely.box(0, 0, 100, 40), no_go=shapely.box(40, -20, 60, 50))
+    route = RegionPaths(cells_of(region, 20), transit=True).legs([(30.0, 20.0), (70.0, 20.0)])
+    assert not shapely.linestrings(route.points).intersects(shapely.box(40, -20, 60, 50).buffer(-1e-6))
+    assert route.transit.all()
+    assert len(route.points) == 4
+
+
+def test_fixed_wings_loiter_clear_of_zones():
+    region = region_of(shapely.box(0, 0, 400, 300), frame=FRAME, no_go=shapely.box(30, 20, 60, 80))
+    plan = plan_search(SearchProblem(region, robots=1, footprint=40.0, vehicle="fixed-wing", launch=((10.0, 50.0),), margin=2.0))
+    (mission,) = plan_missions(plan, separation=Separation())
+    circle = shapely.Polygon(mission.circle_in(FRAME))
+    assert circle.distance(region.no_go) > 1.9
+
+
+def test_vehicles_that_loiter_are_timed_by_flights_and_not_by_their_circles():
+    plan = plan_search(SearchProblem("rectangle:300x200", robots=3, footprint=40.0, vehicle="fixed-wing"))
+    missions = plan_missions(plan, separation=Separation())
+    assert all(mission.loiter for mission in missions)
+    assert max(mission.delay for mission in missions) < 600
+
+
+def test_a_path_outside_the_written_fence_is_refused_before_a_file_exists(tmp_path):
+    plan = plan_search(SearchProblem(field([]), robots=1, footprint=40.0, vehicle="multirotor", angle=0.0))
+    missions = plan_missions(plan)
+    fence = Fence(missions[0].fence.inclusion, (FRAME.to_degrees(shapely.get_coordinates(shapely.box(80, 0, 120, 200))[:-1]),))
+    for name in ("plan", "wpl", "geojson", "kml", "gpx", "csv"):
+        with pytest.raises(InvalidInputError, match=r"robot-01\.\w+: expected paths and rally points inside the fence as the file"):
+            write_missions([replace(missions[0], fence=fence)], tmp_path / "out", formats=(name,))
+    assert not (tmp_path / "out").exists()
+    rally = replace(missions[0], rally=(tuple(FRAME.to_degrees([(500.0, 500.0)])[0].tolist()),))
+    with pytest.raises(InvalidInputError, match="rally point 1"):
+        write_missions([rally], tmp_path / "out", formats=("plan",))
+    assert not (tmp_path / "out").exists()
+
+
+def test_zones_that_have_no_room_in_the_fence_are_said(tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr("shoal.core.notices.listeners", [said.append])
+    monkeypatch.setattr("shoal.core.notices._told", set())
+    monkeypatch.setattr("shoal.views.search.mission_folder.fenced_region", lambda region, most, **_: region)
+    region = field([star(*place, 2.0, 5) for place in np.random.default_rng(1).uniform((10, 10), (190, 90), (30, 2))], 200, 100)
+    written(region, tmp_path, footprint=20.0, vehicle="multirotor")
+    assert judge(tmp_path, 64) > 0
+    left = [text for text in said if "no exclusion polygons, because the autopilot stores at most 64 corners" in text]
+    assert len(left) == 1
+
+
+def test_the_default_margin_is_what_the_vehicle_needs_or_what_the_region_has_room_for():
+    big, narrow = (region_of(shapely.box(0, 0, *sides)) for sides in ((200, 100), (200, 3)))
+    assert with_default_margin(big, 3.0, footprint=20.0).margin == 3.0
+    assert 0 < with_default_margin(narrow, 3.0, footprint=20.0).margin < 1.5
+    assert with_default_margin(big, 3.0, footprint=20.0, inner=np.array([(1.0, 50.0)])).margin <= 1.0
+    zone = region_of(shapely.box(0, 0, 200, 100), no_go=shapely.box(50, 50, 60, 60))
+    assert SearchProblem(zone, vehicle="rover").place.margin == pytest.approx(1.51)
+    assert SearchProblem(zone).place.margin == 0  # the ideal vehicle is where it should be
+    assert SearchProblem(zone, vehicle="rover", margin=0.0).place.margin == 0
+    assert SearchProblem(big, vehicle="rover").place.margin == 0  # neither a zone nor a fence
+
+
+def test_missions_without_a_margin_say_so(tmp_path, capsys):
+    words = ["search", "rectangle:200x100", "--footprint", "20", "--vehicle", "multirotor", "--format", "csv", "--missions"]
+    assert command([*words, str(tmp_path / "a"), "--json"]) == 0
+    out = capsys.readouterr()
+    assert json.loads(out.out)["region"]["margin_m"] == pytest.approx(3.01)
+    assert command([*words, str(tmp_path / "b"), "--margin", "0", "--json"]) == 0
+    out = capsys.readouterr()
+    assert json.loads(out.out)["region"]["margin_m"] == 0
+    assert "paths may touch the fence" in out.err
+
+
+def test_the_check_finds_paths_that_are_nearer_to_the_fence_than_asked(tmp_path, capsys):
+    made = written(field(FOUR), tmp_path, robots=1, footprint=20.0, vehicle="multirotor")
+    assert not [one for one in lint(tmp_path, made.problem.place, fence_distance=2.9) if one.rule == "fence-near"]
+    near = [one for one in lint(tmp_path, made.problem.place, fence_distance=4.0) if one.rule == "fence-near"]
+    assert near
+    assert "expected at least 4 m between all paths and the fence, got 3" in near[0].sentence
+    write_missions(made.missions, tmp_path / "csv", formats=("csv",))
+    with pytest.raises(InvalidInputError, match="fence_distance: expected missions with a fence"):
+        lint(tmp_path / "csv", fence_distance=1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_enclosing_polygons_contain_the_given_ones_and_keep_clear(seed):
+    rng = np.random.default_rng(seed)
+    shapes = [star(40 * k, 0, 10, int(rng.integers(3, 40)), rng.uniform(0.4, 1)) for k in range(3)]
+    lines = shapely.multilinestrings([[(x, -50), (x, 50)] for x in (20, 60)])
+    away = [shape.distance(lines) for shape in shapes]
+    found = enclosing_polygons(shapes, 15, clear=[(lines, far) for far in away])
+    assert corners_of(found) <= 15
+    for shape, simple, far in zip(shapes, found, away, strict=True):
+        assert simple.is_valid
+        assert simple.buffer(1e-6).covers(shape)
+        assert simple.distance(lines) > far - 0.01
+
+
+def test_stay_inside_crosses_the_border_once_and_at_the_nearest_place():
+    given = {"robots": 1, "footprint": 20.0, "launch": ((-60.0, 90.0),), "simulate": False}
+    region = region_of(shapely.union(shapely.box(0, 0, 200, 30), shapely.box(0, 0, 30, 200)))
+    free, kept = (plan_search(SearchProblem(region, stay_inside=stay, **given)) for stay in (False, True))
+    assert kept.outside_lengths(0)[0] == pytest.approx(60.0)
+    assert kept.outside_lengths(0)[1] == pytest.approx(60.0)
+    assert sum(free.outside_lengths(0)) > 120.0
+    for stop in ((100.0, 10.0), (20.0, 150.0)):
+        way = shapely.linestrings(kept.leg((-60.0, 90.0), stop))
+        assert way.difference(region.outline.buffer(1e-6)).length == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize("launch", [None, "10,10"])
+def test_stay_inside_without_a_point_outside_is_refused(launch, capsys):
+    words = ["search", "rectangle:100x50", "--stay-inside", *(["--launch", launch] if launch else [])]
+    assert command(words) == 2
+    assert "stay_inside: expected launch or landing points outside the region" in capsys.readouterr().err
