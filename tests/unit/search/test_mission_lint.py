@@ -234,6 +234,8 @@ PLANTS = [
     ("take-off", ".plan", drop(0), "item 2", ()),
     ("take-off", ".waypoints", wpl(2, 3, "16"), "line 3", ()),
     ("take-off", ".plan", rover(items(lambda rows: rows.insert(0, take_off()) or numbered(rows))), "item 1", ()),
+    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, wait()) or numbered(rows)), "item 1", ()),
+    ("armed-wait", ".waypoints", wpl(2, 3, "93"), "line 3", ("take-off", "frame")),
     ("no-return", ".plan", drop(-1), "item 6", ()),
     ("no-return", ".waypoints", lines(lambda rows: rows[:-1]), "line 8", ()),
     ("no-return", ".csv", lines(lambda rows: rows[:-1]), "line 6", ()),
@@ -295,6 +297,10 @@ PLANTS = [
 def take_off():
     params = [0, 0, 0, None, 47.4001, 8.5001, 0]
     return {"type": "SimpleItem", "command": 22, "frame": 3, "params": params, "autoContinue": True, "doJumpId": 1}
+
+
+def wait():
+    return take_off() | {"command": 93, "frame": 2, "params": [159, -1, -1, -1, 0, 0, 0]}
 
 
 def write_good(folder, suffix):

@@ -73,9 +73,9 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
     """
     from shoal.search.episode import duration_text
 
-    first = [start["delay_s"] for start in told["starts"] if start["sortie"] == 1]
+    first = [start["start_s"] for start in told["starts"] if start["sortie"] == 1]
     later = [start for start in told["starts"] if start["sortie"] > 1]
-    timed = sorted((start["start_s"], start["mission"]) for start in later if start["start_s"] is not None)
+    timed = sorted((start["start_s"], start["mission"]) for start in later)
     heights = ", ".join(f"{height:g}" for height in sorted({start["altitude_m"] for start in told["starts"]}))
     last = f", last sortie at {duration_text(timed[-1][0])}" if timed else ""
     rows = flights_rows(told["starts"], told["usable_s"])

@@ -42,7 +42,7 @@ def plan_missions(
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, for a search without faults.
 
-    The first sortie of a robot begins after a delay, which is at least the robot's delay in the plan. Each later sortie begins as
+    The first sortie of a robot has a start time, which is at least the robot's delay in the plan. Each later sortie begins as
     soon as its vehicle is back and recharged, and can keep the separation from all other vehicles.
 
     Parameters
@@ -84,9 +84,10 @@ def plan_missions(
 
     robots = range(len(plan.places))
     made = [sorties(robot, 0) for robot in robots]
-    made = [(replace(one[0], delay=float(delay)), *one[1:]) if one else () for one, delay in zip(made, plan.delays, strict=True)]
     if separation is not None:
         made = _Schedule(plan, separation, sorties).settled(made)
+    else:
+        made = [_in_turn(one, plan, float(delay)) for one, delay in zip(made, plan.delays, strict=True)]
     return _fenced([mission for one in made for mission in one], plan, np.zeros((0, 2)) if rally is None else rally)
 
 
@@ -116,6 +117,15 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, 
     )
 
 
+def _in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
+    """Return the missions of one robot with their start times: each sortie begins when its vehicle is back and recharged."""
+    timed = []
+    for mission in made:
+        timed.append(replace(mission, start=start))
+        start += mission.duration(plan.vehicle) + plan.vehicle.recharge_seconds
+    return tuple(timed)
+
+
 def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
     return flights  # its layer is fixed
 
@@ -128,7 +138,7 @@ class _Schedule:
         self.stay = 0.0
 
     def settled(self, made: list[Sorties]) -> list[Sorties]:
-        """Return the missions with altitude layers, delays, start times and takeover altitudes.
+        """Return the missions with altitude layers, start times and takeover altitudes.
 
         While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
         """
@@ -176,8 +186,7 @@ class _Schedule:
             above = max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
             base = float(made[0].elevation or 0.0) if made and made[0].altitude_frame == "sea" else 0.0
             told = {"takeover": above + base}
-        first = [replace(one, delay=starts[robot, 0], **told) for one in made[:1]]
-        return (*first, *(replace(one, start=starts[robot, number], **told) for number, one in enumerate(made[1:], start=1)))
+        return tuple(replace(one, start=starts[robot, number], **told) for number, one in enumerate(made))
 
     def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
         """Return the time at which a vehicle can start again after a sortie, even if the sortie is late."""

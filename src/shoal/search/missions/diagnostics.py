@@ -50,6 +50,10 @@ RULES: dict[str, Rule] = {
     "do-jump-id": Rule("error", "the values of `doJumpId` are not 1, 2, 3, ..."),
     "frame": Rule("error", "altitudes have different references, or an item without a position has an altitude reference"),
     "take-off": Rule("error", "a flight has no take-off before its first waypoint, or a rover has a take-off"),
+    "armed-wait": Rule(
+        "error",
+        "a wait (93) before the take-off; an autopilot disarms a vehicle that waits on the ground, so it never takes off",
+    ),
     "no-return": Rule("error", "the last item is not a return, a landing or (for rovers) a hold"),
     "autocontinue": Rule("warning", "the vehicle stops and waits at an item, because the item does not continue automatically"),
     "current": Rule("warning", "an item other than the first is marked as the current item"),
@@ -143,7 +147,6 @@ class Sheet:
     start: float | None = None
     takeover: float | None = None
     take_off: float | None = None
-    delay: float = 0.0
     fence: Fence | None = None
     rally: tuple[tuple[float, float], ...] = ()
     robot: int | None = None

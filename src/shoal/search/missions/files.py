@@ -28,6 +28,14 @@ from shoal.search.regions.limits import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
 MANIFEST = "missions.json"  # the manifest: the names of the written files
+STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
+
+_HOW_TO_START = """\
+Start times in hours, minutes and seconds after the start of the search.
+Upload each mission, and let its vehicle wait on the ground, disarmed.
+Arm the vehicle and start its mission at its start time, not earlier:
+an autopilot disarms a vehicle that is armed and does not take off.
+"""
 
 _NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
 
@@ -72,7 +80,8 @@ def write_missions(
 ) -> list[Path]:
     """Write a file for each mission in each format, such as ``robot-01.plan``, or ``robot-01-2.plan`` for a second sortie.
 
-    The file ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the
+    If start times are known, the file ``starts.txt`` lists them in their order: autopilots know no start time, so people start the
+    vehicles. The file ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the
     folder lists, so that the folder contains missions of only one search. The function keeps all other files in the folder.
 
     Parameters
@@ -120,6 +129,8 @@ def write_missions(
                 raise InvalidInputError(f"missions: expected each robot and sortie once, got {mission.name} again")
             texts[path] = form.write(mission)
     named = list(texts)
+    if any(mission.start is not None for mission in missions):
+        texts[Path(folder) / STARTS] = _starts_text(missions, vehicle)
     if "wpl" in formats:
         texts |= {Path(folder) / name: text for name, text in _beside(missions).items()}
     with ExitStack() as stack:
@@ -140,6 +151,23 @@ def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, di
         "usable_fractions": {one["mission"]: one["usable_fraction"] for one in flights if one["usable_fraction"] is not None},
     }
     return {name: values for name, values in told.items() if values}
+
+
+def _starts_text(missions: Sequence[Mission], vehicle: Vehicle | None) -> str:
+    """Return a table of the start times of missions, in the order of these times."""
+    rows = [("start", "mission", "lasts", "altitude")]
+    for mission in sorted(missions, key=lambda one: (inf if one.start is None else one.start, one.robot, one.sortie)):
+        start = "when its vehicle is back" if mission.start is None else _clock(mission.start)
+        lasts = "" if vehicle is None else _clock(mission.duration(vehicle))
+        rows.append((start, mission.name, lasts, f"{mission.altitude:g} m"))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join([_HOW_TO_START, *table, ""])
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
 
 
 def _beside(missions: Sequence[Mission]) -> dict[str, str]:
@@ -191,7 +219,7 @@ def _listed(folder: str | os.PathLike[str]) -> set[str]:
     suffixes = _formats_by_suffix()
     paths = {Path(name) for name in names if Path(name).name == name}
     ours = {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
-    return ours | {name for name in (FENCE, RALLY) if name in names}
+    return ours | {name for name in (FENCE, RALLY, STARTS) if name in names}
 
 
 def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
@@ -263,7 +291,8 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     A ``.plan`` or WPL file does not contain the numbers of the robot and the sortie, so the function takes both numbers from the
     file name. If the file name gives no numbers, the mission counts as the first sortie of robot 1. A WPL file does not contain the
     autopilot or the kind of vehicle. For a WPL file, the function assumes PX4. It assumes a vehicle that flies if a waypoint is
-    above 0 m or if the file contains a take-off, and otherwise a rover.
+    above 0 m or if the file contains a take-off, and otherwise a rover. The start time comes from ``missions.json`` beside the file,
+    and the fence and the rally points of a WPL file come from the files beside it.
 
     Parameters
     ----------
@@ -275,7 +304,9 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     InvalidInputError
         If the file cannot be read. The error message gives the place of the mistake in the file.
     """
-    return mission_of(open_sheet(path), path)
+    sheet = open_sheet(path)
+    take_beside(Path(path).parent, [sheet])
+    return mission_of(sheet, path)
 
 
 def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:

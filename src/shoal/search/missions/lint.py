@@ -256,7 +256,7 @@ def _difference(one: Sheet, other: Sheet) -> str:
         return "another home"
     if (apart > same).any():
         return f"another place at {other.places[int(np.argmax(apart > same))]}"
-    for name in ("autopilot", "kind", "delay", "speed", "waypoints_out", "waypoints_home"):
+    for name in ("autopilot", "kind", "speed", "waypoints_out", "waypoints_home"):
         mine, theirs = getattr(one, name), getattr(other, name)
         if None not in (mine, theirs) and mine != theirs:
             return f"{theirs!r} as {name} instead of {mine!r}"

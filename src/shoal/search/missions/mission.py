@@ -74,11 +74,10 @@ class Mission:
     loiter : float, optional
         Radius in metres of the circles that the vehicle flies at the end of the mission, instead of landing. With the radius 0, the
         vehicle hovers.
-    delay : float
-        Waiting time of the vehicle before its start, in seconds.
     start : float, optional
-        Time in seconds from the start of the first missions to the start of the sortie. By default, a sortie begins when all
-        earlier sorties have ended.
+        Time in seconds from the start of the search to the start of the sortie. The vehicle waits for its start on the ground and
+        disarmed, because an autopilot disarms a vehicle that is armed and does not take off. By default, a first sortie has the
+        start 0, and any other sortie begins when all earlier sorties have ended.
     take_off : float, optional
         Altitude in metres above the surface that ``altitude_frame`` names, to which a multirotor climbs vertically after take-off.
         By default, a multirotor climbs to the altitude of the first waypoint. A fixed wing climbs on its way to the first waypoint.
@@ -119,7 +118,6 @@ class Mission:
     yaw: float | None = None
     acceptance_radius: float | None = None
     landing: tuple[float, float] | None = None
-    delay: float = 0.0
     fence: Fence | None = None
     rally: tuple[tuple[float, float], ...] = ()
     altitudes: NDArray[np.float64] | None = None
@@ -144,7 +142,8 @@ class Mission:
         if self.loiter is not None:
             check_number(self.loiter, what="mission: loiter", least=0)
             object.__setattr__(self, "landing", self.end)
-        check_number(self.delay, what="mission: delay", least=0)
+        if self.start is not None:
+            check_number(self.start, what="mission: start", least=0)
         if self.geographic:
             _check_degrees(np.vstack([home, self.end, points]))
         for name in ("robot", "sortie"):
@@ -178,7 +177,7 @@ class Mission:
     def n_items(self) -> int:
         """Number of mission items that an autopilot stores: home, take-off, speed, camera items, waypoints and return."""
         extra = sum(n for name, n in EXTRA.items() if getattr(self, name) is not None)
-        return len(self.waypoints) + OVERHEAD[self.kind] + extra + (self.delay > 0)
+        return len(self.waypoints) + OVERHEAD[self.kind] + extra
 
     @property
     def searched(self) -> slice:

@@ -61,10 +61,10 @@ class MissionFolder:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
 
     def run(self, problem: SearchProblem, *, seed: int) -> SearchEpisode:
-        """Run the search with the missions' start delays, which keep the vehicles apart."""
+        """Run the search with the missions' start times, which keep the vehicles apart."""
         plan = plan_search(problem, seed=seed)
         self.plan(plan)
-        delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}
+        delays = {mission.robot: mission.start or 0.0 for mission in self.missions if mission.sortie == 1}
         if any(delays.values()):
             seconds = tuple(delays.get(robot + 1, 0.0) for robot in range(problem.robots))
             problem = problem.replaced(delays=seconds).at_place(problem.place)
@@ -100,8 +100,7 @@ class MissionFolder:
                     **one.flight_report(plan.vehicle),
                     "robot": one.robot,
                     "sortie": one.sortie,
-                    "start_s": 0.0 if one.sortie == 1 else one.start,
-                    "delay_s": one.delay,
+                    "start_s": one.start,
                     "altitude_m": one.altitude,
                     "takeover_m": one.takeover,
                 }

@@ -14,7 +14,7 @@ from shoal.search.missions.mission import SAME_LEVEL, Mission
 WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 20, 21, 22, 93, 178, 205, 206  # MAV_CMD
 WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
 _PLACED = {WAYPOINT, HOLD, LAND, TAKE_OFF}
-_KNOWN = {*_PLACED, RETURN, DELAY, SPEED, GIMBAL, TRIGGER}
+_KNOWN = {*_PLACED, RETURN, SPEED, GIMBAL, TRIGGER}
 _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
 _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # frames 6 and 5 equal 3 and 0 with integer coordinates
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
@@ -43,8 +43,8 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the mission items of a mission, without its home.
 
-    The first items are the start delay and the take-off, because autopilots expect them first. The item after the take-off sets the
-    speed for the whole mission. The camera takes images from the first to the last waypoint of the search, and none on
+    The first item is the take-off, and no wait precedes it: PX4 (COM_DISARM_PRFLT) and ArduPilot (DISARM_DELAY) disarm a vehicle
+    that stays on the ground for some seconds after arming. The item after the take-off sets the speed for the whole mission. The camera takes images from the first to the last waypoint of the search, and none on
     the ways out and home. The take-off of a fixed wing has the position of the first waypoint, because the vehicle climbs toward
     this waypoint.
     """
@@ -67,14 +67,13 @@ def items_of(mission: Mission) -> list[Item]:
         points.insert(searched.stop, _placeless(TRIGGER))
         points.insert(searched.start + 1, _placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0))  # first image immediately
     take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
-    wait = [_placeless(DELAY, mission.delay, -1.0, -1.0, -1.0)] if mission.delay else []
     end = _placeless(RETURN)
     if mission.landing is not None:
         stays = mission.loiter is not None
         height = float(heights[-1]) if stays else above
         command = HOLD if stays or mission.kind == "rover" else LAND
         end = Item(command, frame, (0.0, 0.0, mission.loiter or 0.0, mission.yaw, *mission.landing[::-1], height))
-    return [*wait, *take_off, *items, *points, end]
+    return [*take_off, *items, *points, end]
 
 
 def _placeless(command: int, *params: float) -> Item:
@@ -101,7 +100,6 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         if items[-1].command == HOLD and any(altitude > 0 for altitude in sheet.altitudes):
             sheet.loiter = abs(_number(items[-1].params[2])[0])
     for command, name, parameter in (
-        (DELAY, "delay", 0),
         (SPEED, "speed", 1),
         (GIMBAL, "gimbal_pitch", 0),
         (TRIGGER, "trigger_distance", 0),
@@ -117,9 +115,14 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     ]
     if [begins for _, begins in images] == [True, False] and images[0][0] > 0:
         sheet.waypoints_out, sheet.waypoints_home = images[0][0] - 1, len(waypoints) - images[1][0]
-    for item in items:
+    aloft = next((k for k, item in enumerate(items) if item.command in (TAKE_OFF, WAYPOINT)), len(items))
+    for number, item in enumerate(items):
         _check_frame(sheet, item)
-        if item.command not in _KNOWN:
+        if item.command == DELAY and number < aloft:
+            (lasting,) = _number(item.params[0])
+            said = f"expected no wait before the take-off, but a start at its time, got a wait (93) of {lasting:g} s"
+            sheet.add("armed-wait", item.place, said)
+        elif item.command not in _KNOWN:
             known = ", ".join(map(str, sorted(_KNOWN)))
             sheet.add("unknown-command", item.place, f"expected one of the commands {known}, got {item.command}")
     _check_camera(sheet, items)

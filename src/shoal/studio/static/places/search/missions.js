@@ -43,7 +43,7 @@ export function missionsPanel({ ready, seed, changed }) {
       el("dl.measures", {}, facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value)))),
       check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, 50).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
       el("figure.missionMap", {}, el("img", { src: `${fileAddress(map)}?${Date.now()}`, alt: "Map of the missions: paths of the robots, launch points, holes, zones, fence" })),
-      dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), one.start_s === null ? "when its vehicle is back" : lasting(one.start_s + one.delay_s), `${number(one.altitude_m)} m`])),
+      dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), lasting(one.start_s), `${number(one.altitude_m)} m`])),
       el("p.soft", {}, "The same in a terminal"), el("pre.code", { tabIndex: 0 }, command));
   }
 
