@@ -233,7 +233,7 @@ def test_no_vehicle_waits_armed_on_the_ground(autopilot, tmp_path):
     late = Mission([(8.5, 47.4), (8.501, 47.4)], (8.499, 47.4), start=159.0, autopilot=autopilot)
     write_missions([late, replace(late, robot=2, start=0.0)], tmp_path)
     items = json.loads((tmp_path / "robot-01.plan").read_text())["mission"]["items"]
-    assert [item["command"] for item in items][0] == 22
+    assert items[0]["command"] == 22
     assert 93 not in {item["command"] for item in items}
     rows = [line.split("\t") for line in (tmp_path / "robot-01.waypoints").read_text().splitlines()[1:]]
     assert [row[3] for row in rows][:2] == ["16", "22"]

@@ -80,9 +80,9 @@ def write_missions(
 ) -> list[Path]:
     """Write a file for each mission in each format, such as ``robot-01.plan``, or ``robot-01-2.plan`` for a second sortie.
 
-    If start times are known, the file ``starts.txt`` lists them in their order: autopilots know no start time, so people start the
-    vehicles. The file ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the
-    folder lists, so that the folder contains missions of only one search. The function keeps all other files in the folder.
+    If start times are known, the file ``starts.txt`` lists them in their order, for the people who start the vehicles. The file
+    ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the folder
+    lists, so that the folder contains missions of only one search. The function keeps all other files in the folder.
 
     Parameters
     ----------
@@ -291,8 +291,9 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     A ``.plan`` or WPL file does not contain the numbers of the robot and the sortie, so the function takes both numbers from the
     file name. If the file name gives no numbers, the mission counts as the first sortie of robot 1. A WPL file does not contain the
     autopilot or the kind of vehicle. For a WPL file, the function assumes PX4. It assumes a vehicle that flies if a waypoint is
-    above 0 m or if the file contains a take-off, and otherwise a rover. The start time comes from ``missions.json`` beside the file,
-    and the fence and the rally points of a WPL file come from the files beside it.
+    above 0 m or if the file contains a take-off, and otherwise a rover.
+    The start time comes from ``missions.json`` beside the file, and the fence and the rally points of a WPL file come from the
+    files beside it.
 
     Parameters
     ----------

@@ -159,7 +159,7 @@ class Mission:
         check_choice(self.kind, what="kind", choices=KINDS)
         check_choice(self.autopilot, what="autopilot", choices=CAPS)
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
-        _check_motion(self.kind, self.altitude, self.speed)
+        _check_motion(self.kind, self.altitude, self.speed, level=self.heights is None and self.altitude_frame != "sea")
         for name in ("heights", "altitudes"):
             if getattr(self, name) is not None:
                 values = np.array(getattr(self, name), dtype=np.float64)
@@ -287,12 +287,13 @@ def circle_around(place: tuple[float, float], radius: float | None, frame: Local
     return np.asarray(middle + (radius or 0.0) * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
-def _check_motion(kind: str, altitude: float, speed: float) -> None:
+def _check_motion(kind: str, altitude: float, speed: float, *, level: bool) -> None:
+    """Check an altitude and a speed. Only a flight at one height above home or above ground must be above 0 there."""
     check_number(speed, what="speed", above=0)
     if kind == "rover" and altitude != 0:
         raise InvalidInputError(f"altitude: expected 0 m for a rover, got {altitude!r}")
     if kind != "rover":
-        check_number(altitude, what=f"altitude of a {kind}", above=0)
+        check_number(altitude, what=f"altitude of a {kind}", above=0 if level else -inf)
 
 
 def _check_degrees(points: Points) -> None:
