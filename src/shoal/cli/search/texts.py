@@ -119,12 +119,17 @@ def compared_rows(episode: SearchEpisode) -> list[tuple[str, str]]:
 
     plan = episode.plan
     tours = [
-        f"{one.tour}, rows at {one.angle:.4g}\N{DEGREE SIGN}: {duration_text(one.cells * plan.cell_seconds)}"
+        f"{one.tour}, rows at {one.angle:.4g}\N{DEGREE SIGN}: "
+        + duration_text(one.cells * plan.cell_seconds if one.seconds is None else one.seconds)
         for one in plan.compared
         if one.allocation is None
     ]
     shares = [f"{one.allocation} {duration_text(plan.seconds(one.cells))}" for one in plan.compared if one.allocation is not None]
-    rows = [("tours", "one robot searches the whole tour in", tours), ("allocations", "all robots finish within", shares)]
+    alone = not any(one.seconds is not None for one in plan.compared)
+    rows = [
+        ("tours", "one robot searches the whole tour in" if alone else "all vehicles are back within", tours),
+        ("allocations", "all robots finish within" if alone else "all vehicles are back within", shares),
+    ]
     return [(name, f"{what}: {'; '.join(texts)}") for name, what, texts in rows if texts]
 
 

@@ -20,7 +20,7 @@ from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.shortening.border_paths import along_border
 from shoal.search.cells.shortening.exchanging import MOST, exchanged
 from shoal.search.cells.straightening import along_tour
-from shoal.search.flight.timing import turns_of
+from shoal.search.flight.timing import turn_shares
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.boustrophedon import BoustrophedonTour
@@ -76,7 +76,8 @@ class GridTour:
 
     def once_round(self, turn_cost: float) -> float:
         """Return the cost, in cells, of one round of the tour: the length of the path plus the cost of its turns."""
-        return self.route.length / self.grid.size + turn_cost * int(turns_of(self.route.points).sum())
+        shares = turn_shares(self.route.points, reach=turn_cost * self.grid.size)
+        return self.route.length / self.grid.size + turn_cost * float(shares.sum())
 
 
 def grid_tour(

@@ -72,6 +72,7 @@ def plan_missions(
     region = plan.grid.region
     options |= {
         "blocked": grown(region.no_go, region.margin),
+        "free": region.free,
         "area": None if airspace is None else region.free.buffer(airspace),
         "ending": ending,
     }

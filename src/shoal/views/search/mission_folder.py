@@ -64,11 +64,13 @@ class MissionFolder:
         """Run the search with the missions' start times, which keep the vehicles apart."""
         plan = plan_search(problem, seed=seed)
         self.plan(plan)
-        delays = {mission.robot: mission.start or 0.0 for mission in self.missions if mission.sortie == 1}
-        if any(delays.values()):
-            seconds = tuple(delays.get(robot + 1, 0.0) for robot in range(problem.robots))
+        flights: list[list[tuple[float, float]]] = [[] for _ in range(problem.robots)]
+        for mission in self.missions:
+            flights[mission.robot - 1].append((mission.start or 0.0, mission.duration(plan.vehicle)))
+        seconds = tuple(one[0][0] if one else 0.0 for one in flights)
+        if any(seconds):
             problem = problem.replaced(delays=seconds).at_place(problem.place)
-            plan = replace(plan, delays=np.array(seconds))
+        plan = replace(plan, delays=np.array(seconds), schedule=tuple(map(tuple, flights)))
         return run(problem, seed=seed, plan=plan)
 
     def write(self, plan: SearchPlan) -> list[Path]:
