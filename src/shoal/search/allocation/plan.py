@@ -48,7 +48,7 @@ from shoal.search.flight.turning import LINK
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
-from shoal.search.regions.coverage import check_footprints
+from shoal.search.regions.coverage import Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown
 from shoal.search.regions.places import places_of
 from shoal.search.tours import Tour
@@ -60,6 +60,9 @@ MERGED = 0.001
 
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 _FLOWN = 3_000  # cells times robots: above this, allocations and tours are compared by their costs in cells alone
+_NARROWED = 6  # number of compared widths of the rows of a camera
+_UNSEEN = 1e-5  # share of a region that images may miss
+_LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
 _HOLLOW = 1e-9  # share of its area that a convex region may lack because of rounding
 
 
@@ -98,6 +101,8 @@ class SearchPlan:
     schedule : tuple of tuple of (float, float), optional
         For each robot, the start time and the duration of each sortie in seconds, if missions with altitude layers and staggered
         starts determine them. By default, each robot starts after its delay, and again as soon as it is back and recharged.
+    image : Image, optional
+        Image of the vehicles' camera. By default, robots see squares along the rows of cells.
     """
 
     grid: Grid
@@ -114,6 +119,7 @@ class SearchPlan:
     compared: tuple[Candidate, ...] = ()
     flies: bool = False
     schedule: tuple[Sorties, ...] | None = None
+    image: Image | None = None
 
     def __post_init__(self) -> None:
         if self.delays is None:
@@ -337,16 +343,39 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     """
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
+    image = problem.image
+    narrowest = 1.0 if image is None else min(1.0, min(image.across, image.along) / 2**0.5)
+    for scale in np.linspace(1.0, narrowest, _NARROWED if narrowest < 1.0 else 1).tolist():
+        plan = _best_plan(problem, seed, scale)
+        if scale == narrowest or not isinstance(plan.grid, CellGrid) or plan.grid.n_cells > _LOOKED or _is_seen(plan, plan.grid):
+            break
+    return plan
+
+
+def _is_seen(plan: SearchPlan, grid: CellGrid) -> bool:
+    """Return whether the camera, which turns with the vehicle, sees the whole region along the paths of a plan."""
+    ways = [plan.route(robot, stops) for robot in range(len(plan.places)) if len(stops := plan.stops(robot))]
+    seen = [way.points[way.stops[1] :] for way in ways]
+    sides = [float(plan.footprints[robot]) for robot in range(len(plan.places)) if len(plan.stops(robot))]
+    return coverage_check(grid.region, seen, sides, angle=grid.angle, image=plan.image).covered_fraction > 1 - _UNSEEN
+
+
+def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
+    """Return the fastest of the compared plans, with footprints ``scale`` times as wide as those of the problem.
+
+    Cells are squares along the rows, but an image turns with its vehicle. On slanted legs, images cover squares only if the squares
+    are narrower. Squares of 1 / sqrt(2) of an image lie in the image whatever its heading.
+    """
     speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
-    first = _grid_tour(problem, speeds)
+    first = _grid_tour(problem, speeds, scale=scale)
     landing = None if problem.land is None else places_of(problem.land, first.grid.region, problem.robots, what="land")
     flies = problem.vehicle is not None
     if not flies or first.grid.n_cells * problem.robots > _FLOWN:
-        return _team_plans(problem, first, speeds, landing, seed)[0]
+        return _team_plans(problem, first, speeds, landing, seed, scale)[0]
     # What counts is when the last vehicle is back: its way out and home, curves, climbs and charges belong to that.
     names = dict.fromkeys(problem.tours_to_compare(1.0)) if problem.tour == AUTO and problem.passes == 1 else {}
-    tours = [first, *(_grid_tour(problem, speeds, tour=name) for name in names)]
-    plans = [plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed)]
+    tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
+    plans = [plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)]
     best = min(plans, key=lambda plan: plan.planned_seconds)
     return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
 
@@ -377,11 +406,11 @@ def _compared_allocations(plans: Sequence[SearchPlan], best: SearchPlan) -> list
 
 
 def _team_plans(
-    problem: SearchProblem, laid: GridTour, speeds: NDArray[np.float64], landing: Points | None, seed: int
+    problem: SearchProblem, laid: GridTour, speeds: NDArray[np.float64], landing: Points | None, seed: int, scale: float
 ) -> list[SearchPlan]:
     """Return a plan for each compared allocation of a tour, the best by its cost in cells first."""
     robots, grid, tour, vehicle = problem.robots, laid.grid, laid.tour, problem.chosen_vehicle
-    footprints = check_footprints(problem.chosen_footprint, robots)
+    footprints = scale * check_footprints(problem.chosen_footprint, robots)
     tour_cost = _tour_cost(laid, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
     ground = layers_of(grid)[0]
     places = start_points(problem, ground, np.random.default_rng(seed))
@@ -422,6 +451,7 @@ def _team_plans(
             delays=delays,
             compared=laid.compared + tuple(shared if len(shared) > 1 else ()),
             flies=problem.vehicle is not None,
+            image=None if problem.image is None else problem.image.scaled(1 / scale),
         )
         plans.append(replace(plan, allocation=replace(given, times=given.times + _late(plan))))
     return plans
@@ -438,13 +468,13 @@ def _late(plan: SearchPlan) -> NDArray[np.float64]:
     return late
 
 
-def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64], tour: str | None = None) -> GridTour:
+def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64], *, scale: float, tour: str | None = None) -> GridTour:
     """Divide the region into cells at the given angle or at the best angle, and compute a tour through all layers.
 
     With ``tour``, the function compares no other tours.
     """
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
-    sizes = [cell_side(check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
+    sizes = [cell_side(scale * check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
     turn_cost = turn_cells(vehicle, sizes[0])
     given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost, "stepwise": problem.stepwise}
     tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)

@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 STRAIGHT = 2.0 * sin(radians(0.5))  # distance between unit vectors whose directions differ by one degree
 CORNER = 2.0 * sin(radians(22.5))  # the same for 45 degrees: at a sharper bend, a vehicle stops
 _SLOWEST = 1e-9  # of the square of a speed: rounding errors must not stop a vehicle in a curve
+STILL = 0.005  # metres: a shorter leg is due to the rounding of coordinates, and no motion
 CUT = 1.0
 """Distance in metres from a waypoint within which a vehicle rounds off a bend, if the vehicle has no acceptance radius."""
 
@@ -83,7 +84,9 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
     turning, legs = vehicle.turn_seconds, leg_seconds(points, vehicle, rate=rate)
     pauses = np.full(len(points), 0.0)
     if turning:
-        pauses[1:-1] = turning * turn_shares(points, reach=vehicle.cruise * turning, cut=vehicle.acceptance_radius or CUT)
+        pauses[1:-1] = turning * turn_shares(
+            points, reach=vehicle.cruise * turning, cut=vehicle.acceptance_radius or CUT, still=STILL
+        )
     pauses[[0, -1]] = turning / 2 if legs.any() else 0.0
     stands = pauses > 0
     arrivals = np.concatenate([[0.0], np.cumsum(legs)]) + np.concatenate([[0.0], np.cumsum(pauses[:-1])])
@@ -103,24 +106,25 @@ def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Float
     return np.maximum(along, vehicle.vertical_seconds(legs[:, 2]))
 
 
-def turns_of(points: Floats) -> NDArray[np.bool_]:
+def turns_of(points: Floats, still: float = 0.0) -> NDArray[np.bool_]:
     """Return, for each inner point of a path, whether a vehicle turns at this point; bool, shape (k - 2,).
 
-    A turn is a horizontal change of direction by more than one degree, or a change between vertical and horizontal motion.
+    A turn is a horizontal change of direction by more than one degree, or a change between vertical and horizontal motion. A leg of
+    at most ``still`` has no direction.
     """
     if len(points) < 3:
         return np.zeros(max(len(points) - 2, 0), dtype=np.bool_)
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     headings = legs[:, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
-    here = np.flatnonzero(np.abs(legs).max(axis=1) > 0)  # a leg of length zero has no direction
+    here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
     found = np.zeros(len(points) - 2, dtype=np.bool_)
     apart = np.hypot(*np.diff(headings[here], axis=0).T) > STRAIGHT
     found[here[1:][apart] - 1] = True
     return found
 
 
-def turn_shares(points: Floats, *, reach: float, cut: float = CUT) -> Floats:
+def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float = 0.0) -> Floats:
     """Return, for each inner point of a path, the time that is lost there, divided by the duration of a turn; shape (k - 2,).
 
     At a bend of more than 45 degrees, and between vertical and horizontal motion, a vehicle stops and loses the whole duration of a
@@ -135,6 +139,8 @@ def turn_shares(points: Floats, *, reach: float, cut: float = CUT) -> Floats:
         The distance v T = v**2 / a, in the unit of the points. An arc whose radius is at least ``reach`` costs no time.
     cut : float
         Distance from a bend within which the arc passes, in the unit of the points.
+    still : float
+        Length up to which a leg is no motion, in the unit of the points.
 
     Examples
     --------
@@ -145,11 +151,11 @@ def turn_shares(points: Floats, *, reach: float, cut: float = CUT) -> Floats:
     >>> print(turn_shares(around, reach=10.0).sum().round(2))  # a quarter of a circle of 5 m: less than one stop
     0.37
     """
-    shares = turns_of(points).astype(np.float64)
+    shares = turns_of(points, still).astype(np.float64)
     if reach <= 0 or not shares.any():
         return shares
     legs = np.diff(points, axis=0)
-    here = np.flatnonzero(np.abs(legs).max(axis=1) > 0)
+    here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
     lengths = np.hypot(legs[here, 0], legs[here, 1])
     headings = legs[here, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
     apart = np.hypot(*np.diff(headings, axis=0).T)

@@ -17,10 +17,10 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.search.flight.staggering import Separation
 from shoal.search.flight.terrain import Terrain
-from shoal.search.flight.vehicle import Vehicle, vehicle_of
+from shoal.search.flight.vehicle import Vehicle, image_of, vehicle_of
 from shoal.search.missions.approach import Clearance, MissionApproach, clearance_of, missions_approach
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
-from shoal.search.missions.files import FORMATS, format_of, mission_of
+from shoal.search.missions.files import FORMATS, footprint_angle, format_of, mission_of
 from shoal.search.missions.lint import examine
 from shoal.search.missions.mission import Mission
 from shoal.search.missions.rules import ROUNDING, inside_of, metres_of, searching
@@ -172,9 +172,11 @@ def check_missions(
         The region, or a name or file of a region, as in the field ``region`` of a search problem.
     footprint : float, sequence of float or None
         Side in metres of the square that a vehicle sees: one number, or one number for each robot in the order of robot numbers.
-        With None, the function only lints the files.
+        With None, the function only lints the files. If it is the row spacing of the camera of ``vehicle``, the vehicle sees the
+        images of this camera, which turn with the vehicle.
     angle : float, optional
-        Angle of the footprint's sides in degrees, counter-clockwise from east. By default, `angle_of` finds the angle.
+        Angle of the footprint's sides in degrees, counter-clockwise from east. By default, the angle is the one for which the
+        missions were planned according to ``missions.json``, or the one that `angle_of` finds.
     format : str, optional
         Format of the files to check. By default, the function checks the first format of ``FORMATS`` with a file in ``folder``.
     cap, autopilot, airspace : optional
@@ -220,13 +222,15 @@ def check_missions(
     if footprint is not None:
         ways = [_searching_way(sheet, region) for sheet in flown]
         ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region and listed in the diagnostics
-        turned_by = angle_of([way[:, :2] for way in ways]) if angle is None else angle
+        planned = footprint_angle(folder) if angle is None else angle
+        turned_by = angle_of([way[:, :2] for way in ways]) if planned is None else planned
+        image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
         sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
         least = float(np.min(sides if flown else footprint))
         region = visible_region(region, least, turned_by)
         bands = region.layer_altitudes(least) if bands is None and region.height else bands
         coverages = tuple(
-            coverage_check(region, stretches, widths if stretches else least, tolerance=ROUNDING, angle=turned_by)
+            coverage_check(region, stretches, widths if stretches else least, tolerance=ROUNDING, angle=turned_by, image=image)
             for stretches, widths in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
         )
     found = [mission for sheet in flown if (mission := _mission(sheet)) is not None]

@@ -28,6 +28,7 @@ from shoal.search.regions.limits import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
 MANIFEST = "missions.json"  # the manifest: the names of the written files
+ANGLE = "footprint_angle_degrees"  # a key of the manifest
 STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
 
 _HOW_TO_START = """\
@@ -77,6 +78,7 @@ def write_missions(
     *,
     formats: Sequence[str] | None = None,
     vehicle: Vehicle | None = None,
+    angle: float | None = None,
 ) -> list[Path]:
     """Write a file for each mission in each format, such as ``robot-01.plan``, or ``robot-01-2.plan`` for a second sortie.
 
@@ -95,6 +97,9 @@ def write_missions(
         "csv", because the other formats need positions on Earth.
     vehicle : Vehicle, optional
         If a vehicle is given, the file ``missions.json`` also lists the duration and the usable fraction of each mission.
+    angle : float, optional
+        Angle of the sides of the footprints for which the missions are planned, in degrees counter-clockwise from east. The file
+        ``missions.json`` stores it, and the check of the missions uses it.
 
     Returns
     -------
@@ -136,9 +141,10 @@ def write_missions(
     with ExitStack() as stack:
         for path, text in texts.items():
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
+    told = {} if angle is None else {ANGLE: angle}
     for name in _listed(folder) - {path.name for path in texts}:
         (Path(folder) / name).unlink(missing_ok=True)
-    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | _times(missions, vehicle))
+    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | told | _times(missions, vehicle))
     return [*named, *(path for path in texts if path not in named)]
 
 
@@ -201,6 +207,12 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
             continue
         for sheet in ours:
             setattr(sheet, field, found)
+
+
+def footprint_angle(folder: str | os.PathLike[str]) -> float | None:
+    """Return the angle of the footprints for which the missions of a folder are planned, in degrees, or None if it is unknown."""
+    angle = _manifest(folder).get(ANGLE)
+    return float(angle) if isinstance(angle, int | float) and not isinstance(angle, bool) and -360 <= angle <= 360 else None
 
 
 def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:

@@ -80,7 +80,9 @@ class MissionFolder:
         """
         if not self.missions:
             self.plan(plan)
-        written = write_missions(self.missions, self.folder, formats=self.given.format or None, vehicle=plan.vehicle)
+        written = write_missions(
+            self.missions, self.folder, formats=self.given.format or None, vehicle=plan.vehicle, angle=plan.grid.angle
+        )
         save_figure(missions_figure(self.missions, plan.grid.region, self.approach), self.folder / MAP)
         return [*written, self.folder / MAP]
 
