@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from math import inf
@@ -19,7 +20,7 @@ from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import check_suffix, write_json
 from shoal.search.allocation.layers import layers_of
-from shoal.search.allocation.plan import SearchPlan, end_of, plan_search
+from shoal.search.allocation.plan import SearchPlan, Sorties, end_of, plan_search
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.problem import SearchProblem
@@ -330,6 +331,7 @@ class SearchEpisode(Episode):
             "seed": self.seed,
             "seconds": self.seconds,
             "simulated": self.simulated,
+            "schedule": self.plan.schedule,
             "trace": self.trace.to_dict(),
         }
         write_json(target, told, indent=None)
@@ -361,7 +363,7 @@ class SearchEpisode(Episode):
         """
         source = str(path)
         told = parse_json(read_text(Path(path), what="search episode"), where=source)
-        names = {"format", "kind", "versions", "problem", "seed", "seconds", "simulated", "trace"}
+        names = {"format", "kind", "versions", "problem", "seed", "seconds", "simulated", "schedule", "trace"}
         if not isinstance(told, dict) or told.get("kind") != "search" or told.get("format") != FORMAT or set(told) != names:
             raise InvalidInputError(f"{source}: expected a search episode of format {FORMAT}, got {shortened(told)}")
         try:
@@ -370,6 +372,7 @@ class SearchEpisode(Episode):
                 SearchProblem.refuse_code(told["problem"], where="problem")
             problem = SearchProblem.from_dict(told["problem"])
             plan = plan_search(problem, seed=seed)
+            plan = replace(plan, schedule=_schedule_from(told["schedule"], problem.robots))
             return cls(
                 problem=problem,
                 plan=plan,
@@ -382,6 +385,18 @@ class SearchEpisode(Episode):
             )
         except (ShoalError, TypeError, ValueError) as error:
             raise InvalidInputError(f"{source}: not a search episode: {error}") from None
+
+
+def _schedule_from(data: Any, robots: int) -> tuple[Sorties, ...] | None:
+    """Return the start times and durations of all sorties from an episode file, or None if the plan determines them."""
+    if data is None:
+        return None
+    if len(data) != robots:
+        raise InvalidInputError(f"schedule: expected {robots} robots, got {len(data)}")
+    return tuple(
+        tuple((check_number(start, what="start", least=0), check_number(time, what="duration", least=0)) for start, time in one)
+        for one in data
+    )
 
 
 def duration_text(seconds: float) -> str:

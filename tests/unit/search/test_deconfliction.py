@@ -340,7 +340,7 @@ def wing():
     return plan_search(SearchProblem("rectangle:300x150", robots=2, footprint=50, margin=5, vehicle="fixed-wing,turn_radius=30"))
 
 
-@pytest.mark.parametrize("airspace", [None, 40.0])
+@pytest.mark.parametrize("airspace", [None, 30.0])
 def test_turns_stay_in_the_airspace_and_the_fence_contains_them(wing, airspace, tmp_path):
     region = wing.grid.region
     missions = plan_missions(wing, separation=None if airspace else Separation(), airspace=airspace)
@@ -348,7 +348,7 @@ def test_turns_stay_in_the_airspace_and_the_fence_contains_them(wing, airspace, 
         assert [one.loiter for one in missions] == [pytest.approx(30.3)] * 2
         assert missions_approach(missions, Separation(), None, vehicle=wing.vehicle).horizontal >= 10 - 0.005
     needed = airspace_of(missions, region)
-    assert (needed > 40) == (airspace is None)
+    assert (needed > 30) == (airspace is None)
     assert all(one.fence.area(None).covers(shapely.linestrings(one.way_in(None)[:, :2])) for one in missions)
     assert all(one.fence.area(None).covers(shapely.linestrings(one.circle_in(None))) for one in missions if one.loiter)
     if not airspace:

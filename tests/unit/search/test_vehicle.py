@@ -16,6 +16,7 @@ from shoal.search.flight.flight import Flight
 from shoal.search.flight.pace import turn_cells, working_seconds
 from shoal.search.flight.timing import trajectory
 from shoal.search.flight.vehicle import PRESETS, Vehicle, vehicle_of
+from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.problem import SearchProblem
 from shoal.search.run import run as run_search
 
@@ -175,6 +176,8 @@ def test_planners_reckon_with_the_vehicle():
     episode = run_search(problem)
     assert episode.scenario.brief.energy == 860 / 2.5
     assert episode.scenario.brief.recharge == (4 * 60 + 40) / 2.5  # down, and up again
-    assert episode.makespan == pytest.approx(10 + 2.5 * episode.trace.covered_at)
+    missions = plan_missions(plan)
+    back = max(one.start + one.duration(vehicle) for one in missions)
+    assert episode.makespan == episode.plan.planned_seconds == pytest.approx(back, rel=1e-4)
     windy = plan_search(problem.replaced(vehicle=vehicle.replaced(wind_speed=4.0, wind_from=90.0)))
     assert windy.cell_seconds == pytest.approx(20 * (1 / 12 + 1 / 4) / 2)

@@ -376,14 +376,19 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     names = dict.fromkeys(problem.tours_to_compare(1.0)) if problem.tour == AUTO and problem.passes == 1 else {}
     tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
     plans = [plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)]
-    best = min(plans, key=lambda plan: plan.planned_seconds)
+    best = min(plans, key=_without_delays)
     return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
+
+
+def _without_delays(plan: SearchPlan) -> float:
+    """Return the longest time between the departure of a robot and its return, in seconds."""
+    return max((end_of(sorties) - float(delay) for sorties, delay in zip(plan.sorties, plan.delays, strict=True)), default=0.0)
 
 
 def _compared_tours(plans: Sequence[SearchPlan]) -> list[Candidate]:
     """Return the compared tours with the time of the best plan along each, the fastest first. A single tour gives no candidates."""
     found: dict[str, Candidate] = {}
-    for plan in sorted(plans, key=lambda plan: plan.planned_seconds):
+    for plan in sorted(plans, key=_without_delays):
         name, cells = plan.tour.name, plan.cells(plan.planned_seconds)
         found.setdefault(name, Candidate(plan.row_angle, name, cells, seconds=plan.planned_seconds))
     return list(found.values()) if len(found) > 1 else []
@@ -391,7 +396,7 @@ def _compared_tours(plans: Sequence[SearchPlan]) -> list[Candidate]:
 
 def _compared_allocations(plans: Sequence[SearchPlan], best: SearchPlan) -> list[Candidate]:
     """Return the compared allocations of the best plan's tour, the fastest first. A single allocation gives no candidates."""
-    alike = sorted((plan for plan in plans if plan.tour is best.tour), key=lambda plan: plan.planned_seconds)
+    alike = sorted((plan for plan in plans if plan.tour is best.tour), key=_without_delays)
     found = [
         Candidate(
             plan.row_angle,

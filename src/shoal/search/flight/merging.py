@@ -108,7 +108,7 @@ def _meeting(before: list[float], here: list[float], then: list[float], after: l
     """Return the point where the leg to ``here`` and the leg from ``then`` meet if they are extended, if it is near to both."""
     ax, ay, bx, by = here[0] - before[0], here[1] - before[1], after[0] - then[0], after[1] - then[1]
     cross = ax * by - ay * bx
-    if abs(cross) < 1e-9 * math.hypot(ax, ay) * math.hypot(bx, by):
+    if abs(cross) <= 1e-9 * math.hypot(ax, ay) * math.hypot(bx, by):
         return []
     far = ((then[0] - here[0]) * by - (then[1] - here[1]) * bx) / cross
     back = ((then[0] - here[0]) * ay - (then[1] - here[1]) * ax) / cross

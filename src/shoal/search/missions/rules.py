@@ -144,10 +144,11 @@ def _check_altitude(sheet: Sheet) -> None:
         if flies and altitude > _HIGH and sheet.altitude_frame != "sea":
             sheet.add("altitude-high", place, f"expected a height of at most {_HIGH:g} m, got {altitude:g}")
             return
-    # A waypoint on the way up, between a lower and a higher one, is a layer of which a robot searches one cell.
+    # A waypoint between two other heights, or before or after several others, is a layer of which a robot searches one cell.
     levels = [round(altitude, 1) for altitude in sheet.altitudes]
     often = Counter(levels)
-    passed = {level for before, level, after in zip(levels, levels[1:], levels[2:], strict=False) if before < level < after}
+    passed = {level for before, level, after in zip(levels, levels[1:], levels[2:], strict=False) if before != after}
+    passed |= {levels[0], levels[-1]} if len(often) > 2 else set()
     rare, count = min(
         ((up, count) for up, count in often.items() if up not in passed), key=lambda entry: entry[1], default=(0.0, 0)
     )
