@@ -173,7 +173,12 @@ class _Schedule:
             starts[robot, number] = float(start)
             if number + 1 < len(made[robot]):
                 heappush(ready, (self._back(flights[robot], number, float(start)), robot, number + 1))
-        last = max((start + flights[robot][number][0].duration for (robot, number), start in starts.items()), default=0.0)
+        # The time for which a vehicle stays in the air is part of its last flight.
+        ends = [
+            start + max(one.duration for one in flights[robot][number]) - self._stay(made, robot, number)
+            for (robot, number), start in starts.items()
+        ]
+        last = max(ends, default=0.0) + self.separation.delay
         return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
 
     def _raised(self, made: Sequence[Sorties], robot: int, layer: int) -> Sequence[Trajectory]:
@@ -194,6 +199,10 @@ class _Schedule:
         lasting = max(one.duration for one in flights[number])
         return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
 
+    def _stay(self, made: Sequence[Sorties], robot: int, number: int) -> float:
+        """Return how long a vehicle stays in the air after a mission, in seconds. A vehicle that lands does not stay."""
+        return self.stay if number + 1 == len(made[robot]) and made[robot][number].loiter is not None else 0.0
+
     def _flights(self, made: Sequence[Sorties], robot: int, number: int, up: float) -> Sequence[Trajectory]:
         """Return two trajectories of a mission: the first with the vehicle's speeds and turns, the second at a constant speed."""
         if number >= len(made[robot]):
@@ -201,7 +210,7 @@ class _Schedule:
         mission, plan = made[robot][number], self.plan
         way = common_way(mission, plan.grid.region.frame)
         way[1 : len(way) - 1, 2] += up
-        stay = self.stay if number + 1 == len(made[robot]) else 0.0
+        stay = self._stay(made, robot, number)
         as_flown = mission_trajectory(mission, way, plan.vehicle, float(plan.rates[robot]), stay)
         return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
 
