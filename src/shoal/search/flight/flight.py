@@ -158,36 +158,42 @@ class Flight:
         whole, ups = climbs_apart(whole, np.pad(inner, 1, mode="edge") if len(inner) else ups)
         if self.vehicle.radius:
             return self._curved(whole, ups, way)
-        whole, ups = self._lengthened(whole, ups)
         if self.terrain is None:
             return self._level(whole[1:-1], ups[1:-1])
         borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
         over = np.concatenate([self._at(whole[begin:end], float(ups[begin])) for begin, end in pairwise(borders)])
         return over if self._follows else over[1:-1]
 
-    def _lengthened(self, whole: Points, ups: Floats) -> tuple[Points, Floats]:
-        """Return a path without legs that are shorter than the acceptance radius of the vehicle, where this is possible."""
-        radius = self.vehicle.acceptance_radius
-        if not radius or len(whole) < 4:
-            return whole, ups
+    def lengthened(self, way: Points) -> Points:
+        """Return a path without legs that are shorter than the acceptance radius of the vehicle, where this is possible.
+
+        Both ends of the path stay. Fixed wings fly curves instead, and a path of narrow rows (see ``link``) keeps its rows.
+        """
+        least = min(_WIDER * (self.vehicle.acceptance_radius or 0.0) + _HAIR, self.link / 4)
+        legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
+        if self.vehicle.radius or not ((legs > 0) & (legs < least)).any():
+            return way
         import shapely
 
-        least = min(_WIDER * radius + _HAIR, self.link / 4 if self.link else inf)  # a path of narrow rows keeps its rows
-        legs = np.hypot(*np.diff(whole, axis=0).T)
-        if not ((legs[1:-1] > 0) & (legs[1:-1] < least)).any():
-            return whole, ups
+        blocked, free = self._bounds
 
-        def allowed(way: Points) -> bool:
-            line = shapely.linestrings(way)
+        def allowed(piece: Points) -> bool:
+            line = shapely.linestrings(piece)
             if blocked is not None and shapely.intersects(blocked, line):
                 return False
             return free is None or bool(shapely.covers(free, line))
 
+        return lengthened(way, least, allowed)
+
+    @cached_property
+    def _bounds(self) -> tuple[Any, Any]:
+        """The blocked areas and the free area, each with a small tolerance for rounding errors."""
+        import shapely
+
         blocked = None if self.blocked is None or self.blocked.is_empty else self.blocked.buffer(-_TOUCH)
         free = None if self.free is None else self.free.buffer(_TOUCH)
         shapely.prepare([shape for shape in (blocked, free) if shape is not None])
-        kept = lengthened(np.column_stack([whole, ups]), least, allowed)
-        return kept[:, :2], kept[:, 2]
+        return blocked, free
 
     @property
     def _follows(self) -> bool:

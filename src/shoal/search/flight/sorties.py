@@ -108,7 +108,8 @@ class Sorties:
         """Return the waypoints of a sortie: from home to a section of the path, along this section, and back home."""
         flight = self._flight(until)
         out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
-        return flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
+        out, between, back = map(flight.lengthened, (out, self._between(begin, until), back))
+        return flight.waypoints(np.vstack([out[1:-1], between, back[1:-1]]))
 
     def _beside(self, waypoints: NDArray[np.float64], begin: float, until: float) -> tuple[int, int]:
         """Return the number of waypoints before and after the section of the path that a sortie searches.
