@@ -59,7 +59,7 @@ def least_distance(missions: Sequence[Mission], late: Any, vertical: float) -> f
         ]
         points = np.array([*way, (*mission.end, 0.0)])
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        start = (mission.start or 0.0) + mission.delay + wait
+        start = (mission.start or 0.0) + wait
         flown.append((mission.robot, start + np.concatenate([[0.0], np.cumsum(lengths)]) / mission.speed, points))
     least = np.inf
     for (one, mine, here), (other, theirs, there) in combinations(flown, 2):
@@ -85,7 +85,7 @@ def main(count: int = 50, seed: int = 0) -> None:
         found = missions_approach(missions, separation, None)
         exact = min(exact, np.inf if found is None else found.horizontal)
         layers.append(len({mission.altitude for mission in missions}))
-        waits.append(max(mission.delay for mission in missions))
+        waits.append(max(mission.start or 0.0 for mission in missions if mission.sortie == 1))
         sorties += len(missions)
         if min(nearest, exact) < separation.horizontal - 0.01:
             raise SystemExit(f"plan {number} of seed {seed}: {nearest:.3f} m in the simulation, {exact:.3f} m exactly")

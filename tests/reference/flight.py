@@ -36,7 +36,7 @@ def legs_of(way):
     """Yield (bearing at its begin and at its end in degrees, metres along the ground, metres up) of each leg."""
     for (x, y, z), (east, north, top) in pairwise(way):
         bearing, back, length = EARTH.inv(x, y, east, north)
-        yield bearing, back + 180, (length if length > 1e-6 else 0.0), top - z
+        yield bearing, back + 180, (length if length > 0.005 else 0.0), top - z
 
 
 def ground_speed(bearing, speed, wind, wind_from):
@@ -53,6 +53,7 @@ def seconds_of(way, vehicle):
     if turn is None:
         turn = speed / vehicle["acceleration"] if "acceleration" in vehicle else 0.0
     total, before = turn, None  # half for starting, half for stopping
+    flat, cut = [], vehicle.get("acceptance_radius", 1.0)  # the bends and legs since the last stop
     for bearing, end, length, up in legs_of(way):
         along = length / ground_speed(bearing, speed, wind, vehicle.get("wind_from", 0.0)) if length else 0.0
         rate = vehicle.get("climb_speed" if up > 0 else "sink_speed")
@@ -63,9 +64,42 @@ def seconds_of(way, vehicle):
         if before is not None and before != heading:
             vertical = "up or down" in (before, heading)
             bend = 180.0 if vertical else abs((heading - before + 180) % 360 - 180)
-            total += turn if bend > 1.01 else 0.0
+            if bend > 45.0:
+                total, flat = total + turn + lost_in_curves(flat, speed, turn, cut), []
+            elif bend > 0.99:
+                flat.append((bend, 0.0))
+        flat.append((0.0, length))
         before = end if length else heading
-    return total
+    return total + lost_in_curves(flat, speed, turn, cut)
+
+
+def lost_in_curves(pieces, speed, turn, cut):
+    """Return the time lost in gentle bends between two stops, by small steps along the way.
+
+    The pieces of the way are bends (degrees, 0) and straight legs (0, metres). Around each bend, the speed is at most that of the
+    arc that touches both legs. Elsewhere it changes by at most the acceleration.
+    """
+    if not turn or not any(bend for bend, _ in pieces):
+        return 0.0
+    reach = speed * turn  # the square of the speed over the acceleration
+    lengths = [length for _, length in pieces if length]
+    ends, at, number = [], 0.0, 0
+    for bend, length in pieces:
+        at += length
+        number += bool(length)
+        if bend and 0 < number < len(lengths):
+            half = math.radians(bend) / 2
+            touch = min(lengths[number - 1] / 2, lengths[number] / 2, cut * math.tan(half) / (1 / math.cos(half) - 1))
+            ends.append((at - touch, at + touch, min(1.0, touch / math.tan(half) / reach)))
+    step = min(0.2, at / 50)
+    squares = [1.0] * (math.ceil(at / step) + 1)
+    for begin, end, square in ends:
+        for k in range(max(math.ceil(begin / step), 0), min(math.floor(end / step), len(squares) - 1) + 1):
+            squares[k] = min(squares[k], square)
+    for order in (range(1, len(squares)), range(len(squares) - 2, -1, -1)):
+        for k in order:
+            squares[k] = min(squares[k], squares[k - order.step] + 2 * step / reach)
+    return sum(step / speed * (2 / (math.sqrt(a) + math.sqrt(b)) - 1) for a, b in pairwise(squares))
 
 
 def usable_seconds(vehicle):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 from math import inf
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -18,7 +20,7 @@ from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import check_suffix, write_json
 from shoal.search.allocation.layers import layers_of
-from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.allocation.plan import SearchPlan, Sorties, end_of, plan_search
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.problem import SearchProblem
@@ -27,7 +29,7 @@ from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.coverages import coverages
 from shoal.search.simulation.findings import Finding, merge_findings
 from shoal.search.simulation.scenario import Scenario, scenario_of
-from shoal.search.simulation.trace import SearchTrace, planned_trace, searched_at, simulated_trace
+from shoal.search.simulation.trace import RobotLog, SearchTrace, planned_trace, searched_at, simulated_trace
 from shoal.search.tours.bitset import bitset_of
 
 FORMAT: Literal[2] = 2
@@ -78,7 +80,8 @@ class SearchEpisode(Episode):
             often = "never searched" if count == 1 else f"searched by fewer than {count} robots"
             return f"{left} of {cells} cells that robots can reach were {often}"
         by = "" if count == 1 else f" by {count} robots"
-        told = f"all {cells} cells that robots can reach were searched{by} after {duration_text(self.makespan or 0.0)}"
+        back = ", and every vehicle that works was back," if self.plan.flies else ""
+        told = f"all {cells} cells that robots can reach were searched{by}{back} after {duration_text(self.makespan or 0.0)}"
         if self._as_planned:
             return f"{told}, according to the plan: nothing was simulated"
         if self._unaware:
@@ -99,8 +102,52 @@ class SearchEpisode(Episode):
 
     @property
     def makespan(self) -> float | None:
-        """Time in seconds at which robots had searched all reachable cells, or None if a reachable cell was never searched."""
-        return self.plan.seconds(self.trace.covered_at) if self.trace.covered_at < inf else None
+        """Time of the search in seconds, or None if a reachable cell was never searched.
+
+        If the problem names a vehicle, the time ends when the last working vehicle is back from its last sortie, with all charges
+        in between. Otherwise, the time ends when all reachable cells have been searched.
+        """
+        if self.trace.covered_at == inf:
+            return None
+        return self._back if self.plan.flies else self.plan.seconds(self.trace.covered_at)
+
+    @cached_property
+    def _back(self) -> float:
+        """Time in seconds at which the last working vehicle is back, by the flights along the cells that the vehicles searched."""
+        plan, times = self.plan, []
+        for robot, log in enumerate(self.trace.robots):
+            if not log.cells.size or log.status == "dead":
+                continue
+            if self._faultless or (not any(log.detours) and np.array_equal(log.cells, plan.stops(robot))):
+                sorties = plan.sorties[robot]
+            else:
+                sorties = plan.sorties_along(robot, log.cells, log.detours, cells=float(log.times[-1]))
+            times.append(end_of(sorties) + (0.0 if self._faultless else self._waited(log) * plan.cell_seconds))
+        return max(times, default=0.0)
+
+    @property
+    def _faultless(self) -> bool:
+        """Whether nothing can go wrong in the search. Then every vehicle flies its missions, and needs no help."""
+        scenario = self.scenario
+        return not (scenario.faults or scenario.network.media or scenario.obstacles) and self.problem.live is None
+
+    @staticmethod
+    def _waited(log: RobotLog) -> float:
+        """Return how long a robot waited or paused between its searches, in units of `cell_time`."""
+        last = float(log.times[-1])
+        moments = [*log.states, (last, "")]
+        return sum(
+            max(min(then, last) - since, 0.0) for (since, state), (then, _) in pairwise(moments) if state in ("waiting", "paused")
+        )
+
+    def clock(self, moment: float) -> float:
+        """Convert a moment of the trace to seconds since the start of the search.
+
+        The end of the search is at `makespan`. If the problem names a vehicle, earlier moments are in proportion.
+        """
+        if not self.plan.flies or not 0 < self.trace.covered_at < inf:
+            return self.plan.seconds(moment)
+        return moment * (self.makespan or 0.0) / self.trace.covered_at
 
     @property
     def cell_time(self) -> float:
@@ -115,8 +162,8 @@ class SearchEpisode(Episode):
             "status": str(self.status),
             "cells": plan.grid.n_cells,
             "makespan": self.makespan,
-            "share": None if self.makespan is None else trace.covered_at / plan.tour_cost.least,
-            "planned": plan.seconds(plan.allocation.makespan),
+            "share": None if self.makespan is None else self._in_cells(trace.covered_at, self.makespan) / plan.tour_cost.least,
+            "planned": plan.planned_seconds,
             "lower_bound": plan.seconds(plan.allocation.lower_bound),
             "sent": trace.sent,
             "lost": trace.lost,
@@ -197,10 +244,10 @@ class SearchEpisode(Episode):
             "tour": self.plan.tour.name,
             "allocation": allocation.allocator,
             "compared": [candidate.report() for candidate in self.plan.compared],
-            "makespan_cells": None if self.makespan is None else trace.covered_at,
+            "makespan_cells": None if self.makespan is None else self._in_cells(trace.covered_at, self.makespan),
             "makespan_s": self.makespan,
-            "planned_cells": allocation.makespan,
-            "planned_s": self.plan.seconds(allocation.makespan),
+            "planned_cells": self._in_cells(allocation.makespan, self.plan.planned_seconds),
+            "planned_s": self.plan.planned_seconds,
             "lower_bound_cells": allocation.lower_bound,
             "lower_bound_s": self.plan.seconds(allocation.lower_bound),
             "covered_fraction": self.coverage.covered_fraction,
@@ -216,6 +263,10 @@ class SearchEpisode(Episode):
             "seed": self.seed,
             "seconds": self.seconds,
         }
+
+    def _in_cells(self, cells: float, seconds: float) -> float:
+        """Return a time in cells: the time of flights if the problem names a vehicle, and otherwise the given number of cells."""
+        return self.plan.cells(seconds) if self.plan.flies else cells
 
     def _layer(self, number: int) -> dict[str, Any]:
         grid, seen = layers_of(self.plan.grid)[number], self.coverages[number]
@@ -283,6 +334,7 @@ class SearchEpisode(Episode):
             "seed": self.seed,
             "seconds": self.seconds,
             "simulated": self.simulated,
+            "schedule": self.plan.schedule,
             "trace": self.trace.to_dict(),
         }
         write_json(target, told, indent=None)
@@ -314,7 +366,7 @@ class SearchEpisode(Episode):
         """
         source = str(path)
         told = parse_json(read_text(Path(path), what="search episode"), where=source)
-        names = {"format", "kind", "versions", "problem", "seed", "seconds", "simulated", "trace"}
+        names = {"format", "kind", "versions", "problem", "seed", "seconds", "simulated", "schedule", "trace"}
         if not isinstance(told, dict) or told.get("kind") != "search" or told.get("format") != FORMAT or set(told) != names:
             raise InvalidInputError(f"{source}: expected a search episode of format {FORMAT}, got {shortened(told)}")
         try:
@@ -323,6 +375,7 @@ class SearchEpisode(Episode):
                 SearchProblem.refuse_code(told["problem"], where="problem")
             problem = SearchProblem.from_dict(told["problem"])
             plan = plan_search(problem, seed=seed)
+            plan = replace(plan, schedule=_schedule_from(told["schedule"], problem.robots))
             return cls(
                 problem=problem,
                 plan=plan,
@@ -335,6 +388,18 @@ class SearchEpisode(Episode):
             )
         except (ShoalError, TypeError, ValueError) as error:
             raise InvalidInputError(f"{source}: not a search episode: {error}") from None
+
+
+def _schedule_from(data: Any, robots: int) -> tuple[Sorties, ...] | None:
+    """Return the start times and durations of all sorties from an episode file, or None if the plan determines them."""
+    if data is None:
+        return None
+    if len(data) != robots:
+        raise InvalidInputError(f"schedule: expected {robots} robots, got {len(data)}")
+    return tuple(
+        tuple((check_number(start, what="start", least=0), check_number(time, what="duration", least=0)) for start, time in one)
+        for one in data
+    )
 
 
 def duration_text(seconds: float) -> str:

@@ -194,10 +194,8 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     assert ", divided among the robots by the allocation " in text
     assert re.search(r"cells of 40 m, each searched in [\d.]+ s; ", text)
     assert re.search(rf"time {time} in the simulation; planned {time}, and no plan takes less than {time}", text)
-    assert re.search(
-        rf"tours one robot searches the whole tour in: \S+, rows at [\d.]+°: {time}; \S+, rows at [\d.]+°: {time}", text
-    )
-    assert re.search(rf"allocations all robots finish within: \S+ {time}; ", text)
+    assert re.search(rf"tours all vehicles are back within: \S+, rows at [\d.]+°: {time}; \S+, rows at [\d.]+°: {time}", text)
+    assert re.search(rf"allocations all vehicles are back within: \S+ {time}; ", text)
     share = r"[\d.]+ min, [\d.]+ % of the 4 min that the battery allows without its reserve"
     assert re.search(rf"flight robot-01: {share} flight robot-01-2: [\d.]+ min, [\d.]+ % ", text)
     assert "airspace" not in text
@@ -207,7 +205,7 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     assert [time for _, time in later] == sorted(time for _, time in later)
     assert "0 min between the sorties of a vehicle; set recharge in --vehicle" in text
     assert re.search(r"found +at 47\.\d{6}° N, 8\.\d{6}° E", out)
-    assert len(re.findall(r"written", out)) == 4  # a line a robot, whatever the formats and sorties; the fence and the map
+    assert len(re.findall(r"written", out)) == 5  # a line a robot, whatever the formats and sorties; fence, starts and map
     assert "e-" not in out
     assert run(["missions", "check", str(tmp_path / "m"), str(field), "--footprint", "40"]) == 0
     plan = json.loads((tmp_path / "m" / "robot-01.plan").read_text())

@@ -110,7 +110,7 @@ def simulated(missions, frame, late, climb):
         points = np.array([[*home, 0.0], [*home, high], *([*point, high] for point in way), [*way[-1], 0.0]])
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         rises = np.abs(np.diff(points[:, 2])) > 0
-        times = mission.delay + wait + np.concatenate([[0.0], np.cumsum(lengths / np.where(rises, climb, mission.speed))])
+        times = (mission.start or 0.0) + wait + np.concatenate([[0.0], np.cumsum(lengths / np.where(rises, climb, mission.speed))])
         flown.append((times, points))
     clock = np.arange(0.0, max(times[-1] for times, _ in flown), 0.25)
     places = [np.stack([np.interp(clock, times, points[:, axis]) for axis in range(3)], axis=1) for times, points in flown]
@@ -135,7 +135,7 @@ def test_vehicles_keep_apart_in_a_simulation_of_their_files_with_random_delays(t
     near = missions_approach(read, separation, region.frame)
     assert near.horizontal >= 10 - 0.005
     assert missions_approach(read, separation, region.frame, vehicle=plan.vehicle).horizontal >= 10 - 0.005
-    at_once = [replace(mission, delay=0.0) for mission in read]
+    at_once = [replace(mission, start=0.0) for mission in read]
     assert missions_approach(at_once, separation, region.frame).horizontal < 1  # they all climb at one place
 
 
@@ -156,7 +156,7 @@ def test_a_planted_conflict_is_found_with_its_time_place_and_robots(region, tmp_
     write_missions([there, replace(back, altitude=35.0)], tmp_path, formats=["plan"])
     apart = check_missions(tmp_path, region, None, separation=separation).approach
     assert apart is None or apart.horizontal > 10  # a layer more
-    write_missions([there, replace(back, delay=400.0)], tmp_path, formats=["plan"])
+    write_missions([there, replace(back, start=400.0)], tmp_path, formats=["plan"])
     assert check_missions(tmp_path, region, None, separation=separation).approach is None
 
 
@@ -214,18 +214,50 @@ def test_fence_and_rally_points_are_read_by_other_programs(team, region, tmp_pat
 
 @pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".geojson", ".kml", ".gpx", ".csv"])
 @pytest.mark.parametrize("kind", ["multirotor", "rover"])
-def test_every_format_holds_delay_and_landing(suffix, kind, tmp_path):
+def test_every_format_holds_start_and_landing(suffix, kind, tmp_path):
     altitude = 30.0 if kind == "multirotor" else 0.0
     mission = Mission(
-        [(8.5, 47.4), (8.501, 47.4)], (8.499, 47.4), kind=kind, altitude=altitude, landing=(8.502, 47.401), delay=37.0, robot=2
+        [(8.5, 47.4), (8.501, 47.4)], (8.499, 47.4), kind=kind, altitude=altitude, landing=(8.502, 47.401), start=37.0, robot=2
     )
     write_missions([mission], tmp_path)
     read = read_mission(tmp_path / f"robot-02{suffix}")
-    assert read.delay == 37.0
+    assert read.start == 37.0  # of `.plan` and `.waypoints`, the list of the folder holds it
     assert read.home == (8.499, 47.4)
     assert read.landing == pytest.approx((8.502, 47.401))
     assert len(read.waypoints) == 2
     assert lint(tmp_path) == []
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_no_vehicle_waits_armed_on_the_ground(autopilot, tmp_path):
+    """Autopilots disarm a vehicle that is armed and does not take off: the first item is the take-off, however late the start."""
+    late = Mission([(8.5, 47.4), (8.501, 47.4)], (8.499, 47.4), start=159.0, autopilot=autopilot)
+    write_missions([late, replace(late, robot=2, start=0.0)], tmp_path)
+    items = json.loads((tmp_path / "robot-01.plan").read_text())["mission"]["items"]
+    assert items[0]["command"] == 22
+    assert 93 not in {item["command"] for item in items}
+    rows = [line.split("\t") for line in (tmp_path / "robot-01.waypoints").read_text().splitlines()[1:]]
+    assert [row[3] for row in rows][:2] == ["16", "22"]
+    for suffix in (".geojson", ".kml", ".gpx", ".csv"):
+        assert "start_s" in (tmp_path / f"robot-01{suffix}").read_text()
+        assert "delay" not in (tmp_path / f"robot-01{suffix}").read_text()
+    starts = (tmp_path / "starts.txt").read_text().splitlines()
+    assert [line.split()[:2] for line in starts[-2:]] == [["0:00:00", "robot-02"], ["0:02:39", "robot-01"]]
+    assert json.loads((tmp_path / "missions.json").read_text())["starts_s"] == {"robot-01": 159.0, "robot-02": 0.0}
+    assert lint(tmp_path) == []
+
+
+def test_a_wait_before_the_take_off_is_a_mistake(tmp_path):
+    write_missions([Mission([(8.5, 47.4), (8.501, 47.4)], (8.499, 47.4))], tmp_path, formats=["plan", "wpl"])
+    plan = json.loads((tmp_path / "robot-01.plan").read_text())
+    wait = {**plan["mission"]["items"][1], "command": 93, "frame": 2, "params": [159, -1, -1, -1, 0, 0, 0]}
+    plan["mission"]["items"].insert(0, wait)
+    (tmp_path / "robot-01.plan").write_text(json.dumps(plan))
+    assert "armed-wait" in {one.rule for one in lint(tmp_path / "robot-01.plan")}
+    table = tmp_path / "robot-01.waypoints"
+    head, home, *rest = table.read_text().splitlines()
+    table.write_text("\n".join([head, home, "1\t0\t2\t93\t159\t-1\t-1\t-1\t0\t0\t0\t1", *rest, ""]))
+    assert "armed-wait" in {one.rule for one in lint(table)}
 
 
 def test_the_command_writes_and_checks_it_all(tmp_path, monkeypatch, capsys):
@@ -236,7 +268,7 @@ def test_the_command_writes_and_checks_it_all(tmp_path, monkeypatch, capsys):
     assert command([*search.split(), "--rally", "rally.csv", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["missions"]
     assert told["nearest_approach"] is None or told["nearest_approach"]["horizontal_m"] >= 10
-    assert len({start["delay_s"] for start in told["starts"]} | {start["altitude_m"] for start in told["starts"]}) > 1
+    assert len({start["start_s"] for start in told["starts"]} | {start["altitude_m"] for start in told["starts"]}) > 1
     assert command(["missions", "check", "m", "field.json", "--footprint", "40", "--json"]) == 0
     seen = json.loads(capsys.readouterr().out)
     assert seen["covered_fraction"] > 0.999
@@ -311,7 +343,7 @@ def wing():
     return plan_search(SearchProblem("rectangle:300x150", robots=2, footprint=50, margin=5, vehicle="fixed-wing,turn_radius=30"))
 
 
-@pytest.mark.parametrize("airspace", [None, 40.0])
+@pytest.mark.parametrize("airspace", [None, 30.0])
 def test_turns_stay_in_the_airspace_and_the_fence_contains_them(wing, airspace, tmp_path):
     region = wing.grid.region
     missions = plan_missions(wing, separation=None if airspace else Separation(), airspace=airspace)
@@ -319,7 +351,7 @@ def test_turns_stay_in_the_airspace_and_the_fence_contains_them(wing, airspace, 
         assert [one.loiter for one in missions] == [pytest.approx(30.3)] * 2
         assert missions_approach(missions, Separation(), None, vehicle=wing.vehicle).horizontal >= 10 - 0.005
     needed = airspace_of(missions, region)
-    assert (needed > 40) == (airspace is None)
+    assert (needed > 30) == (airspace is None)
     assert all(one.fence.area(None).covers(shapely.linestrings(one.way_in(None)[:, :2])) for one in missions)
     assert all(one.fence.area(None).covers(shapely.linestrings(one.circle_in(None))) for one in missions if one.loiter)
     if not airspace:
@@ -433,14 +465,14 @@ def test_later_sorties_begin_when_their_vehicle_is_back(region):
     ends = {}
     for one in missions:
         flight = trajectory(one.way_in(region.frame), plan.vehicle, rate=one.speed / plan.vehicle.cruise)
-        since = (one.start or 0.0) + one.delay
+        since = one.start or 0.0
         before = ends.get((one.robot, one.sortie - 1))
         assert before is None or since >= before + 60 + separation.delay
         ends[one.robot, one.sortie] = since + flight.duration
     assert any(one.sortie > 1 and one.start < max(end for (_, n), end in ends.items() if n < one.sortie) for one in missions)
     assert missions_approach(missions, separation, region.frame, vehicle=plan.vehicle).horizontal >= 10 - 0.005
     rng = np.random.default_rng(2)
-    shifted = [replace(one, delay=one.delay + (one.start or 0.0)) for one in missions]
+    shifted = missions
     crossing = [(a, b) for a in shifted for b in shifted if a.robot < b.robot]
     for _ in range(3):
         late = {one.name: rng.uniform(0, 10) for one in shifted}

@@ -132,10 +132,10 @@ def test_missions_kept_apart_by_delays_make_the_simulation_late(tmp_path):
     problem = SearchProblem(region_of(FIELD), robots=3, footprint=20, launch="-20,50", vehicle="multirotor")
     folder = MissionFolder(tmp_path / "missions", problem, options)
     episode = folder.run(seed=1)
-    delays = [mission.delay for mission in folder.missions]
+    delays = [mission.start for mission in folder.missions]
     assert max(delays) > 0
     assert episode.problem.delays == tuple(delays)
-    ends = [mission.delay for mission in plan_missions(episode.plan, separation=options.kept_apart)]
+    ends = [mission.start for mission in plan_missions(episode.plan, separation=options.kept_apart)]
     assert ends == delays
     assert min(log.times[0] * episode.cell_time - late for log, late in zip(episode.trace.robots, delays, strict=True)) > 0
     episode.save(tmp_path / "search.json")

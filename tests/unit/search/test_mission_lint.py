@@ -13,8 +13,9 @@ import pytest
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.search import open_region
+from shoal.search.flight.staggering import Separation
 from shoal.search.flight.vehicle import vehicle_of
-from shoal.search.missions import FORMATS, RULES, Mission, lint, missions_of, read_mission, write_missions
+from shoal.search.missions import FORMATS, RULES, Mission, check_missions, lint, missions_of, read_mission, write_missions
 from shoal.search.missions.fence import Fence
 
 FIELD = {
@@ -236,6 +237,8 @@ PLANTS = [
     ("take-off", ".plan", drop(0), "item 2", ()),
     ("take-off", ".waypoints", wpl(2, 3, "16"), "line 3", ()),
     ("take-off", ".plan", rover(items(lambda rows: rows.insert(0, take_off()) or numbered(rows))), "item 1", ()),
+    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, wait()) or numbered(rows)), "item 1", ()),
+    ("armed-wait", ".waypoints", wpl(2, 3, "93"), "line 3", ("take-off", "frame")),
     ("no-return", ".plan", drop(-1), "item 6", ()),
     ("no-return", ".waypoints", lines(lambda rows: rows[:-1]), "line 8", ()),
     ("no-return", ".csv", lines(lambda rows: rows[:-1]), "line 6", ()),
@@ -254,6 +257,23 @@ PLANTS = [
     ("altitude", ".plan", items(lambda rows: [row["params"].__setitem__(6, -5) for row in rows[2:6]]), "item 3", ()),
     ("altitude", ".kml", swap("<value>30</value>", "<value>30000</value>"), "position 1", ()),
     ("altitude", ".gpx", rover(swap('altitude_m="0"', 'altitude_m="8"')), "line 6", ()),
+    ("altitude", ".plan", items(lambda rows: rows[3]["params"].__setitem__(6, 0)), "item 4", ("altitude-varies",)),
+    ("below-home", ".plan", items(lambda rows: [row["params"].__setitem__(6, -20) for row in rows[2:4]]), "item 3", ()),
+    ("below-home", ".waypoints", lines(lambda rows: [*rows[:4], *(deep(row) for row in rows[4:6]), *rows[6:]]), "line 5", ()),
+    (
+        "terrain-frame",
+        ".waypoints",
+        lines(lambda rows: [*rows[:4], *(above_terrain(row) for row in rows[4:8]), *rows[8:]]),
+        "line 5",
+        (),
+    ),
+    ("frame", ".plan", items(lambda rows: [row.update(frame=10) for row in rows[2:6]]), "item 3", ()),
+    ("spline", ".plan", items(lambda rows: [row.update(command=82) for row in rows[2:6]]), "item 3", ()),
+    ("spline", ".waypoints", wpl(5, 3, "82"), "line 6", ()),
+    ("rally", ".plan", plan(lambda data: data["rallyPoints"].update(points=[[47.401, 8.502, 30]])), "rally point 1", ()),
+    ("rally", ".plan", instead(fence=Fence(np.array(AROUND)), rally=((8.502, 47.4011),)), "rally point 1", ()),
+    ("rally", ".waypoints", instead(rally=((8.5001, 47.4001), (8.502, 47.401))), "rally point 2", ()),
+    ("invalid", ".csv", instead(waypoints_out=1, waypoints_home=0, then=swap(",1,0\n", ",4,0\n", -1)), "", ()),
     ("altitude-high", ".plan", instead(altitude=150.0), "item 3", ()),
     ("altitude-varies", ".plan", items(lambda rows: rows[3]["params"].__setitem__(6, 40)), "", ()),
     ("camera", ".plan", instead(trigger_distance=8.0, then=items(lambda rows: rows.pop(-2) and numbered(rows))), "item 4", ()),
@@ -297,6 +317,19 @@ PLANTS = [
 def take_off():
     params = [0, 0, 0, None, 47.4001, 8.5001, 0]
     return {"type": "SimpleItem", "command": 22, "frame": 3, "params": params, "autoContinue": True, "doJumpId": 1}
+
+
+def deep(row):
+    return "\t".join([*row.split("\t")[:10], "-20.00000000", "1"])
+
+
+def above_terrain(row):
+    number, current, _, *rest = row.split("\t")
+    return "\t".join([number, current, "10", *rest])
+
+
+def wait():
+    return take_off() | {"command": 93, "frame": 2, "params": [159, -1, -1, -1, 0, 0, 0]}
 
 
 def write_good(folder, suffix):
@@ -447,3 +480,53 @@ def test_encodings_that_a_mission_declares_do_no_harm(encoding, tmp_path, region
         path = tmp_path / f"robot-01{suffix}"
         path.write_text(path.read_text().replace("UTF-8", encoding))
     assert {diagnostic.severity for diagnostic in lint(tmp_path, region)} <= {"warning"}
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        items(lambda rows: [row.update(command=82) for row in rows[2:6]]),
+        items(lambda rows: [row["params"].insert(4, row["params"].pop(5)) for row in rows[2:6]]),
+        items(lambda rows: rows[3]["params"].__setitem__(4, None)),
+        items(lambda rows: rows.__setitem__(slice(2, 6), [{"type": "ComplexItem", "complexItemType": "survey"}])),
+        items(lambda rows: [row["params"].__setitem__(6, 0) for row in rows[:6]]),
+        items(lambda rows: rows[1]["params"].__setitem__(1, 0)),
+        items(lambda rows: [row.update(frame=10) for row in rows[2:6]]),
+        items(lambda rows: rows[2]["params"].__setitem__(6, -40)),
+    ],
+    ids=["spline", "swapped", "null", "survey", "on the ground", "no speed", "terrain", "valley"],
+)
+@pytest.mark.parametrize("vehicle", [None, "multirotor"])
+def test_a_check_reports_each_of_them_and_is_no_refusal(plant, vehicle, tmp_path, region):
+    """The check of the whole folder, with a footprint: a mistake is a row of its report, whatever else cannot be measured then."""
+    write_good(tmp_path, ".plan")
+    plant(tmp_path, ".plan")
+    result = check_missions(tmp_path, region, 40, vehicle=vehicle, separation=Separation())
+    assert result.diagnostics
+    assert 0 <= result.coverage.covered_fraction < 1
+
+
+def test_a_survey_of_qgroundcontrol_counts_as_its_items(tmp_path, region):
+    def survey(rows):
+        rows[2:6] = [{"type": "ComplexItem", "complexItemType": "survey", "TransectStyleComplexItem": {"Items": rows[2:6]}}]
+
+    write_good(tmp_path, ".plan")
+    before = check_missions(tmp_path, region, 40)
+    items(survey)(tmp_path, ".plan")
+    after = check_missions(tmp_path, region, 40)
+    assert after.diagnostics == before.diagnostics == ()
+    assert after.coverage.covered_fraction == before.coverage.covered_fraction > 0
+    data = json.loads((tmp_path / "robot-01.plan").read_text())
+    data["mission"]["items"][2]["TransectStyleComplexItem"]["Items"][1]["params"][4] = None
+    (tmp_path / "robot-01.plan").write_text(json.dumps(data))
+    assert [one.place for one in lint(tmp_path, region)] == ["item 3, part 2"]
+
+
+def test_a_check_takes_a_region_as_a_search_does(tmp_path):
+    (tmp_path / "field.json").write_text(json.dumps(FIELD))
+    write_missions([mission()], tmp_path / "m", formats=["plan"])
+    seen = [check_missions(tmp_path / "m", given, 40) for given in (str(tmp_path / "field.json"), tmp_path / "field.json")]
+    seen.append(check_missions(tmp_path / "m", open_region(tmp_path / "field.json"), 40))
+    assert len({one.coverage.covered_fraction for one in seen}) == 1
+    write_missions([Mission([(5.0, 5.0), (15.0, 5.0)], (0.0, 0.0), geographic=False)], tmp_path / "p")
+    assert check_missions(tmp_path / "p", "rectangle:20x10", 10.0, vehicle="multirotor").coverage.covered_fraction == 1.0

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from tests.reference.flight import ground_speed
 
 from shoal.cli import run
@@ -16,6 +17,7 @@ from shoal.search.flight.flight import Flight
 from shoal.search.flight.pace import turn_cells, working_seconds
 from shoal.search.flight.timing import trajectory
 from shoal.search.flight.vehicle import PRESETS, Vehicle, vehicle_of
+from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.problem import SearchProblem
 from shoal.search.run import run as run_search
 
@@ -175,6 +177,41 @@ def test_planners_reckon_with_the_vehicle():
     episode = run_search(problem)
     assert episode.scenario.brief.energy == 860 / 2.5
     assert episode.scenario.brief.recharge == (4 * 60 + 40) / 2.5  # down, and up again
-    assert episode.makespan == pytest.approx(10 + 2.5 * episode.trace.covered_at)
+    missions = plan_missions(plan)
+    back = max(one.start + one.duration(vehicle) for one in missions)
+    assert episode.makespan == episode.plan.planned_seconds == pytest.approx(back, rel=1e-4)
     windy = plan_search(problem.replaced(vehicle=vehicle.replaced(wind_speed=4.0, wind_from=90.0)))
     assert windy.cell_seconds == pytest.approx(20 * (1 / 12 + 1 / 4) / 2)
+
+
+def test_a_smooth_curve_costs_what_it_costs_to_fly():
+    """A quarter of a circle in many small bends: the arc at its speed, slower before and faster after it, and no stop at all."""
+    speed, turn = 8.0, 3.2
+    vehicle = Vehicle(cruise_speed=speed, turn_time=turn)
+    for radius in (0.5, 2.0, 5.0, 10.0, 20.0, 40.0):
+        for count in (8, 32, 90):
+            angles = np.radians(np.linspace(0.0, 90.0, count + 1))
+            around = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+            way = np.vstack([[radius, -100.0], around, [-100.0, radius]])
+            slow = min(1.0, (radius / (speed * turn)) ** 0.5)
+            lost = (1 - slow) ** 2 * turn + np.pi / 2 * radius / speed * (1 / slow - 1)
+            flown = trajectory(np.column_stack([way, np.zeros(len(way))]), vehicle)
+            least = np.hypot(*np.diff(way, axis=0).T).sum() / speed + turn
+            assert least - 1e-9 <= flown.duration <= least + lost + 1e-9
+            assert flown.duration == pytest.approx(least + lost, rel=0.02)
+    sharp = trajectory([(0, 0, 0), (100, 0, 0), (100, 100, 0)], vehicle)
+    assert sharp.duration == pytest.approx(25 + 2 * turn)
+
+
+def test_legs_shorter_than_the_acceptance_radius_are_merged_outside_the_curve():
+    zone = shapely.box(-20, -20, 20, 20).buffer(5, quad_segs=32)
+    corner = shapely.get_coordinates(zone.exterior)
+    corner = corner[(corner > 19.9).all(axis=1)]
+    way = np.vstack([[25.0, -60.0], corner[np.argsort(corner[:, 1])], [-60.0, 25.0]])
+    flight = Flight(vehicle_of("multirotor"), np.array([25.0, -60.0]), link=40.0, blocked=zone)
+    merged_way = flight.lengthened(way)
+    assert np.hypot(*np.diff(way, axis=0).T).min() < 0.5
+    assert np.hypot(*np.diff(merged_way, axis=0).T).min() > 1.0
+    assert (merged_way[[0, -1]] == way[[0, -1]]).all()
+    assert shapely.intersection(shapely.linestrings(merged_way), zone.buffer(-0.005)).is_empty
+    assert shapely.hausdorff_distance(shapely.linestrings(merged_way), shapely.linestrings(way), densify=0.01) < 0.2

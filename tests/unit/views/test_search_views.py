@@ -271,7 +271,7 @@ def test_timeline_of_a_vehicle_is_in_minutes():
     figure = timeline_figure(told)
     (axes,) = figure.axes
     assert axes.get_xlabel() == "time, in minutes"
-    assert axes.get_xlim()[1] == pytest.approx(1.015 * told.plan.seconds(SearchHistory(told).end) / 60)
+    assert axes.get_xlim()[1] == pytest.approx(1.015 * told.clock(SearchHistory(told).end) / 60)
     assert any(duration_text(told.makespan) in word for word in texts(figure))
     assert timeline_figure(episode("ring")).axes[0].get_xlabel() == "time, in cells"
 

@@ -74,9 +74,9 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
     """
     from shoal.search.episode import duration_text
 
-    first = [start["delay_s"] for start in told["starts"] if start["sortie"] == 1]
+    first = [start["start_s"] for start in told["starts"] if start["sortie"] == 1]
     later = [start for start in told["starts"] if start["sortie"] > 1]
-    timed = sorted((start["start_s"], start["mission"]) for start in later if start["start_s"] is not None)
+    timed = sorted((start["start_s"], start["mission"]) for start in later)
     heights = ", ".join(f"{height:g}" for height in sorted({start["altitude_m"] for start in told["starts"]}))
     last = f", last sortie at {duration_text(timed[-1][0])}" if timed else ""
     rows = flights_rows(told["starts"], told["usable_s"])
@@ -140,12 +140,17 @@ def compared_rows(episode: SearchEpisode) -> list[tuple[str, str]]:
 
     plan = episode.plan
     tours = [
-        f"{one.tour}, rows at {one.angle:.4g}\N{DEGREE SIGN}: {duration_text(one.cells * plan.cell_seconds)}"
+        f"{one.tour}, rows at {one.angle:.4g}\N{DEGREE SIGN}: "
+        + duration_text(one.cells * plan.cell_seconds if one.seconds is None else one.seconds)
         for one in plan.compared
         if one.allocation is None
     ]
     shares = [f"{one.allocation} {duration_text(plan.seconds(one.cells))}" for one in plan.compared if one.allocation is not None]
-    rows = [("tours", "one robot searches the whole tour in", tours), ("allocations", "all robots finish within", shares)]
+    alone = not any(one.seconds is not None for one in plan.compared)
+    rows = [
+        ("tours", "one robot searches the whole tour in" if alone else "all vehicles are back within", tours),
+        ("allocations", "all robots finish within" if alone else "all vehicles are back within", shares),
+    ]
     return [(name, f"{what}: {'; '.join(texts)}") for name, what, texts in rows if texts]
 
 

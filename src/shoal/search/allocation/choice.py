@@ -37,20 +37,24 @@ class Candidate:
         including turns.
     allocation : str, optional
         Name of the allocator.
+    seconds : float, optional
+        Time until the last vehicle is back, if the problem names a vehicle; ``cells`` is then this time in cells.
     """
 
     angle: float
     tour: str
     cells: float
     allocation: str | None = None
+    seconds: float | None = None
 
     def report(self) -> dict[str, Any]:
         """Return the candidate as a mapping that can be written as JSON."""
         told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
-        return told | ({} if self.allocation is None else {"allocation": self.allocation})
+        told |= {} if self.allocation is None else {"allocation": self.allocation}
+        return told | ({} if self.seconds is None else {"seconds": self.seconds})
 
 
-def best_allocation(
+def compared_allocations(
     tour_cost: TourCost,
     starts: Indices,
     allocators: Sequence[str],
@@ -60,10 +64,10 @@ def best_allocation(
     widths: Indices,
     energy: float = inf,
     recharge: float = 0.0,
-) -> tuple[Allocation, dict[str, float]]:
-    """Return the fastest allocation, and a mapping from the name of each compared allocator to the time until all robots finish.
+) -> list[tuple[Allocation, float]]:
+    """Return the allocations of all compared allocators, each with the time until all robots finish, the fastest first.
 
-    The mapping begins with the fastest allocation. The unit of all times is the time in which a robot of speed 1 searches one cell.
+    The unit of all times is the time in which a robot of speed 1 searches one cell.
 
     Parameters
     ----------
@@ -71,8 +75,7 @@ def best_allocation(
     starts, rates, places, widths : ndarray
         Start cells, speeds, positions and footprint widths of the robots, as in `allocate`.
     allocators : sequence of str
-        Names of the allocators to compare. Of several equally fast allocations, the function chooses the allocation whose
-        allocator comes first.
+        Names of the allocators to compare. Of several equally fast allocations, the one whose allocator comes first is first.
     energy : float
         Time after which the battery of a robot is empty. Each robot must be back at its start by this time.
     recharge : float
@@ -83,19 +86,20 @@ def best_allocation(
     >>> from shoal.search import make_tour
     >>> tour_cost = TourCost(make_tour("moore", (8, 8)))
     >>> team = {"rates": np.ones(2), "places": tour_cost.points[[0, 30]], "widths": np.ones(2, dtype=np.int64)}
-    >>> best_allocation(tour_cost, np.array([0, 30]), ["hop", "stay"], **team)[1]
-    {'hop': 33.0, 'stay': 34.0}
+    >>> found = compared_allocations(tour_cost, np.array([0, 30]), ["hop", "stay"], **team)
+    >>> [(allocation.allocator, time) for allocation, time in found]
+    [('hop', 33.0), ('stay', 34.0)]
     """
     work = len(tour_cost) * len(starts)
     reckoned = allocators if work <= (_COMPARED if widths.max() == 1 else _WIDE) else allocators[:1]
     found = [allocate(tour_cost, starts, allocator=name, rates=rates, places=places, widths=widths) for name in reckoned]
     times = [time_with_sorties(one, tour_cost, places, energy=energy, recharge=recharge) for one in found]
     order = np.argsort(times, kind="stable")
-    return found[order[0]], {found[k].allocator: times[k] for k in order.tolist()}
+    return [(found[k], times[k]) for k in order.tolist()]
 
 
 def time_with_sorties(allocation: Allocation, tour_cost: TourCost, places: Floats, *, energy: float, recharge: float) -> float:
-    """Return the approximate time until all robots finish, including flights home to recharge; see `best_allocation`."""
+    """Return the approximate time until all robots finish, including flights home to recharge; see `compared_allocations`."""
     if energy == inf:
         return allocation.makespan
     latest = 0.0

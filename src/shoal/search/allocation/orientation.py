@@ -20,7 +20,7 @@ from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.shortening.border_paths import along_border
 from shoal.search.cells.shortening.exchanging import MOST, exchanged
 from shoal.search.cells.straightening import along_tour
-from shoal.search.flight.timing import turns_of
+from shoal.search.flight.timing import turn_shares
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.boustrophedon import BoustrophedonTour
@@ -74,9 +74,13 @@ class GridTour:
         """The closed path of one round of the tour, from the first cell back to the first cell."""
         return self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
 
-    def once_round(self, turn_cost: float) -> float:
-        """Return the cost, in cells, of one round of the tour: the length of the path plus the cost of its turns."""
-        return self.route.length / self.grid.size + turn_cost * int(turns_of(self.route.points).sum())
+    def once_round(self, turn_cost: float, reach: float = 0.0) -> float:
+        """Return the cost, in cells, of one round of the tour: the length of the path plus the cost of its turns.
+
+        The argument ``reach`` is that of `turn_shares`, for vehicles that pass gentle bends without a stop.
+        """
+        shares = turn_shares(self.route.points, reach=reach)
+        return self.route.length / self.grid.size + turn_cost * float(shares.sum())
 
 
 def grid_tour(
@@ -246,7 +250,7 @@ def best_grid_tour(
         given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn, "along_rows": along_rows}
         chosen = product(estimated[:tried], tours)
         whole = [grid_tour(region, size, tour, angle=way, offset=offset, **given) for (way, offset), tour in chosen]
-    found = sorted(((laid, laid.once_round(turn)) for laid in whole), key=lambda one: one[1])
+    found = sorted(((laid, laid.once_round(turn, turn_cost * size)) for laid in whole), key=lambda one: one[1])
     best = found[0][0]
     compared = {
         laid.tour.name: Candidate(laid.tour.row_angle(laid.grid.angle), laid.tour.name, cost) for laid, cost in reversed(found)

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.allocate import Allocation
 from shoal.search.allocation.arcs import Arc, numbers_of
-from shoal.search.allocation.choice import Candidate, best_allocation
+from shoal.search.allocation.choice import Candidate, compared_allocations
 from shoal.search.allocation.layers import (
     Grid,
     LayeredDistances,
@@ -38,17 +39,31 @@ from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route, leg_lengths
 from shoal.search.cells.transits import Transits, WaysOut
+from shoal.search.flight.flight import Flight
+from shoal.search.flight.merging import merged
 from shoal.search.flight.pace import turn_cells, working_seconds
-from shoal.search.flight.timing import turns_of
+from shoal.search.flight.sorties import Sorties as FlightSorties
+from shoal.search.flight.timing import Trajectory, turn_shares
+from shoal.search.flight.turning import LINK
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
-from shoal.search.regions.coverage import check_footprints
+from shoal.search.regions.coverage import Image, check_footprints, coverage_check
+from shoal.search.regions.margin import grown
 from shoal.search.regions.places import places_of
 from shoal.search.regions.region import TOUCH
 from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
+Sorties = tuple[tuple[float, float], ...]
+MERGED = 0.001
+"""Maximum distance in metres of an omitted point of a path from the straight leg that replaces it."""
+
+_MEMORY = 1990  # waypoints: those of the larger autopilot
+_FLOWN = 3_000  # cells times robots: above this, allocations and tours are compared by their costs in cells alone
+_NARROWED = 6  # number of compared widths of the rows of a camera
+_UNSEEN = 1e-5  # share of a region that images may miss
+_LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
 _HOLLOW = 1e-9  # share of its area that a convex region may lack because of rounding
 
 
@@ -84,6 +99,14 @@ class SearchPlan:
     stay_inside : bool
         Whether paths between the region and launch or landing points outside it cross the border of the region only once, at the
         place nearest to the point.
+    flies : bool
+        Whether the problem names a vehicle. If so, times are those of the vehicles' flights, from the start of the search until the
+        last vehicle is back on the ground, and otherwise the times of the search alone.
+    schedule : tuple of tuple of (float, float), optional
+        For each robot, the start time and the duration of each sortie in seconds, if missions with altitude layers and staggered
+        starts determine them. By default, each robot starts after its delay, and again as soon as it is back and recharged.
+    image : Image, optional
+        Image of the vehicles' camera. By default, robots see squares along the rows of cells.
     """
 
     grid: Grid
@@ -99,6 +122,9 @@ class SearchPlan:
     delays: NDArray[np.float64] = None  # type: ignore[assignment]  # settled below
     compared: tuple[Candidate, ...] = ()
     stay_inside: bool = False
+    flies: bool = False
+    schedule: tuple[Sorties, ...] | None = None
+    image: Image | None = None
 
     def __post_init__(self) -> None:
         if self.delays is None:
@@ -122,6 +148,67 @@ class SearchPlan:
     def seconds(self, cells: float) -> float:
         """Convert a search time in cells to seconds, and add the time of the climb from the ground to the lowest layer."""
         return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
+
+    def cells(self, seconds: float) -> float:
+        """Convert a time in seconds to a search time in cells, as the inverse of `seconds`."""
+        return (seconds - self.seconds(0.0)) / self.cell_seconds
+
+    @cached_property
+    def sorties(self) -> tuple[Sorties, ...]:
+        """For each robot, the start time and the duration of each of its sorties, in seconds."""
+        if self.schedule is not None:
+            return self.schedule
+        times = self.allocation.times - self.delays / self.cell_seconds
+        return tuple(self.sorties_along(robot, self.stops(robot), cells=float(cells)) for robot, cells in enumerate(times.tolist()))
+
+    def sorties_along(self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = (), *, cells: float = 0.0) -> Sorties:
+        """Return the start time and the duration of each sortie in which robot ``robot`` (counted from 0) makes the given stops.
+
+        If the vehicle cannot fly the path, because its battery is too small or it has no room for a turn, the duration is that of
+        ``cells`` cells.
+        """
+        since, found = float(self.delays[robot]), []
+        if not len(np.asarray(stops)):
+            return ()
+        try:
+            lasting = [flight.duration for flight in self._flights(robot, stops, detours)]
+        except InvalidInputError:
+            lasting = [self.seconds(cells)]
+        for seconds in lasting:
+            found.append((since, seconds))
+            since += seconds + self.vehicle.recharge_seconds
+        return tuple(found)
+
+    def _flights(self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]]) -> list[Trajectory]:
+        """Return the flights of a robot, as its missions contain them: out, along the stops, and home, with turns and climbs."""
+        region, vehicle = self.grid.region, self.vehicle
+        out, way = self.flown_route(robot, stops, detours)
+        ending = "land" if self.landing is not None else "loiter" if vehicle.radius else "return"
+        flight = Flight(
+            vehicle,
+            self.places[robot],
+            rate=float(self.rates[robot]),
+            link=float(self.footprints[robot]) * LINK,
+            blocked=grown(region.no_go, region.margin),
+            free=region.free,
+            landing=None if self.landing is None else self.landing[robot],
+            ending=ending,
+        )
+        led, searched = merged(way[: out + 1], MERGED)[:-1], merged(way[out:], MERGED)
+        return FlightSorties(np.vstack([led, searched]), flight, _MEMORY, self.leg, robot + 1, len(led)).trajectories()
+
+    def flown_route(self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> tuple[int, Points]:
+        """Return the path that a robot flies along the given stops, without its home, and the number of points on the way out."""
+        route = self.route(robot, stops, detours)
+        begin = min(1, int(route.stops[1]))
+        return int(route.stops[1]) - begin, route.points[begin:]  # without home, above which it climbs anyway
+
+    @property
+    def planned_seconds(self) -> float:
+        """Time of the whole search in seconds: until the last vehicle is back or, without a vehicle, until all is searched."""
+        if not self.flies:
+            return self.seconds(self.allocation.makespan)
+        return max((end_of(sorties) for sorties in self.sorties), default=0.0)
 
     @cached_property
     def paths(self) -> Paths:
@@ -265,6 +352,11 @@ class SearchPlan:
         return self._after_way_out(self._home(robot), self.paths.legs(np.concatenate(stops)))
 
 
+def end_of(sorties: Sorties) -> float:
+    """Return the time in seconds at which a robot is back from its last sortie, or 0 for a robot without sorties."""
+    return max((start + lasting for start, lasting in sorties), default=0.0)
+
+
 def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     """Plan the search that a problem describes.
 
@@ -289,21 +381,88 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     """
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
-    robots = problem.robots
-    footprints = check_footprints(problem.chosen_footprint, robots)
-    speeds = np.ones(robots) if problem.rates is None else np.array(problem.rates)
-    laid = _grid_tour(problem, speeds)
-    grid, tour, vehicle = laid.grid, laid.tour, problem.chosen_vehicle
+    image = problem.image
+    narrowest = 1.0 if image is None else min(1.0, min(image.across, image.along) / 2**0.5)
+    for scale in np.linspace(1.0, narrowest, _NARROWED if narrowest < 1.0 else 1).tolist():
+        plan = _best_plan(problem, seed, scale)
+        if scale == narrowest or not isinstance(plan.grid, CellGrid) or plan.grid.n_cells > _LOOKED or _is_seen(plan, plan.grid):
+            break
+    return plan
+
+
+def _is_seen(plan: SearchPlan, grid: CellGrid) -> bool:
+    """Return whether the camera, which turns with the vehicle, sees the whole region along the paths of a plan."""
+    ways = [plan.route(robot, stops) for robot in range(len(plan.places)) if len(stops := plan.stops(robot))]
+    seen = [way.points[way.stops[1] :] for way in ways]
+    sides = [float(plan.footprints[robot]) for robot in range(len(plan.places)) if len(plan.stops(robot))]
+    return coverage_check(grid.region, seen, sides, angle=grid.angle, image=plan.image).covered_fraction > 1 - _UNSEEN
+
+
+def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
+    """Return the fastest of the compared plans, with footprints ``scale`` times as wide as those of the problem.
+
+    Cells are squares along the rows, but an image turns with its vehicle. On slanted legs, images cover squares only if the squares
+    are narrower. Squares of 1 / sqrt(2) of an image lie in the image whatever its heading.
+    """
+    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
+    first = _grid_tour(problem, speeds, scale=scale)
+    landing = None if problem.land is None else places_of(problem.land, first.grid.region, problem.robots, what="land")
+    flies = problem.vehicle is not None
+    if not flies or first.grid.n_cells * problem.robots > _FLOWN:
+        return _team_plans(problem, first, speeds, landing, seed, scale)[0]
+    # What counts is when the last vehicle is back: its way out and home, curves, climbs and charges belong to that.
+    names = dict.fromkeys(problem.tours_to_compare(1.0)) if problem.tour == AUTO and problem.passes == 1 else {}
+    tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
+    plans = [plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)]
+    best = min(plans, key=_without_delays)
+    return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
+
+
+def _without_delays(plan: SearchPlan) -> float:
+    """Return the longest time between the departure of a robot and its return, in seconds."""
+    return max((end_of(sorties) - float(delay) for sorties, delay in zip(plan.sorties, plan.delays, strict=True)), default=0.0)
+
+
+def _compared_tours(plans: Sequence[SearchPlan]) -> list[Candidate]:
+    """Return the compared tours with the time of the best plan along each, the fastest first. A single tour gives no candidates."""
+    found: dict[str, Candidate] = {}
+    for plan in sorted(plans, key=_without_delays):
+        name, cells = plan.tour.name, plan.cells(plan.planned_seconds)
+        found.setdefault(name, Candidate(plan.row_angle, name, cells, seconds=plan.planned_seconds))
+    return list(found.values()) if len(found) > 1 else []
+
+
+def _compared_allocations(plans: Sequence[SearchPlan], best: SearchPlan) -> list[Candidate]:
+    """Return the compared allocations of the best plan's tour, the fastest first. A single allocation gives no candidates."""
+    alike = sorted((plan for plan in plans if plan.tour is best.tour), key=_without_delays)
+    found = [
+        Candidate(
+            plan.row_angle,
+            plan.tour.name,
+            plan.cells(plan.planned_seconds),
+            plan.allocation.allocator,
+            seconds=plan.planned_seconds,
+        )
+        for plan in alike
+    ]
+    return found if len(found) > 1 else []
+
+
+def _team_plans(
+    problem: SearchProblem, laid: GridTour, speeds: NDArray[np.float64], landing: Points | None, seed: int, scale: float
+) -> list[SearchPlan]:
+    """Return a plan for each compared allocation of a tour, the best by its cost in cells first."""
+    robots, grid, tour, vehicle = problem.robots, laid.grid, laid.tour, problem.chosen_vehicle
+    footprints = scale * check_footprints(problem.chosen_footprint, robots)
     tour_cost = _tour_cost(laid, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
     ground = layers_of(grid)[0]
     places = start_points(problem, ground, np.random.default_rng(seed))
-    landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, ground.size)
     # Messages contain cells, not positions. Therefore robots can agree only on parts that they compute from cells.
     angle = tour.row_angle(grid.angle, 0)
     middles, cell = tour_cost.points[numbers], grid.size / vehicle.mean_speed(angle)
-    given, times = best_allocation(
+    compared = compared_allocations(
         tour_cost,
         numbers,
         problem.allocations_to_compare,
@@ -313,15 +472,33 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         energy=working_seconds(vehicle) * float(speeds.min()) / cell,
         recharge=vehicle.recharge_seconds / cell,
     )
-    shared = [Candidate(angle, tour.name, time, name) for name, time in times.items()]
-    if problem.multiplicity > 1:
-        team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
-        given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
-    plan = (grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit, landing, vehicle)
+    shared = [Candidate(angle, tour.name, time, given.allocator) for given, time in compared]
     delays = np.zeros(robots) if problem.delays is None else np.array(problem.delays)
-    compared = laid.compared + tuple(shared if len(shared) > 1 else ())
-    made = SearchPlan(*plan, delays=delays, compared=compared, stay_inside=problem.stay_inside)
-    return replace(made, allocation=replace(given, times=given.times + _late(made)))
+    plans = []
+    for allocation, _ in compared:
+        given = allocation
+        if problem.multiplicity > 1:
+            team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
+            given = in_passes(tour_cost, allocation, tuple(team), middles, problem.multiplicity)
+        plan = SearchPlan(
+            grid,
+            tour_cost,
+            places,
+            numbers,
+            speeds,
+            given,
+            footprints,
+            problem.transit,
+            landing,
+            vehicle,
+            delays=delays,
+            compared=laid.compared + tuple(shared if len(shared) > 1 else ()),
+            flies=problem.vehicle is not None,
+            stay_inside=problem.stay_inside,
+            image=None if problem.image is None else problem.image.scaled(1 / scale),
+        )
+        plans.append(replace(plan, allocation=replace(given, times=given.times + _late(plan))))
+    return plans
 
 
 def _late(plan: SearchPlan) -> NDArray[np.float64]:
@@ -335,17 +512,20 @@ def _late(plan: SearchPlan) -> NDArray[np.float64]:
     return late
 
 
-def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
-    """Divide the region into cells at the given angle or at the best angle, and compute a tour through all layers."""
+def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64], *, scale: float, tour: str | None = None) -> GridTour:
+    """Divide the region into cells at the given angle or at the best angle, and compute a tour through all layers.
+
+    With ``tour``, the function compares no other tours.
+    """
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
-    sizes = [cell_side(check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
+    sizes = [cell_side(scale * check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
     turn_cost = turn_cells(vehicle, sizes[0])
     given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost, "stepwise": problem.stepwise}
-    tours = problem.tours_to_compare(turn_cost)
+    tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)
     given["exchange"] = len(tours) > 1 and can_exchange(problem.place, sizes[0], problem.chosen_footprint)
     given["along_rows"] = isinstance(problem.angle, float) or None
     first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **given)
-    name = problem.tour if len(tours) == 1 and problem.tour != AUTO else first.tour.name
+    name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name
     climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(first.tour.row_angle(first.grid.angle))
     return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **given)
 
@@ -358,7 +538,8 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
     far = np.concatenate([[0.0], np.cumsum(leg_lengths(with_climb_cost(grid, whole.points)))])[whole.stops]
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
     steps = np.diff(far[begins]) / grid.size
-    bent = turns_of(np.concatenate([whole.points, whole.points[1:2]]))  # the last entry belongs to the first point
+    around = np.concatenate([whole.points, whole.points[1:2]])  # the last entry of the turns belongs to the first point
+    bent = turn_shares(around, reach=turn_cost * grid.size)
     turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
     free = grid.region.free
     straight = not stepwise and bool(free.convex_hull.area - free.area <= _HOLLOW * free.area)

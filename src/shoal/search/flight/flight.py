@@ -15,6 +15,7 @@ from shoal.core.checks import check_choice, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.flight.dubins import dubins_way
+from shoal.search.flight.merging import lengthened
 from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, limited_climbs, profile_of
 from shoal.search.flight.timing import Trajectory, climbs_apart, leg_seconds, trajectory, whole_way
 from shoal.search.flight.turning import NEAR, KnownCurves, room_beside, turned_way
@@ -34,6 +35,7 @@ _DIRECTIONS = 12  # number of directions among which those of a take-off and a l
 _TOUCHING = 0.9  # upper part of a climb or an approach; the rest may be near the ground
 _SAFE = 40.0  # metres: height at which a fixed wing may turn after take-off
 _HAIR = 0.01  # metres
+_TOUCH = 0.004  # metres by which a merged leg may enter a blocked area; below the rounding of coordinates in files
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,8 @@ class Flight:
         Area that a turn between two points inside this area must not leave.
     ending : "return", "land" or "loiter"
         Ending of the flight. With "land", a fixed wing descends steadily on a straight approach.
+    free : Shapely geometry, optional
+        Area that a path must not leave where legs are merged, unless the original path leaves it.
 
     Raises
     ------
@@ -83,6 +87,7 @@ class Flight:
     landing: Points | None = None
     area: Any = None
     ending: str = "return"
+    free: Any = None
 
     def __post_init__(self) -> None:
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
@@ -158,6 +163,37 @@ class Flight:
         borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
         over = np.concatenate([self._at(whole[begin:end], float(ups[begin])) for begin, end in pairwise(borders)])
         return over if self._follows else over[1:-1]
+
+    def lengthened(self, way: Points) -> Points:
+        """Return a path without legs that are shorter than the acceptance radius of the vehicle, where this is possible.
+
+        Both ends of the path stay. Fixed wings fly curves instead, and a path of narrow rows (see ``link``) keeps its rows.
+        """
+        least = min(_WIDER * (self.vehicle.acceptance_radius or 0.0) + _HAIR, self.link / 4)
+        legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
+        if self.vehicle.radius or not ((legs > 0) & (legs < least)).any():
+            return way
+        import shapely
+
+        blocked, free = self._bounds
+
+        def allowed(piece: Points) -> bool:
+            line = shapely.linestrings(piece)
+            if blocked is not None and shapely.intersects(blocked, line):
+                return False
+            return free is None or bool(shapely.covers(free, line))
+
+        return lengthened(way, least, allowed)
+
+    @cached_property
+    def _bounds(self) -> tuple[Any, Any]:
+        """The blocked areas and the free area, each with a small tolerance for rounding errors."""
+        import shapely
+
+        blocked = None if self.blocked is None or self.blocked.is_empty else self.blocked.buffer(-_TOUCH)
+        free = None if self.free is None else self.free.buffer(_TOUCH)
+        shapely.prepare([shape for shape in (blocked, free) if shape is not None])
+        return blocked, free
 
     @property
     def _follows(self) -> bool:

@@ -1,8 +1,9 @@
-"""Merging of legs: the removal of points that lie on a straight leg of a path."""
+"""Merging of legs: the removal of points that lie on a straight leg of a path, and of legs that are too short to be flown."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -52,6 +53,67 @@ def merged(points: Points, tolerance: float) -> Points:
     if kept[-1] != len(way) - 1:
         kept.append(len(way) - 1)
     return np.asarray(way[kept])
+
+
+def lengthened(points: Points, least: float, allowed: Callable[[Points], bool]) -> Points:
+    """Return a path without legs shorter than an acceptance radius, as far as its surroundings allow.
+
+    A vehicle counts a waypoint as reached at the acceptance radius, so it would skip the end of a shorter leg. On a curve, a short
+    leg is replaced by the point where the legs before and after it meet, so the new path leads outside the curve, not across it.
+    Elsewhere, the path omits one end of a short leg.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (k, 2) or (k, 3)
+        Path in metres. Points at which the altitude changes, and both ends, stay.
+    least : float
+        Smallest length of a leg in metres.
+    allowed : callable
+        Function that tells whether a vehicle may follow a path, shape (m, 2).
+
+    Examples
+    --------
+    >>> around = np.array([(0.0, 0.0), (9.5, 0.0), (10.0, 0.5), (10.0, 9.0)])
+    >>> lengthened(around, 1.0, lambda way: True).tolist()
+    [[0.0, 0.0], [10.0, 0.0], [10.0, 9.0]]
+    """
+    way = points[:, :2].tolist()
+    ups = points[:, 2].tolist() if points.shape[1] == 3 else [0.0] * len(way)
+    refused: set[tuple[float, ...]] = set()
+    k = 1
+    while k + 1 < len(way):  # the leg from k to k + 1
+        here, then = way[k], way[k + 1]
+        length = math.dist(here, then)
+        key = (*here, *then)
+        level = ups[k - 1] == ups[k] == ups[k + 1] and (k + 2 >= len(way) or ups[k + 2] == ups[k])
+        if not 0 < length < least or not level or key in refused:
+            k += 1
+            continue
+        last = k + 2 >= len(way)
+        options = [] if last else [([met], 2) for met in _meeting(way[k - 1], here, then, way[k + 2], least)]
+        options += [([then], 2)] if last else [([then], 2), ([here], 2)]
+        for instead, gone in options:
+            piece = [way[k - 1], *instead, *way[k + gone : k + gone + 1]]
+            if allowed(np.array(piece)):
+                way[k : k + gone], ups[k : k + gone] = instead, [ups[k]] * len(instead)
+                k = max(k - 1, 1)
+                break
+        else:
+            refused.add(key)
+    made = np.array(way)
+    return np.column_stack([made, ups]) if points.shape[1] == 3 else made
+
+
+def _meeting(before: list[float], here: list[float], then: list[float], after: list[float], least: float) -> list[list[float]]:
+    """Return the point where the leg to ``here`` and the leg from ``then`` meet if they are extended, if it is near to both."""
+    ax, ay, bx, by = here[0] - before[0], here[1] - before[1], after[0] - then[0], after[1] - then[1]
+    cross = ax * by - ay * bx
+    if abs(cross) <= 1e-9 * math.hypot(ax, ay) * math.hypot(bx, by):
+        return []
+    far = ((then[0] - here[0]) * by - (then[1] - here[1]) * bx) / cross
+    back = ((then[0] - here[0]) * ay - (then[1] - here[1]) * ax) / cross
+    met = [here[0] + far * ax, here[1] + far * ay]
+    return [met] if far > 0 > back and math.dist(met, here) <= least and math.dist(met, then) <= least else []
 
 
 class _Cone:

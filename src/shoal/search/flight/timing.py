@@ -13,6 +13,11 @@ from shoal.search.flight.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 STRAIGHT = 2.0 * sin(radians(0.5))  # distance between unit vectors whose directions differ by one degree
+CORNER = 2.0 * sin(radians(22.5))  # the same for 45 degrees: at a sharper bend, a vehicle stops
+_SLOWEST = 1e-9  # of the square of a speed: rounding errors must not stop a vehicle in a curve
+STILL = 0.005  # metres: a shorter leg is due to the rounding of coordinates, and no motion
+CUT = 1.0
+"""Distance in metres from a waypoint within which a vehicle rounds off a bend, if the vehicle has no acceptance radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +55,11 @@ class Trajectory:
 def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajectory:
     """Return the trajectory of a vehicle that follows a path.
 
-    The duration of a leg is max(l / v, t), where l is the horizontal length of the leg, v is the ground speed in the wind, and t is
-    the time of the climb or descent. Each horizontal change of direction by more than one degree, and each change between vertical
-    and horizontal motion, adds the duration of a turn. The start and the stop at the ends of the path each add half the duration of
-    a turn. For fixed wings, the path itself must contain the turns as short legs.
+    The duration of a leg is max(l / v, t), where l is the horizontal length of the leg, v is the ground speed in the wind, and
+    t is the time of the climb or descent. Each horizontal change of direction by more than 45 degrees, and each change between
+    vertical and horizontal motion, adds the duration of a turn. A gentler bend adds a part of it; see `turn_shares`. The start
+    and the stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must contain the
+    turns as short legs.
 
     Parameters
     ----------
@@ -77,7 +83,10 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
     points = check_points(way, what="way", dimensions=3)
     turning, legs = vehicle.turn_seconds, leg_seconds(points, vehicle, rate=rate)
     pauses = np.full(len(points), 0.0)
-    pauses[1:-1] = turning * turns_of(points)
+    if turning:
+        pauses[1:-1] = turning * turn_shares(
+            points, reach=vehicle.cruise * turning, cut=vehicle.acceptance_radius or CUT, still=STILL
+        )
     pauses[[0, -1]] = turning / 2 if legs.any() else 0.0
     stands = pauses > 0
     arrivals = np.concatenate([[0.0], np.cumsum(legs)]) + np.concatenate([[0.0], np.cumsum(pauses[:-1])])
@@ -97,21 +106,87 @@ def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Float
     return np.maximum(along, vehicle.vertical_seconds(legs[:, 2]))
 
 
-def turns_of(points: Floats) -> NDArray[np.bool_]:
+def turns_of(points: Floats, still: float = 0.0) -> NDArray[np.bool_]:
     """Return, for each inner point of a path, whether a vehicle turns at this point; bool, shape (k - 2,).
 
-    A turn is a horizontal change of direction by more than one degree, or a change between vertical and horizontal motion.
+    A turn is a horizontal change of direction by more than one degree, or a change between vertical and horizontal motion. A leg of
+    at most ``still`` has no direction.
     """
     if len(points) < 3:
         return np.zeros(max(len(points) - 2, 0), dtype=np.bool_)
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     headings = legs[:, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
-    here = np.flatnonzero(np.abs(legs).max(axis=1) > 0)  # a leg of length zero has no direction
+    here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
     found = np.zeros(len(points) - 2, dtype=np.bool_)
     apart = np.hypot(*np.diff(headings[here], axis=0).T) > STRAIGHT
     found[here[1:][apart] - 1] = True
     return found
+
+
+def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float = 0.0) -> Floats:
+    """Return, for each inner point of a path, the time that is lost there, divided by the duration of a turn; shape (k - 2,).
+
+    At a bend of more than 45 degrees, and between vertical and horizontal motion, a vehicle stops and loses the whole duration of a
+    turn, T = v / a, for the cruise speed v and the acceleration a. It passes a gentler bend on an arc of the radius R at the speed
+    w = min(v, sqrt(a R)), so a smooth curve of many small bends costs what it costs to fly, and not a stop at every point. Beside
+    the arcs, the vehicle accelerates to v and slows down again, as far as the legs allow.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (k, 2) or (k, 3)
+    reach : float
+        The distance v T = v**2 / a, in the unit of the points. An arc whose radius is at least ``reach`` costs no time.
+    cut : float
+        Distance from a bend within which the arc passes, in the unit of the points.
+    still : float
+        Length up to which a leg is no motion, in the unit of the points.
+
+    Examples
+    --------
+    >>> turn_shares(np.array([(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)]), reach=10.0)
+    array([1.])
+    >>> angles = np.radians(np.arange(-1.0, 92.0, 3.0))
+    >>> around = 5.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+    >>> print(turn_shares(around, reach=10.0).sum().round(2))  # a quarter of a circle of 5 m: less than one stop
+    0.37
+    """
+    shares = turns_of(points, still).astype(np.float64)
+    if reach <= 0 or not shares.any():
+        return shares
+    legs = np.diff(points, axis=0)
+    here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
+    lengths = np.hypot(legs[here, 0], legs[here, 1])
+    headings = legs[here, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
+    apart = np.hypot(*np.diff(headings, axis=0).T)
+    gentle = (apart > STRAIGHT) & (apart <= CORNER)
+    if not gentle.any():
+        return shares
+    # Each arc touches both legs of its bend. It uses at most half of each leg, and passes the bend within the distance ``cut``.
+    half = np.arcsin(apart[gentle] / 2)
+    touches = np.zeros(len(apart))
+    touches[gentle] = np.minimum(np.minimum(lengths[:-1], lengths[1:])[gentle] / 2, cut * np.tan(half) / (1 / np.cos(half) - 1))
+    squares = np.ones(len(apart))  # of the speeds, divided by the cruise speed
+    squares[gentle] = np.minimum(touches[gentle] / np.tan(half) / reach, 1.0)
+    if (squares == 1.0).all():
+        shares[here[1:][gentle] - 1] = 0.0
+        return shares
+    # Between two bends, the square of the speed changes by at most 2 a l. Nothing is carried across a stop.
+    stops = apart > CORNER
+    at = 2 * np.cumsum(lengths)[:-1] / reach + 2.0 * (np.cumsum(stops) + np.cumsum(np.append(False, stops[:-1])))
+    squares = np.minimum.accumulate(squares - at) + at
+    squares = (np.minimum.accumulate((squares + at)[::-1]))[::-1] - at
+    speeds = np.sqrt(np.where(stops, 1.0, np.maximum(squares, _SLOWEST)))
+    lost = np.where(gentle, 2 * touches / reach * (1 / speeds - 1), 0.0)
+    ends = np.concatenate([[1.0], speeds, [1.0]])
+    free = np.maximum(lengths - np.append(0.0, touches) - np.append(touches, 0.0), 0.0)
+    one, other = ends[:-1], ends[1:]
+    top = np.sqrt(np.minimum((one**2 + other**2) / 2 + free / reach, 1.0))
+    slower = np.maximum(2 * top - one - other - (2 * top**2 - one**2 - other**2) / 2, 0.0)
+    lost += (slower[:-1] + slower[1:]) / 2
+    lost[0], lost[-1] = lost[0] + slower[0] / 2, lost[-1] + slower[-1] / 2
+    shares[here[1:] - 1] = stops + lost
+    return shares
 
 
 def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:

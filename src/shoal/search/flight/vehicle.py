@@ -15,6 +15,7 @@ from shoal.core.checks import check_choice, parse_json, parse_toml, read_text, s
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
+from shoal.search.regions.coverage import Image
 
 PRESETS: dict[str, dict[str, float]] = {
     "ideal": {"cruise_speed": 1.0, "altitude": 30.0},
@@ -288,6 +289,14 @@ class Vehicle(Problem):
             side / count for side, count in zip(self.image_size or (), (self.image_width, self.image_height), strict=False) if count
         ]
         return max(sides, default=None)
+
+
+def image_of(vehicle: Vehicle) -> Image | None:
+    """Return the image of a vehicle's camera, relative to the vehicle's row spacing, or None without a camera."""
+    if vehicle.image_size is None or vehicle.row_spacing is None:
+        return None
+    across, along = (length / vehicle.row_spacing for length in vehicle.image_size)
+    return Image(across, along, vehicle.yaw if vehicle.kind == "multirotor" else None)
 
 
 def vehicle_of(value: Any) -> Vehicle:

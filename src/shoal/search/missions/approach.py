@@ -109,8 +109,8 @@ def missions_approach(
     Parameters
     ----------
     missions : sequence of Mission
-        The missions. Each sortie begins ``delay`` seconds after its ``start``. By default, a first sortie has the start 0, and the
-        start of any other sortie is ``separation.delay`` seconds after the end of all sorties with smaller numbers.
+        The missions. Each sortie begins at its ``start``. By default, a first sortie has the start 0, and the start of any other
+        sortie is ``separation.delay`` seconds after the end of all sorties with smaller numbers.
     separation : Separation
         The required separation. Moments at which two vehicles keep the vertical separation do not count as an approach.
     frame : LocalFrame or None
@@ -153,7 +153,7 @@ class _Flights:
             before = [start + self.flown[one].duration for one, start in self.starts.items() if one[1] < key[1]]
             since = max(before) + separation.delay if before else 0.0
             told = missions[key].start
-            self.starts[key] = missions[key].delay + (since if told is None else told)
+            self.starts[key] = since if told is None else told
         last = max((start + self.flown[key].duration for key, start in self.starts.items()), default=0.0) + separation.delay
         for key, mission in missions.items():
             if mission.loiter is not None and (key[0], key[1] + 1) not in missions:

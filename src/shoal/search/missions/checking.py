@@ -17,13 +17,14 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.search.flight.staggering import Separation
 from shoal.search.flight.terrain import Terrain
-from shoal.search.flight.vehicle import Vehicle
+from shoal.search.flight.vehicle import Vehicle, image_of, vehicle_of
 from shoal.search.missions.approach import Clearance, MissionApproach, clearance_of, missions_approach
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
-from shoal.search.missions.files import FORMATS, format_of, mission_of
+from shoal.search.missions.files import FORMATS, footprint_angle, format_of, mission_of
 from shoal.search.missions.lint import examine
 from shoal.search.missions.mission import Mission
 from shoal.search.missions.rules import ROUNDING, inside_of, metres_of, searching
+from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.region import SearchRegion
@@ -144,7 +145,7 @@ class MissionCheck:
 
 def check_missions(
     folder: str | os.PathLike[str],
-    region: SearchRegion,
+    region: SearchRegion | str | os.PathLike[str],
     footprint: float | Sequence[float] | None,
     *,
     angle: float | None = None,
@@ -152,7 +153,7 @@ def check_missions(
     cap: int | None = None,
     autopilot: str | None = None,
     separation: Separation | None = None,
-    vehicle: Vehicle | None = None,
+    vehicle: Vehicle | str | None = None,
     bands: Sequence[float] | None = None,
     airspace: float | None = None,
     terrain: Terrain | None = None,
@@ -168,12 +169,15 @@ def check_missions(
     ----------
     folder : path
         Folder of mission files.
-    region : SearchRegion
+    region : SearchRegion, str or path
+        The region, or a name or file of a region, as in the field ``region`` of a search problem.
     footprint : float, sequence of float or None
         Side in metres of the square that a vehicle sees: one number, or one number for each robot in the order of robot numbers.
-        With None, the function only lints the files.
+        With None, the function only lints the files. If it is the row spacing of the camera of ``vehicle``, the vehicle sees the
+        images of this camera, which turn with the vehicle.
     angle : float, optional
-        Angle of the footprint's sides in degrees, counter-clockwise from east. By default, `angle_of` finds the angle.
+        Angle of the footprint's sides in degrees, counter-clockwise from east. By default, the angle is the one for which the
+        missions were planned according to ``missions.json``, or the one that `angle_of` finds.
     format : str, optional
         Format of the files to check. By default, the function checks the first format of ``FORMATS`` with a file in ``folder``.
     cap, autopilot, airspace, fence_distance : optional
@@ -201,6 +205,8 @@ def check_missions(
         raise InvalidInputError(
             f"{folder}: expected a folder of mission files, got {'a file' if Path(folder).exists() else 'none'}"
         )
+    region = region if isinstance(region, SearchRegion) else SearchProblem(region).place
+    vehicle = None if vehicle is None else vehicle_of(vehicle)
     apart = None if separation is None else separation.horizontal
     sheets = examine(
         folder,
@@ -212,6 +218,9 @@ def check_missions(
         separation=apart,
         fence_distance=fence_distance,
     )
+    if terrain is not None:  # it tells the height above ground
+        for sheet in sheets:
+            sheet.diagnostics = [one for one in sheet.diagnostics if one.rule != "below-home"]
     present = [format_of(Path(sheet.file)) for sheet in sheets]
     if format is not None:
         FORMATS.get(format)
@@ -223,16 +232,19 @@ def check_missions(
     if footprint is not None:
         ways = [_searching_way(sheet, region) for sheet in flown]
         ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region and listed in the diagnostics
-        turned_by = angle_of([way[:, :2] for way in ways]) if angle is None else angle
+        planned = footprint_angle(folder) if angle is None else angle
+        turned_by = angle_of([way[:, :2] for way in ways]) if planned is None else planned
+        image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
         sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
         least = float(np.min(sides if flown else footprint))
         region = visible_region(region, least, turned_by)
         bands = region.layer_altitudes(least) if bands is None and region.height else bands
         coverages = tuple(
-            coverage_check(region, *stretches, tolerance=ROUNDING, angle=turned_by)
-            for stretches in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
+            coverage_check(region, stretches, widths if stretches else least, tolerance=ROUNDING, angle=turned_by, image=image)
+            for stretches, widths in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
         )
-    missions = tuple(sorted((mission_of(sheet, sheet.file) for sheet in flown), key=lambda one: (one.robot, one.sortie)))
+    found = [mission for sheet in flown if (mission := _mission(sheet)) is not None]
+    missions = tuple(sorted(found, key=lambda one: (one.robot, one.sortie)))
     low = None if terrain is None else clearance_of(missions, terrain, region.frame)
     missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
@@ -253,6 +265,14 @@ def check_missions(
     )
 
 
+def _mission(sheet: Sheet) -> Mission | None:
+    """Return the mission of a sheet, or None if a value is impossible, such as a speed of 0. Diagnostics report such values."""
+    try:
+        return mission_of(sheet, sheet.file)
+    except InvalidInputError:
+        return None
+
+
 def _by_band(
     ways: Sequence[NDArray[np.float64]],
     sides: NDArray[np.float64],
@@ -265,7 +285,8 @@ def _by_band(
     For a band without paths, the footprint is ``least``. Without bands, the function yields all paths together.
     """
     if not bands:
-        yield [way[:, :2] for way in ways], sides.tolist()
+        near = [k for k, way in enumerate(ways) if len(way)]
+        yield [ways[k][:, :2] for k in near], sides[near].tolist()
         return
     found: list[tuple[list[NDArray[np.float64]], list[float]]] = [([], []) for _ in bands]
     for way, side in zip(ways, sides.tolist(), strict=True):

@@ -46,7 +46,7 @@ def plan_missions(
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, for a search without faults.
 
-    The first sortie of a robot begins after a delay, which is at least the robot's delay in the plan. Each later sortie begins as
+    The first sortie of a robot has a start time, which is at least the robot's delay in the plan. Each later sortie begins as
     soon as its vehicle is back and recharged, and can keep the separation from all other vehicles.
 
     Parameters
@@ -78,6 +78,7 @@ def plan_missions(
     region = plan.grid.region
     options |= {
         "blocked": grown(region.barred, region.margin),
+        "free": region.free,
         "area": None if airspace is None else region.free.buffer(airspace),
         "ending": ending,
     }
@@ -90,9 +91,10 @@ def plan_missions(
 
     robots = range(len(plan.places))
     made = [sorties(robot, 0) for robot in robots]
-    made = [(replace(one[0], delay=float(delay)), *one[1:]) if one else () for one, delay in zip(made, plan.delays, strict=True)]
     if separation is not None:
         made = _Schedule(plan, separation, sorties).settled(made)
+    else:
+        made = [_in_turn(one, plan, float(delay)) for one, delay in zip(made, plan.delays, strict=True)]
     return _fenced([mission for one in made for mission in one], plan, np.zeros((0, 2)) if rally is None else rally, fenced=fenced)
 
 
@@ -145,6 +147,15 @@ def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
     return np.asarray(shapely.get_coordinates(shapely.shortest_line(allowed, shapely.points(place)))[0])
 
 
+def _in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
+    """Return the missions of one robot with their start times: each sortie begins when its vehicle is back and recharged."""
+    timed = []
+    for mission in made:
+        timed.append(replace(mission, start=start))
+        start += mission.duration(plan.vehicle) + plan.vehicle.recharge_seconds
+    return tuple(timed)
+
+
 def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
     return flights  # its layer is fixed
 
@@ -157,7 +168,7 @@ class _Schedule:
         self.stay = 0.0
 
     def settled(self, made: list[Sorties]) -> list[Sorties]:
-        """Return the missions with altitude layers, delays, start times and takeover altitudes.
+        """Return the missions with altitude layers, start times and takeover altitudes.
 
         While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
         """
@@ -204,10 +215,12 @@ class _Schedule:
             starts[robot, number] = float(start)
             if number + 1 < len(made[robot]):
                 heappush(ready, (self._back(flights[robot], number, float(start)), robot, number + 1))
-        last = 0.0
-        for (robot, number), start in starts.items():
-            circling = self.stay if made[robot][number].loiter is not None and number + 1 == len(made[robot]) else 0.0
-            last = max(last, start + flights[robot][number][0].duration - circling)
+        # The time for which a vehicle stays in the air is part of its last flight.
+        ends = [
+            start + max(one.duration for one in flights[robot][number]) - self._stay(made, robot, number)
+            for (robot, number), start in starts.items()
+        ]
+        last = max(ends, default=0.0) + self.separation.delay
         return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
 
     def _first_starts(
@@ -238,13 +251,16 @@ class _Schedule:
             above = max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
             base = float(made[0].elevation or 0.0) if made and made[0].altitude_frame == "sea" else 0.0
             told = {"takeover": above + base}
-        first = [replace(one, delay=starts[robot, 0], **told) for one in made[:1]]
-        return (*first, *(replace(one, start=starts[robot, number], **told) for number, one in enumerate(made[1:], start=1)))
+        return tuple(replace(one, start=starts[robot, number], **told) for number, one in enumerate(made))
 
     def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
         """Return the time at which a vehicle can start again after a sortie, even if the sortie is late."""
         lasting = max(one.duration for one in flights[number])
         return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
+
+    def _stay(self, made: Sequence[Sorties], robot: int, number: int) -> float:
+        """Return how long a vehicle stays in the air after a mission, in seconds. A vehicle that lands does not stay."""
+        return self.stay if number + 1 == len(made[robot]) and made[robot][number].loiter is not None else 0.0
 
     def _flights(self, made: Sequence[Sorties], robot: int, number: int, up: float) -> Sequence[Trajectory]:
         """Return two trajectories of a mission: the first with the vehicle's speeds and turns, the second at a constant speed."""
@@ -253,7 +269,7 @@ class _Schedule:
         mission, plan = made[robot][number], self.plan
         way = common_way(mission, plan.grid.region.frame)
         way[1 : len(way) - 1, 2] += up
-        stay = self.stay if number + 1 == len(made[robot]) else 0.0
+        stay = self._stay(made, robot, number)
         as_flown = mission_trajectory(mission, way, plan.vehicle, float(plan.rates[robot]), stay)
         return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
 

@@ -54,6 +54,10 @@ RULES: dict[str, Rule] = {
     "do-jump-id": Rule("error", "the values of `doJumpId` are not 1, 2, 3, ..."),
     "frame": Rule("error", "altitudes have different references, or an item without a position has an altitude reference"),
     "take-off": Rule("error", "a flight has no take-off before its first waypoint, or a rover has a take-off"),
+    "armed-wait": Rule(
+        "error",
+        "a wait (93) before the take-off; an autopilot disarms a vehicle that waits on the ground, so it never takes off",
+    ),
     "no-return": Rule("error", "the last item is not a return, a landing or (for rovers) a hold"),
     "autocontinue": Rule("warning", "the vehicle stops and waits at an item, because the item does not continue automatically"),
     "current": Rule("warning", "an item other than the first is marked as the current item"),
@@ -62,7 +66,10 @@ RULES: dict[str, Rule] = {
     "firmware-mixed": Rule("warning", "one folder contains missions for PX4 and missions for ArduPilot"),
     "cap": Rule("error", "a mission has more items than the autopilot can store"),
     "cap-ardupilot": Rule("warning", "a mission has more items than ArduPilot can store, and the file does not name its autopilot"),
-    "altitude": Rule("error", "a flight is at or below the ground or above 10 km, or a rover is not on the ground"),
+    "altitude": Rule("error", "a flight is nowhere above its home or is above 10 km, or a rover is not on the ground"),
+    "below-home": Rule("warning", "a waypoint is below home, as over a valley; `--terrain` checks the height above ground"),
+    "terrain-frame": Rule("warning", "altitudes are above the terrain (frame 10); the check of separation leaves the mission out"),
+    "spline": Rule("warning", "the path to a waypoint is a curve (82); the check measures the straight line instead"),
     "altitude-high": Rule("warning", "an altitude is above 120 m; many countries forbid flights above 120 m"),
     "altitude-varies": Rule("warning", "a waypoint has an altitude that no other waypoint has"),
     "camera": Rule("warning", "a series of images has no beginning or no end"),
@@ -74,6 +81,7 @@ RULES: dict[str, Rule] = {
     "turn-radius": Rule("error", "a turn is narrower than the turn radius of the vehicle"),
     "climb": Rule("error", "on a leg, a fixed wing would have to climb or sink faster than it can"),
     "endurance": Rule("error", "a mission takes longer than the endurance of the vehicle without the reserve"),
+    "invalid": Rule("error", "a value of the mission is impossible, so no duration, height or separation of it is measured"),
     "airspace": Rule("error", "turns of a fixed wing leave the region farther than the airspace allows"),
     "speed": Rule("error", "a speed is 0 or less, or above 100 m/s"),
     "home-far": Rule("warning", "home is more than 5 km from the nearest waypoint"),
@@ -87,6 +95,7 @@ RULES: dict[str, Rule] = {
     "beside": Rule("error", "a file of the fence or of rally points beside `.waypoints` files is unreadable"),
     "fence": Rule("error", "a path leaves the fence, or enters an exclusion zone of the fence"),
     "fence-near": Rule("error", "a path, or a rally point, is nearer to the fence than the required distance (`--fence-distance`)"),
+    "rally": Rule("error", "a rally point is in a no-go zone, outside the fence, or in an exclusion zone of the fence"),
     "leg-outside": Rule("error", "a leg of a rover leaves the region, or a path of a rover from or to home leaves the region"),
     "transit": Rule("warning", "a leg of a flight leaves the region"),
     "formats-differ": Rule("error", "two files of one sortie in different formats have different contents"),
@@ -148,7 +157,6 @@ class Sheet:
     start: float | None = None
     takeover: float | None = None
     take_off: float | None = None
-    delay: float = 0.0
     fence: Fence | None = None
     rally: tuple[tuple[float, float], ...] = ()
     robot: int | None = None

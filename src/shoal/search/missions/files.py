@@ -29,6 +29,15 @@ from shoal.search.regions.limits import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
 MANIFEST = "missions.json"  # the manifest: the names of the written files
+ANGLE = "footprint_angle_degrees"  # a key of the manifest
+STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
+
+_HOW_TO_START = """\
+Start times in hours, minutes and seconds after the start of the search.
+Upload each mission, and let its vehicle wait on the ground, disarmed.
+Arm the vehicle and start its mission at its start time, not earlier:
+an autopilot disarms a vehicle that is armed and does not take off.
+"""
 
 _NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
 
@@ -70,11 +79,13 @@ def write_missions(
     *,
     formats: Sequence[str] | None = None,
     vehicle: Vehicle | None = None,
+    angle: float | None = None,
 ) -> list[Path]:
     """Write a file for each mission in each format, such as ``robot-01.plan``, or ``robot-01-2.plan`` for a second sortie.
 
-    The file ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the
-    folder lists, so that the folder contains missions of only one search. The function keeps all other files in the folder.
+    If start times are known, the file ``starts.txt`` lists them in their order, for the people who start the vehicles. The file
+    ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the folder
+    lists, so that the folder contains missions of only one search. The function keeps all other files in the folder.
 
     Parameters
     ----------
@@ -87,6 +98,9 @@ def write_missions(
         "csv", because the other formats need positions on Earth.
     vehicle : Vehicle, optional
         If a vehicle is given, the file ``missions.json`` also lists the duration and the usable fraction of each mission.
+    angle : float, optional
+        Angle of the sides of the footprints for which the missions are planned, in degrees counter-clockwise from east. The file
+        ``missions.json`` stores it, and the check of the missions uses it.
 
     Returns
     -------
@@ -122,15 +136,18 @@ def write_missions(
                 raise InvalidInputError(f"missions: expected each robot and sortie once, got {mission.name} again")
             texts[path] = form.write(mission)
     named = list(texts)
+    if any(mission.start is not None for mission in missions):
+        texts[Path(folder) / STARTS] = _starts_text(missions, vehicle)
     if "wpl" in formats:
         texts |= {Path(folder) / name: text for name, text in _beside(missions).items()}
     _check_written(missions, texts)
     with ExitStack() as stack:
         for path, text in texts.items():
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
+    told = {} if angle is None else {ANGLE: angle}
     for name in _listed(folder) - {path.name for path in texts}:
         (Path(folder) / name).unlink(missing_ok=True)
-    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | _times(missions, vehicle))
+    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | told | _times(missions, vehicle))
     return [*named, *(path for path in texts if path not in named)]
 
 
@@ -172,6 +189,23 @@ def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, di
     return {name: values for name, values in told.items() if values}
 
 
+def _starts_text(missions: Sequence[Mission], vehicle: Vehicle | None) -> str:
+    """Return a table of the start times of missions, in the order of these times."""
+    rows = [("start", "mission", "lasts", "altitude")]
+    for mission in sorted(missions, key=lambda one: (inf if one.start is None else one.start, one.robot, one.sortie)):
+        start = "when its vehicle is back" if mission.start is None else _clock(mission.start)
+        lasts = "" if vehicle is None else _clock(mission.duration(vehicle))
+        rows.append((start, mission.name, lasts, f"{mission.altitude:g} m"))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join([_HOW_TO_START, *table, ""])
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+
+
 def _beside(missions: Sequence[Mission]) -> dict[str, str]:
     """Return the texts of the two files that all missions share, by file name: the fence and the rally points."""
     first = missions[0]
@@ -205,6 +239,12 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
             setattr(sheet, field, found)
 
 
+def footprint_angle(folder: str | os.PathLike[str]) -> float | None:
+    """Return the angle of the footprints for which the missions of a folder are planned, in degrees, or None if it is unknown."""
+    angle = _manifest(folder).get(ANGLE)
+    return float(angle) if isinstance(angle, int | float) and not isinstance(angle, bool) and -360 <= angle <= 360 else None
+
+
 def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """Return the content of a folder's manifest ``missions.json``. Without a valid manifest, return an empty mapping."""
     try:
@@ -221,7 +261,7 @@ def _listed(folder: str | os.PathLike[str]) -> set[str]:
     suffixes = _formats_by_suffix()
     paths = {Path(name) for name in names if Path(name).name == name}
     ours = {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
-    return ours | {name for name in (FENCE, RALLY) if name in names}
+    return ours | {name for name in (FENCE, RALLY, STARTS) if name in names}
 
 
 def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
@@ -298,6 +338,8 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     file name. If the file name gives no numbers, the mission counts as the first sortie of robot 1. A WPL file does not contain the
     autopilot or the kind of vehicle. For a WPL file, the function assumes PX4. It assumes a vehicle that flies if a waypoint is
     above 0 m or if the file contains a take-off, and otherwise a rover.
+    The start time comes from ``missions.json`` beside the file, and the fence and the rally points of a WPL file come from the
+    files beside it.
 
     Parameters
     ----------
@@ -309,7 +351,9 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     InvalidInputError
         If the file cannot be read. The error message gives the place of the mistake in the file.
     """
-    return mission_of(open_sheet(path), path)
+    sheet = open_sheet(path)
+    take_beside(Path(path).parent, [sheet])
+    return mission_of(sheet, path)
 
 
 def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:

@@ -15,7 +15,7 @@ from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.errors import InvalidInputError
 from shoal.search.flight.timing import leg_seconds
 from shoal.search.flight.vehicle import Vehicle
-from shoal.search.missions.diagnostics import Diagnostic, Sheet
+from shoal.search.missions.diagnostics import RULES, Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, mission_of, open_sheet, take_beside
 from shoal.search.missions.formats.fences import FENCE
 from shoal.search.missions.homes import near_homes
@@ -119,6 +119,7 @@ def examine(
     for sheet in sheets:
         if sheet.readable:
             check_sense(sheet, cap=cap, autopilot=autopilot, fence_distance=fence_distance)
+            _check_whole(sheet)
             _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
             if vehicle is not None:
                 _check_duration(sheet, vehicle)
@@ -134,6 +135,16 @@ def examine(
         if separation is not None:
             _check_near_homes(sheets, separation)
     return sheets
+
+
+def _check_whole(sheet: Sheet) -> None:
+    """Add a diagnostic for a mission that cannot be flown for a reason that no other rule has reported."""
+    try:
+        mission_of(sheet, sheet.file)
+    except InvalidInputError as error:
+        if not any(RULES[one.rule].severity == "error" for one in sheet.diagnostics):
+            _, _, said = str(error).partition(": expected ")
+            sheet.add("invalid", "", f"expected {said}")
 
 
 def _check_curves(sheet: Sheet, radius: float) -> None:
@@ -276,7 +287,7 @@ def _difference(one: Sheet, other: Sheet) -> str:
         return "another home"
     if (apart > same).any():
         return f"another place at {other.places[int(np.argmax(apart > same))]}"
-    for name in ("autopilot", "kind", "delay", "speed", "waypoints_out", "waypoints_home"):
+    for name in ("autopilot", "kind", "speed", "waypoints_out", "waypoints_home"):
         mine, theirs = getattr(one, name), getattr(other, name)
         if None not in (mine, theirs) and mine != theirs:
             return f"{theirs!r} as {name} instead of {mine!r}"

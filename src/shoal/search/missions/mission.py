@@ -74,11 +74,10 @@ class Mission:
     loiter : float, optional
         Radius in metres of the circles that the vehicle flies at the end of the mission, instead of landing. With the radius 0, the
         vehicle hovers.
-    delay : float
-        Waiting time of the vehicle before its start, in seconds.
     start : float, optional
-        Time in seconds from the start of the first missions to the start of the sortie. By default, a sortie begins when all
-        earlier sorties have ended.
+        Time in seconds from the start of the search to the start of the sortie. The vehicle waits for its start on the ground and
+        disarmed, because an autopilot disarms a vehicle that is armed and does not take off. By default, a first sortie has the
+        start 0, and any other sortie begins when all earlier sorties have ended.
     take_off : float, optional
         Altitude in metres above the surface that ``altitude_frame`` names, to which a multirotor climbs vertically after take-off.
         By default, a multirotor climbs to the altitude of the first waypoint. A fixed wing climbs on its way to the first waypoint.
@@ -119,7 +118,6 @@ class Mission:
     yaw: float | None = None
     acceptance_radius: float | None = None
     landing: tuple[float, float] | None = None
-    delay: float = 0.0
     fence: Fence | None = None
     rally: tuple[tuple[float, float], ...] = ()
     altitudes: NDArray[np.float64] | None = None
@@ -144,7 +142,8 @@ class Mission:
         if self.loiter is not None:
             check_number(self.loiter, what="mission: loiter", least=0)
             object.__setattr__(self, "landing", self.end)
-        check_number(self.delay, what="mission: delay", least=0)
+        if self.start is not None:
+            check_number(self.start, what="mission: start", least=0)
         if self.geographic:
             _check_degrees(np.vstack([home, self.end, points]))
         for name in ("robot", "sortie"):
@@ -160,7 +159,7 @@ class Mission:
         check_choice(self.kind, what="kind", choices=KINDS)
         check_choice(self.autopilot, what="autopilot", choices=CAPS)
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
-        _check_motion(self.kind, self.altitude, self.speed)
+        _check_motion(self.kind, self.altitude, self.speed, level=self.heights is None and self.altitude_frame != "sea")
         for name in ("heights", "altitudes"):
             if getattr(self, name) is not None:
                 values = np.array(getattr(self, name), dtype=np.float64)
@@ -178,7 +177,7 @@ class Mission:
     def n_items(self) -> int:
         """Number of mission items that an autopilot stores: home, take-off, speed, camera items, waypoints and return."""
         extra = sum(n for name, n in EXTRA.items() if getattr(self, name) is not None)
-        return len(self.waypoints) + OVERHEAD[self.kind] + extra + (self.delay > 0)
+        return len(self.waypoints) + OVERHEAD[self.kind] + extra
 
     @property
     def searched(self) -> slice:
@@ -288,12 +287,13 @@ def circle_around(place: tuple[float, float], radius: float | None, frame: Local
     return np.asarray(middle + (radius or 0.0) * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
-def _check_motion(kind: str, altitude: float, speed: float) -> None:
+def _check_motion(kind: str, altitude: float, speed: float, *, level: bool) -> None:
+    """Check an altitude and a speed. Only a flight at one height above home or above ground must be above 0 there."""
     check_number(speed, what="speed", above=0)
     if kind == "rover" and altitude != 0:
         raise InvalidInputError(f"altitude: expected 0 m for a rover, got {altitude!r}")
     if kind != "rover":
-        check_number(altitude, what=f"altitude of a {kind}", above=0)
+        check_number(altitude, what=f"altitude of a {kind}", above=0 if level else -inf)
 
 
 def _check_degrees(points: Points) -> None:

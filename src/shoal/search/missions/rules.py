@@ -97,6 +97,7 @@ def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None =
     _check_cap(sheet, cap, autopilot)
     _check_altitude(sheet)
     _check_acceptance(sheet)
+    _check_rally(sheet)
     if sheet.fence is not None and (way := way_of(sheet)) is not None:
         _check_fence(sheet, way, sheet.fence)
         if fence_distance is not None:
@@ -128,8 +129,18 @@ def _check_cap(sheet: Sheet, cap: int | None, autopilot: str | None) -> None:
 
 def _check_altitude(sheet: Sheet) -> None:
     flies = sheet.kind != "rover"
+    base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
+    known = sheet.altitude_frame != "sea" or sheet.elevation is not None  # otherwise the height of home is unknown
+    lowest = min(sheet.altitudes, default=0.0)
+    if flies and known and lowest <= base:
+        place, at = sheet.places[sheet.altitudes.index(lowest)], f"{lowest - base:g} m above home"
+        # A mission over a valley goes below home, and is above home elsewhere.
+        if lowest == base or max(sheet.altitudes) <= base or sheet.altitude_frame == "ground":
+            sheet.add("altitude", place, f"expected a height above 0 and at most {_HIGHEST:g} m, got {lowest - base:g}")
+            return
+        sheet.add("below-home", place, f"expected heights above home, or a check with --terrain, got {at}")
     for place, altitude in zip(sheet.places, sheet.altitudes, strict=True):
-        if flies and not 0 < altitude <= _HIGHEST:
+        if flies and altitude > _HIGHEST:
             sheet.add("altitude", place, f"expected a height above 0 and at most {_HIGHEST:g} m, got {altitude:g}")
             return
         if not flies and altitude != 0:
@@ -138,10 +149,11 @@ def _check_altitude(sheet: Sheet) -> None:
         if flies and altitude > _HIGH and sheet.altitude_frame != "sea":
             sheet.add("altitude-high", place, f"expected a height of at most {_HIGH:g} m, got {altitude:g}")
             return
-    # A waypoint on the way up, between a lower and a higher one, is a layer of which a robot searches one cell.
+    # A waypoint between two other heights, or before or after several others, is a layer of which a robot searches one cell.
     levels = [round(altitude, 1) for altitude in sheet.altitudes]
     often = Counter(levels)
-    passed = {level for before, level, after in zip(levels, levels[1:], levels[2:], strict=False) if before < level < after}
+    passed = {level for before, level, after in zip(levels, levels[1:], levels[2:], strict=False) if before != after}
+    passed |= {levels[0], levels[-1]} if len(often) > 2 else set()
     rare, count = min(
         ((up, count) for up, count in often.items() if up not in passed), key=lambda entry: entry[1], default=(0.0, 0)
     )
@@ -233,6 +245,24 @@ def _check_near_fence(sheet: Sheet, least: float) -> None:
             sheet.add("fence-near", place if what else "", f"{said}, {what or name}")
 
 
+def _check_rally(sheet: Sheet) -> None:
+    """Add diagnostics for rally points outside the fence or in an exclusion zone of the fence."""
+    import shapely
+
+    if sheet.fence is None or not sheet.rally:
+        return
+    try:
+        frame = LocalFrame(*sheet.rally[0]) if sheet.geographic else None
+        points = np.array(sheet.rally)
+        area = sheet.fence.area(frame).buffer(ROUNDING)
+        inside = shapely.intersects_xy(area, *(points if frame is None else frame.to_metres(points)).T)
+    except InvalidInputError:
+        inside = np.zeros(len(sheet.rally), dtype=np.bool_)  # too far away for one local frame
+    for number in np.flatnonzero(~inside).tolist():
+        said = f"expected rally points inside the fence and outside its zones, got {text_of(sheet.rally[number])}"
+        sheet.add("rally", f"rally point {number + 1}", said)
+
+
 def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
     """Return the distances in metres from a point to each waypoint."""
     if not sheet.geographic:
@@ -248,6 +278,15 @@ def _metres_between(one: Any, other: Any) -> float:
     width = math.radians(other[0] - one[0])
     chord = math.sin((high - low) / 2) ** 2 + math.cos(low) * math.cos(high) * math.sin(width / 2) ** 2
     return 2 * _RADIUS * math.asin(min(1.0, math.sqrt(chord)))
+
+
+def _in_plane(point: tuple[float, float], region: SearchRegion) -> tuple[float, float]:
+    """Return a point in metres of a region's local frame, or infinity if it is too far away."""
+    try:
+        x, y = (np.array([point]) if region.frame is None else region.frame.to_metres(np.array([point])))[0].tolist()
+    except InvalidInputError:
+        return math.inf, math.inf
+    return x, y
 
 
 def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
@@ -323,6 +362,10 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     allowed = region.free.buffer(ROUNDING)
     forbidden = grown(region.no_go, region.margin).buffer(-ROUNDING)
     shapely.prepare(forbidden)
+    zones = region.no_go.buffer(-ROUNDING)
+    for number, point in enumerate(sheet.rally, start=1):
+        if not zones.is_empty and shapely.intersects_xy(zones, *_in_plane(point, region)):
+            sheet.add("rally", f"rally point {number}", f"expected rally points outside the no-go zones, got {text_of(point)}")
     inside = inside_of(region, way)
     barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
     here = searching(inside, sheet.kind)

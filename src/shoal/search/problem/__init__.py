@@ -12,7 +12,7 @@ import numpy as np
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
-from shoal.search.flight.vehicle import Vehicle, vehicle_of
+from shoal.search.flight.vehicle import Vehicle, image_of, vehicle_of
 from shoal.search.problem.faults import Fault, check_faults, fault_text
 from shoal.search.problem.fields import (
     AUTO,
@@ -32,6 +32,7 @@ from shoal.search.problem.fields import (
     parse_numbers,
 )
 from shoal.search.regions.builder import INNER, open_region
+from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline_checks import check_spikes
@@ -320,6 +321,11 @@ class SearchProblem(Problem):
     def chosen_footprint(self) -> float | tuple[float, ...]:
         """Side of the footprint in metres: the given side, or the side that the vehicle sees from the lowest altitude."""
         return self.footprint_at(self.altitudes[0])
+
+    @property
+    def image(self) -> Image | None:
+        """The image of the vehicle's camera, or None without a camera, or with a given footprint."""
+        return image_of(self.chosen_vehicle) if self.footprint is None else None
 
     @property
     def stepwise(self) -> bool:

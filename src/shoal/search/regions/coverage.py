@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,45 @@ from shoal.search.regions.region import TOUCH, SearchRegion, polygons_in
 _FEW = 48  # maximum number of footprint shapes near a block; a block with more shapes is divided
 _GRID = TOUCH / 10  # metres
 _SMALLEST = 0.5  # a block is divided only if it is larger than this fraction of a footprint; footprints mostly cover smaller blocks
+
+
+@dataclass(frozen=True)
+class Image:
+    """The image of a camera on the ground, as multiples of the side of the footprint that rows of cells use.
+
+    Parameters
+    ----------
+    across, along : float
+        Width across the path and length along the path.
+    yaw : float, optional
+        Heading that the vehicle keeps, in degrees clockwise from north. By default, the vehicle faces its direction of motion.
+    """
+
+    across: float
+    along: float
+    yaw: float | None = None
+
+    def scaled(self, factor: float) -> Image:
+        """Return an image of which both sides are multiplied by ``factor``."""
+        return replace(self, across=self.across * factor, along=self.along * factor)
+
+    def along_legs(self, starts: Points, ends: Points, side: float, angle: float) -> Any:
+        """Return the area that the camera sees along each leg: the convex hull of the images at both ends of the leg.
+
+        On a leg of length 0, a vehicle faces the direction ``angle``, in degrees counter-clockwise from the x axis.
+        """
+        import shapely
+
+        legs = ends - starts
+        lengths = np.hypot(*legs.T)
+        facing = np.radians(angle if self.yaw is None else 90.0 - self.yaw)
+        moving = lengths[:, None] > 0
+        ahead = np.where(moving, legs / np.where(moving, lengths[:, None], 1.0), (np.cos(facing), np.sin(facing)))
+        ahead = ahead if self.yaw is None else np.broadcast_to((np.cos(facing), np.sin(facing)), legs.shape)
+        beside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        offsets = [side / 2 * (front * self.along * ahead + left * self.across * beside) for front in (-1, 1) for left in (-1, 1)]
+        corners = np.stack([end + offset for end in (starts, ends) for offset in offsets], axis=1)
+        return shapely.convex_hull(shapely.multipoints(corners))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +91,17 @@ class AreaCoverage:
 
 
 def coverage_check(
-    region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH, angle: float = 0.0
+    region: SearchRegion,
+    routes: Sequence[ArrayLike],
+    footprint: ArrayLike,
+    *,
+    tolerance: float = TOUCH,
+    angle: float = 0.0,
+    image: Image | None = None,
 ) -> AreaCoverage:
     """Measure the area that vehicles on given routes see, and the legs that leave the region.
 
-    At each moment, a vehicle sees the square of side ``footprint`` around its position.
+    At each moment, a vehicle sees the square of side ``footprint`` around its position or, with ``image``, the image of its camera.
 
     Parameters
     ----------
@@ -68,6 +114,8 @@ def coverage_check(
         Distance in metres by which a leg may leave the region, because files contain rounded coordinates.
     angle : float
         Angle of the footprint's sides in degrees, counter-clockwise from the x axis.
+    image : Image, optional
+        Image of a camera, which turns with the vehicle. It replaces the square.
 
     Raises
     ------
@@ -86,10 +134,10 @@ def coverage_check(
     check_number(tolerance, what="tolerance", least=0)
     ways = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
-    swept = [
-        footprints_along(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2, angle)
-        for side in np.unique(sides).tolist()
-    ]
+    swept = []
+    for side in np.unique(sides).tolist():
+        legs = _once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side]))
+        swept.append(footprints_along(*legs, side / 2, angle) if image is None else image.along_legs(*legs, side, angle))
     uncovered = _without(region.area, np.concatenate(swept), float(sides.min())) if swept else region.area
     uncovered = _without_slivers(uncovered)
     left = float(uncovered.area)

@@ -23,7 +23,7 @@ def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], rob
     for number, layer in enumerate(layers):
         ways = [(way, sides[robot] * layer.footprint) for robot in robots for way in _ways(plan, trace, routes, robot, number)]
         footprints = [side for _, side in ways] or layer.footprint
-        found.append(coverage_check(layer.region, [way for way, _ in ways], footprints, angle=layer.angle))
+        found.append(coverage_check(layer.region, [way for way, _ in ways], footprints, angle=layer.angle, image=plan.image))
     return tuple(found)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.allocation.plan import SearchPlan, end_of, plan_search
 from shoal.search.flight.timing import turns_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
@@ -56,7 +56,7 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "allocation": allocation.allocator,
         "compared": len(made.compared),
         "vehicle": made.vehicle.kind,
-        "makespan": made.seconds(allocation.makespan),
+        "makespan": made.planned_seconds,
         "bound": made.seconds(allocation.lower_bound),
         "drawn": drawn,
         "closed": tour.pieces(canvas) if drawn else [],
@@ -130,7 +130,7 @@ def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any
     way = _Way(points, plan.altitudes)
     return {
         "place": canvas.points(plan.places[robot])[0],
-        "seconds": plan.seconds(float(plan.allocation.times[robot])),
+        "seconds": end_of(plan.sorties[robot]) if plan.flies else plan.seconds(float(plan.allocation.times[robot])),
         "stops": len(stops),
         "length": way.length,
         "turns": int(turns_of(points).sum()) if len(stops) else 0,

@@ -189,7 +189,7 @@ class SearchFilm:
         if 0 < history.n_cells - done < 0.005 * history.n_cells:
             share = f"{history.n_cells - done} cells left"
         width = canvas.text((left, level - 20 * unit), share, INK, 19 * unit, bold=True)
-        clock = " of ".join(duration_text(history.episode.plan.seconds(moment)) for moment in (time, history.end))
+        clock = " of ".join(duration_text(history.episode.clock(moment)) for moment in (time, history.end))
         canvas.text((left + width + 14 * unit, level - 20 * unit), clock, MUTED, 14 * unit)
         kinds = [activity.kind for activity in now]
         words = [

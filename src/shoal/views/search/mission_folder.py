@@ -115,14 +115,16 @@ class MissionFolder:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
 
     def run(self, *, seed: int) -> SearchEpisode:
-        """Run the search with the missions' start delays, which keep the vehicles apart."""
+        """Run the search with the missions' start times, which keep the vehicles apart."""
         plan = self.planned(seed=seed)
         problem = self.problem
-        delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}
-        if any(delays.values()):
-            seconds = tuple(delays.get(robot + 1, 0.0) for robot in range(problem.robots))
+        flights: list[list[tuple[float, float]]] = [[] for _ in range(problem.robots)]
+        for mission in self.missions:
+            flights[mission.robot - 1].append((mission.start or 0.0, mission.duration(plan.vehicle)))
+        seconds = tuple(one[0][0] if one else 0.0 for one in flights)
+        if any(seconds):
             problem = problem.replaced(delays=seconds).at_place(problem.place)
-            plan = replace(plan, delays=np.array(seconds))
+        plan = replace(plan, delays=np.array(seconds), schedule=tuple(map(tuple, flights)))
         return run(problem, seed=seed, plan=plan)
 
     def write(self, plan: SearchPlan) -> list[Path]:
@@ -132,7 +134,9 @@ class MissionFolder:
         """
         if not self.missions:
             self.plan(plan)
-        written = write_missions(self.missions, self.folder, formats=self.given.format or None, vehicle=plan.vehicle)
+        written = write_missions(
+            self.missions, self.folder, formats=self.given.format or None, vehicle=plan.vehicle, angle=plan.grid.angle
+        )
         save_figure(missions_figure(self.missions, plan.grid.region, self.approach), self.folder / MAP)
         return [*written, self.folder / MAP]
 
@@ -154,8 +158,7 @@ class MissionFolder:
                     **one.flight_report(plan.vehicle),
                     "robot": one.robot,
                     "sortie": one.sortie,
-                    "start_s": 0.0 if one.sortie == 1 else one.start,
-                    "delay_s": one.delay,
+                    "start_s": one.start,
                     "altitude_m": one.altitude,
                     "takeover_m": one.takeover,
                 }

@@ -82,9 +82,10 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
 
 
 def _summary(missions: Sequence[Mission], approach: MissionApproach | None) -> str:
-    robots, waits = len({mission.robot for mission in missions}), max((mission.delay for mission in missions), default=0.0)
+    robots = len({mission.robot for mission in missions})
+    waits = max((mission.start or 0.0 for mission in missions if mission.sortie == 1), default=0.0)
     sorties = f", {len(missions)} sorties" if len(missions) > robots else ""
-    last = max((mission.start or 0.0 for mission in missions), default=0.0)
+    last = max((mission.start or 0.0 for mission in missions if mission.sortie > 1), default=0.0)
     told = f", last sortie at {duration_text(last)}" if last else ""
     return f"{count_text(robots, 'vehicle')}{sorties}, first starts within {duration_text(waits)}{told}{_approach_text(approach)}"
 

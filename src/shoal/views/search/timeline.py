@@ -66,16 +66,16 @@ class _Clock:
     """The time axis of a timeline: minutes if the problem of an episode names a vehicle, and otherwise cell times."""
 
     def __init__(self, episode: SearchEpisode) -> None:
-        self.plan = episode.plan
+        self.episode = episode
         self.unit = "cells" if episode.problem.vehicle is None else "minutes"
 
     def at(self, moment: float) -> float:
         """Return the position on the time axis of a moment in cell times."""
-        return moment if self.unit == "cells" else self.plan.seconds(moment) / 60
+        return moment if self.unit == "cells" else self.episode.clock(moment) / 60
 
     def text(self, moment: float) -> str:
         """Return a moment in cell times as text."""
-        return f"{moment:.4g}" if self.unit == "cells" else duration_text(self.plan.seconds(moment))
+        return f"{moment:.4g}" if self.unit == "cells" else duration_text(self.episode.clock(moment))
 
 
 def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch: float) -> None:
@@ -114,7 +114,7 @@ def _draw_moments(axes: Axes, history: SearchHistory, clock: _Clock) -> None:
     episode = history.episode
     marks: list[tuple[float, str, Any]] = []
     if episode.trace.covered_at < inf:
-        marks.append((episode.trace.covered_at, "all searched", "solid"))
+        marks.append((episode.trace.covered_at, "all searched, all back" if clock.episode.plan.flies else "all searched", "solid"))
     if episode.trace.declared:
         marks.append((max(episode.trace.declared.values()), "all who live know it", (0, (3, 2))))
     if len(marks) == 2 and abs(marks[0][0] - marks[1][0]) < 0.005 * history.end:

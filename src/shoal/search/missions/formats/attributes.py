@@ -16,8 +16,8 @@ from shoal.search.problem.mission_options import CAPS
 
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 
-MORE = ("delay_s", "landing_x", "landing_y", "loiter_m", "start_s", "takeover_m", "waypoints_out", "waypoints_home")
-"""Names of the optional attributes of a mission, such as its delay and its landing point."""
+MORE = ("start_s", "landing_x", "landing_y", "loiter_m", "takeover_m", "waypoints_out", "waypoints_home")
+"""Names of the optional attributes of a mission, such as its start time and its landing point."""
 
 ALTITUDES = "altitudes_m"
 """Name of the attribute for the altitudes of all waypoints, if they differ, as numbers separated by spaces."""
@@ -27,10 +27,9 @@ def attributes_of(mission: Mission) -> dict[str, str | int | float]:
     """Return the attributes of a mission by name: all in `NAMES`, and those in `MORE` and `ALTITUDES` that the mission has."""
     named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
     more: list[float | None] = [
-        mission.delay or None,
+        mission.start,
         *(mission.landing or (None, None)),
         mission.loiter,
-        mission.start,
         mission.takeover,
         mission.waypoints_out,
         mission.waypoints_home,
@@ -64,8 +63,6 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
         else:
             sheet.add("wrong-value", place, f"expected {' or '.join(map(repr, known))} as {name!r}, got {_short(found[name])}")
     more = {name: found[name] for name in MORE if name in found}
-    if "delay_s" in more:
-        sheet.delay = number_in(sheet, place, "delay_s", more)
     if "landing_x" in more and "landing_y" in more:
         sheet.landing = (number_in(sheet, place, "landing_x", more), number_in(sheet, place, "landing_y", more))
     for name in ("loiter_m", "start_s", "takeover_m"):

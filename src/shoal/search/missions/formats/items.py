@@ -11,12 +11,14 @@ from shoal.core.dataclass import dataclass
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import SAME_LEVEL, Mission
 
-WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 20, 21, 22, 93, 178, 205, 206  # MAV_CMD
+WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, SPLINE, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 20, 21, 22, 82, 93, 178, 205, 206  # MAV_CMD
 WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
-_PLACED = {WAYPOINT, HOLD, LAND, TAKE_OFF}
-_KNOWN = {*_PLACED, RETURN, DELAY, SPEED, GIMBAL, TRIGGER}
+_PASSED = (WAYPOINT, SPLINE)
+_PLACED = {*_PASSED, HOLD, LAND, TAKE_OFF}
+_KNOWN = {*_PLACED, RETURN, SPEED, GIMBAL, TRIGGER}
 _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
 _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # frames 6 and 5 equal 3 and 0 with integer coordinates
+_TERRAIN = {10: "ground", 11: "ground"}  # MAV_FRAME: GLOBAL_TERRAIN_ALT, which ArduPilot reads and PX4 does not
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
 _AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
 _STEEP = 15.0  # degrees: pitch of fixed wings during take-off
@@ -43,10 +45,10 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the mission items of a mission, without its home.
 
-    The first items are the start delay and the take-off, because autopilots expect them first. The item after the take-off sets the
-    speed for the whole mission. The camera takes images from the first to the last waypoint of the search, and none on
-    the ways out and home. The take-off of a fixed wing has the position of the first waypoint, because the vehicle climbs toward
-    this waypoint.
+    The first item is the take-off, and no wait precedes it: PX4 (COM_DISARM_PRFLT) and ArduPilot (DISARM_DELAY) disarm a vehicle
+    that stays on the ground for some seconds after arming. The item after the take-off sets the speed for the whole mission. The
+    camera takes images from the first to the last waypoint of the search, and none on the ways out and home. The take-off of a
+    fixed wing has the position of the first waypoint, because the vehicle climbs toward this waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
     above = mission.elevation or 0.0 if frame == 0 else 0.0  # altitude of home in this frame
@@ -67,14 +69,13 @@ def items_of(mission: Mission) -> list[Item]:
         points.insert(searched.stop, _placeless(TRIGGER))
         points.insert(searched.start + 1, _placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0))  # first image immediately
     take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
-    wait = [_placeless(DELAY, mission.delay, -1.0, -1.0, -1.0)] if mission.delay else []
     end = _placeless(RETURN)
     if mission.landing is not None:
         stays = mission.loiter is not None
         height = float(heights[-1]) if stays else above
         command = HOLD if stays or mission.kind == "rover" else LAND
         end = Item(command, frame, (0.0, 0.0, mission.loiter or 0.0, mission.yaw, *mission.landing[::-1], height))
-    return [*wait, *take_off, *items, *points, end]
+    return [*take_off, *items, *points, end]
 
 
 def _placeless(command: int, *params: float) -> Item:
@@ -83,15 +84,19 @@ def _placeless(command: int, *params: float) -> Item:
 
 def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     """Read the content of mission items into a mission sheet, and add diagnostics."""
-    waypoints = [item for item in items if item.command == WAYPOINT]
+    waypoints = [item for item in items if item.command in _PASSED]
     sheet.n_items = len(items) + 1
     sheet.points = np.array([_number(item.params[5], item.params[4]) for item in waypoints], dtype=np.float64).reshape(-1, 2)
     sheet.altitudes = [_number(item.params[6])[0] for item in waypoints]
     sheet.places = [item.place for item in waypoints]
     if waypoints:
         first = waypoints[0]
-        sheet.altitude_frame, sheet.yaw = _READ.get(first.frame), first.params[3] or None
-        sheet.acceptance_radius = first.params[1] or None
+        sheet.altitude_frame = _frames(sheet).get(first.frame)
+        if first.command == WAYPOINT:
+            sheet.acceptance_radius, sheet.yaw = first.params[1] or None, first.params[3] or None
+        if sheet.altitude_frame == "ground":
+            said = f"expected altitudes above home or sea level, got altitudes above the terrain (frame {first.frame})"
+            sheet.add("terrain-frame", first.place, f"{said}: the check compares no heights of this mission with other vehicles")
         ups = [_number(item.params[6])[0] for item in items if item.command == TAKE_OFF]
         if ups and ups[0] > 0 and abs(ups[0] - sheet.altitudes[0]) > SAME_LEVEL:
             sheet.take_off = ups[0]
@@ -101,7 +106,6 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         if items[-1].command == HOLD and any(altitude > 0 for altitude in sheet.altitudes):
             sheet.loiter = abs(_number(items[-1].params[2])[0])
     for command, name, parameter in (
-        (DELAY, "delay", 0),
         (SPEED, "speed", 1),
         (GIMBAL, "gimbal_pitch", 0),
         (TRIGGER, "trigger_distance", 0),
@@ -109,7 +113,7 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         value = next((_number(item.params[parameter])[0] for item in items if item.command == command), None)
         if value is not None:
             setattr(sheet, name, value)
-    numbers = np.cumsum([item.command == WAYPOINT for item in items])
+    numbers = np.cumsum([item.command in _PASSED for item in items])
     images = [
         (int(number), _number(item.params[0])[0] > 0)
         for item, number in zip(items, numbers, strict=True)
@@ -117,10 +121,17 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     ]
     if [begins for _, begins in images] == [True, False] and images[0][0] > 0:
         sheet.waypoints_out, sheet.waypoints_home = images[0][0] - 1, len(waypoints) - images[1][0]
-    for item in items:
+    aloft = next((k for k, item in enumerate(items) if item.command in (TAKE_OFF, *_PASSED)), len(items))
+    for number, item in enumerate(items):
         _check_frame(sheet, item)
-        if item.command not in _KNOWN:
-            known = ", ".join(map(str, sorted(_KNOWN)))
+        if item.command == DELAY and number < aloft:
+            (lasting,) = _number(item.params[0])
+            said = f"expected no wait before the take-off, but a start at its time, got a wait (93) of {lasting:g} s"
+            sheet.add("armed-wait", item.place, said)
+        elif item.command == SPLINE:
+            sheet.add("spline", item.place, "expected a waypoint (16), got a spline waypoint (82): the check uses straight legs")
+        elif item.command not in _KNOWN:
+            known = ", ".join(map(str, sorted(_KNOWN - {SPLINE})))
             sheet.add("unknown-command", item.place, f"expected one of the commands {known}, got {item.command}")
     _check_camera(sheet, items)
     if items and items[-1].command not in (RETURN, LAND, HOLD):
@@ -132,12 +143,21 @@ def _check_frame(sheet: Sheet, item: Item) -> None:
     """Add a diagnostic if a position has the wrong altitude reference, or if an item without a position has a positional frame."""
     if item.command in _PLACED:
         wanted = sheet.altitude_frame or "home"
-        if _READ.get(item.frame) != wanted:
+        if (wanted, item.command) == ("ground", TAKE_OFF) and item.frame in _READ:
+            return  # the climb begins at home, whose height above the terrain is 0
+        if _frames(sheet).get(item.frame) != wanted:
             of_home, of_sea = "3 (altitude above home)", "0 (above sea level)"
-            said = of_sea if wanted == "sea" else of_home if sheet.altitude_frame else f"{of_home} or {of_sea}"
+            of_ground = "10 (above the terrain)"
+            both = f"{of_home} or {of_sea}"
+            said = {"sea": of_sea, "ground": of_ground}.get(wanted, of_home if sheet.altitude_frame else both)
             sheet.add("frame", item.place, f"expected frame {said} for a position, got {item.frame}")
     elif item.command in _KNOWN and item.frame != WITHOUT_PLACE:
         sheet.add("frame", item.place, f"expected frame {WITHOUT_PLACE} for command {item.command}, got {item.frame}")
+
+
+def _frames(sheet: Sheet) -> dict[int, str]:
+    """Return the altitude references by frame number that the autopilot of a mission reads. Without an autopilot, all count."""
+    return _READ if sheet.autopilot == "px4" else _READ | _TERRAIN
 
 
 def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
@@ -166,13 +186,13 @@ def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
 
 def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
     """Add a diagnostic if a flight has no take-off before the first waypoint, or if a rover has a take-off."""
-    commands = [item.command for item in items if item.command in (TAKE_OFF, WAYPOINT)]
+    commands = [WAYPOINT if item.command in _PASSED else TAKE_OFF for item in items if item.command in (TAKE_OFF, *_PASSED)]
     if sheet.kind == "rover":
         if TAKE_OFF in commands:
             place = next(item.place for item in items if item.command == TAKE_OFF)
             sheet.add("take-off", place, "expected no take-off in a rover's mission, got command 22")
     elif WAYPOINT in commands and commands[0] != TAKE_OFF:
-        place = next(item.place for item in items if item.command == WAYPOINT)
+        place = next(item.place for item in items if item.command in _PASSED)
         said = f"expected a take-off (22) before the first waypoint of a {sheet.kind or 'multirotor'}, got none"
         sheet.add("take-off", place, said)
 

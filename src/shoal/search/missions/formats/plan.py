@@ -138,11 +138,15 @@ def scan(text: str, sheet: Sheet) -> None:
     data = load_json(text, sheet)
     if not sheet.readable:
         return
+    places = _expand_surveys(data)
     try:
         form = PlanForm.model_validate(data)
     except ValidationError as error:
-        for fault in error.errors():
-            _note(sheet, fault)
+        faults = error.errors()
+        of_type = {fault["loc"][:-1] for fault in faults if fault["loc"][-1] == "type"}
+        for fault in faults:
+            if fault["loc"][-1] == "type" or not of_type & {fault["loc"][: k + 1] for k in range(len(fault["loc"]))}:
+                _note(sheet, fault, places)  # of an item of another type, only its type is wrong
         return
     mission = form.mission
     sheet.autopilot = {number: name for name, number in _FIRMWARE.items()}.get(mission.firmware_type)
@@ -162,19 +166,37 @@ def scan(text: str, sheet: Sheet) -> None:
     if len(inside) == 1:  # autopilots interpret several outlines differently
         sheet.fence = Fence(inside[0], tuple(ring for ring, kept in rings if not kept))
     sheet.rally = tuple((longitude, latitude) for latitude, longitude, _ in form.rally.points)
-    items = [Item(item.command, item.frame, tuple(item.params), f"item {k}") for k, item in enumerate(mission.items, start=1)]
+    items = [Item(item.command, item.frame, tuple(item.params), place) for place, item in zip(places, mission.items, strict=True)]
     read_items(sheet, items)
     check_take_off(sheet, items)
     for number, item in enumerate(mission.items, start=1):
         if item.do_jump_id != number:
-            sheet.add("do-jump-id", f"item {number}", f"expected doJumpId {number}, got {item.do_jump_id}")
+            sheet.add("do-jump-id", places[number - 1], f"expected doJumpId {number}, got {item.do_jump_id}")
         if not item.auto_continue:
-            sheet.add("autocontinue", f"item {number}", "expected autoContinue true, got false, with which the vehicle stops here")
+            sheet.add("autocontinue", places[number - 1], "expected autoContinue true, got false: the vehicle stops here")
 
 
-def _note(sheet: Sheet, fault: Any) -> None:
+def _expand_surveys(data: Any) -> list[str]:
+    """Replace the survey items of QGroundControl by the simple items that they contain, and return the place of each item."""
+    mission = data.get("mission") if isinstance(data, dict) else None
+    items = mission.get("items") if isinstance(mission, dict) else None
+    if not isinstance(items, list):
+        return []
+    expanded: list[tuple[str, Any]] = []
+    for number, item in enumerate(items, start=1):
+        survey = item.get("TransectStyleComplexItem") if isinstance(item, dict) and item.get("type") == "ComplexItem" else None
+        parts = survey.get("Items") if isinstance(survey, dict) else None
+        if isinstance(parts, list) and parts:
+            expanded += [(f"item {number}, part {part}", one) for part, one in enumerate(parts, start=1)]
+        else:
+            expanded.append((f"item {number}", item))
+    mission["items"] = [item for _, item in expanded]
+    return [place for place, _ in expanded]
+
+
+def _note(sheet: Sheet, fault: Any, places: list[str]) -> None:
     """Convert an error of the library Pydantic to a diagnostic, and add it to a sheet."""
-    place = ", ".join(f"item {part + 1}" if before == "items" else str(part) for before, part in _path(fault["loc"]))
+    place = ", ".join(places[int(part)] if before == "items" else str(part) for before, part in _path(fault["loc"]))
     kind, got = fault["type"], repr(fault["input"])[:60]
     if kind == "missing":
         where, _, key = place.rpartition(", ")
@@ -182,7 +204,8 @@ def _note(sheet: Sheet, fault: Any) -> None:
     elif kind in ("too_short", "too_long") and fault["loc"][-1] == "params":
         sheet.add("params-count", place, f"expected 7 params, got {len(fault['input'])}")
     else:
-        expected = fault["msg"].lower().removeprefix("input should be ")
+        expected = fault["msg"].removeprefix("Input should be ")
+        expected = expected[:1].lower() + expected[1:]
         sheet.add("wrong-value", place, f"expected {expected}, got {got}")
 
 

@@ -224,7 +224,7 @@ export function search({ remember }) {
   function drawList(robots) {
     list.replaceChildren(...robots.slice(0, MOST_ROBOTS).map((robot, k) => {
       const flights = fleet?.starts?.filter((one) => one.robot === k + 1) ?? [];
-      const more = flights.length ? [flights.length > 1 ? `${flights.length} sorties` : "", `at ${number(flights[0].altitude_m)} m`, flights[0].delay_s ? `after ${lasting(flights[0].delay_s)}` : ""].filter(Boolean).join(", ") : "";
+      const more = flights.length ? [flights.length > 1 ? `${flights.length} sorties` : "", `at ${number(flights[0].altitude_m)} m`, flights[0].start_s ? `after ${lasting(flights[0].start_s)}` : ""].filter(Boolean).join(", ") : "";
       const words = robot.stops ? [lasting(robot.seconds), robot.length === null ? "" : robot.length >= 1000 ? `${number(robot.length / 1000, 3)} km` : `${number(robot.length, 3)} m`, robot.turns === null ? "" : `${robot.turns} turns`].filter(Boolean).join(" · ") : "in reserve";
       return el("li", {}, el("button", { type: "button", class: `r${k % 12}`, "aria-pressed": String(chosen === k), onclick: () => { chosen = chosen === k ? -1 : k; show(); } }, el("b.no", {}, String(k + 1)), el("span", {}, words), el("span.soft", {}, more)));
     }), ...(robots.length > MOST_ROBOTS ? [el("li.soft", {}, `and ${number(robots.length - MOST_ROBOTS, 9)} more robots`)] : []));

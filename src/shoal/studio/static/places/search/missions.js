@@ -57,7 +57,7 @@ export function missionsPanel({ ready, current, changed }) {
       check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, MOST_SAID).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
       check.diagnostics.length > MOST_SAID ? el("p.soft", {}, `The first ${MOST_SAID} of ${number(check.diagnostics.length, 9)}: the file check.json in the zip has all.`) : [],
       el("figure.missionMap", {}, el("img", { src: `${fileAddress(map)}?${Date.now()}`, alt: "Map of the missions: paths of the robots, launch points, holes, zones, fence" })),
-      dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), one.start_s === null ? "when its vehicle is back" : lasting(one.start_s + one.delay_s), `${number(one.altitude_m)} m`])),
+      dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), lasting(one.start_s), `${number(one.altitude_m)} m`])),
       el("p.soft", {}, "The same in a terminal"), el("pre.code", { tabIndex: 0 }, command));
   }
 
