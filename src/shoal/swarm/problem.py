@@ -316,7 +316,7 @@ class SwarmProblem(Problem):
         from shoal.swarm.maps.open import open_map
 
         reading = {name: getattr(self, name) for name in READING}
-        workspace = self.map if isinstance(self.map, GridWorkspace) else open_map(self.map, **reading)
+        workspace = open_map(self.map, **reading)
         if self.cell_size is not None:
             workspace = GridWorkspace(workspace.free, name=workspace.name, spacing=(self.cell_size,) * workspace.ndim)
         return workspace.largest_component() if self.largest_component else workspace
