@@ -676,3 +676,16 @@ def test_data_are_measured_before_they_are_unfolded(tmp_path):
         read_map(tmp_path / "large.npy")
     savemat(tmp_path / "small.mat", {"a": LINES})
     assert read_map(tmp_path / "small.mat").shape == (20, 30)
+
+
+def test_commands_show_what_is_said_about_a_file(tmp_path):
+    """Commands silence libraries while they open a map, but not the notices about it. A process of its own has a real stderr."""
+    import subprocess
+    import sys
+
+    Image.fromarray(LINES).save(tmp_path / "mask.png")
+    done = subprocess.run(
+        [sys.executable, "-m", "shoal", "maps", str(tmp_path / "mask.png")], capture_output=True, text=True, check=True
+    )
+    assert "the picture has two brightnesses, 0 and 1 of 255" in done.stderr
+    assert "20 rows × 30 columns" in done.stdout

@@ -137,3 +137,11 @@ def test_wrong_values(files, options, words):
 def test_every_kind_has_known_options():
     for kind in KINDS.values():
         assert kind.options <= set(READING)
+
+
+def test_problems_refuse_what_a_finished_workspace_does_not_take():
+    from shoal.swarm import SwarmProblem
+
+    with pytest.raises(InvalidInputError, match="level: expected no level for a finished workspace, got 3"):
+        assert SwarmProblem(GridWorkspace(GREYS), level=3, particles=1).place
+    assert SwarmProblem(GridWorkspace(GREYS), particles=1).place.n_free == np.count_nonzero(GREYS)
