@@ -46,8 +46,9 @@ def interrupted(words: list[str], out: Path, after: float, number: int) -> list[
     left = sorted(path.name for path in out.rglob("*") if path.name.startswith("."))
     if any(words in said for words in _BEFORE_OURS):
         return []
-    ours = [line for line in said.splitlines() if line.startswith("shoal: ")]
-    wrong = [f"{took:.1f} s"] if process.returncode not in (0, 1) and took > 1 else []
+    ours = [line for line in said.splitlines() if line.startswith("shoal: ") and not line.startswith("shoal: notice: ")]
+    most = 5 if words[0] in {"map", "cover"} else 1  # these write the unfinished episode
+    wrong = [f"{took:.1f} s"] if process.returncode not in (0, 1) and took > most else []
     if process.returncode not in (130, 0, 1, -number):  # the last while Python itself begins or ends: shells tell it as 130, too
         wrong.append(f"exit code {process.returncode}: {said[-1500:]}")
     if (len(ours) > 1 and process.returncode == 130) or "Traceback" in said or "Exception" in said:

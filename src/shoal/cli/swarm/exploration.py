@@ -100,12 +100,13 @@ def _play(
                 keep=True,
             )
         result = summary(episodes, seed=seed)
-        written = write_outputs(episodes, result, out, film)
+        interrupted = len(episodes) < trials or any(episode.status is Status.INTERRUPTED for episode in episodes)
+        written = write_outputs(episodes, result, out, None if interrupted else film)
         if json_:
             print_json(result)
         else:
             print_trials(episodes, result, written)
-        if len(episodes) < trials or any(episode.status is Status.INTERRUPTED for episode in episodes):
+        if interrupted:
             sys.stdout.flush()
             say(f"shoal: interrupted: {_kept_text(episodes, trials, out)}")
             raise typer.Exit(INTERRUPTED)
