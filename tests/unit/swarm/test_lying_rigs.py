@@ -245,6 +245,56 @@ def test_the_number_of_particles_is_counted_under_noise():
     assert driven.trust.level == "limited"
 
 
+class Losing(NoisyRig):
+    """Loses one particle for good, or one at every so many moves."""
+
+    def __init__(self, *arguments, at=None, every=None):
+        super().__init__(*arguments)
+        self.at, self.every, self.sent, self.luck = at, every, 0, np.random.default_rng(1)
+
+    def send(self, command):
+        super().send(command)
+        self.sent += 1
+        there = np.flatnonzero(self._noisy.there)
+        if len(there) and (self.sent == self.at or (self.every and self.sent % self.every == 0)):
+            self._noisy.there[self.luck.choice(there)] = False
+
+
+@pytest.mark.parametrize("loss", [{"at": 20}, {"every": 10}], ids=str)
+def test_losses_under_noise_keep_what_the_confidence_promises(loss):
+    """The benchmark benchmarks/rigs.py measures more places and noises."""
+    wrong = known = said = 0
+    for seed in range(5):
+        for noise in (Noise(0.1, 0.02, 0.3), Noise(0.2, 0.05, 0.1)):
+            workspace = open_map(f"cave:16x12:{seed}")
+            start = place(workspace, 8, "uniform", np.random.default_rng(seed))
+            rig = Losing(workspace, start, noise, np.random.default_rng(seed), **loss)
+            driven = drive(rig, **vars(noise), confidence=0.99, policy="closest-frontier", max_moves=700)
+            wrong += sum(driven.compared(workspace).values())
+            known += len(driven.belief.known)
+            said += any(alarm.kind == "number" for alarm in driven.alarms)
+            if not rig._noisy.there.any():
+                assert driven.status != "complete"
+                assert driven.trust.level == "limited"
+    assert wrong <= 0.01 * known
+    assert said >= (8 if "every" in loss else 1)
+
+
+def test_a_drive_is_complete_only_if_every_cell_that_particles_may_enter_is_classified():
+    """With few particles and many errors, no cell may be classified as free for a while: nothing is complete then."""
+    for seed in range(8):
+        workspace = open_map(f"cave:24x18:{seed}")
+        start = place(workspace, 3, "uniform", np.random.default_rng(seed))
+        rig = NoisyRig(workspace, start, Noise(0.2, 0.05, 0.1), np.random.default_rng(1000 + seed))
+        driven = drive(rig, slip=0.2, misplace=0.05, miss=0.1, policy="closest-frontier", seed=seed, max_moves=300)
+        assert len(driven.belief.open) > 10
+        if driven:
+            inside = {tuple(cell) for cell in driven.cells.tolist()}
+            assert inside <= set(driven.belief.open)
+            frontier = driven.belief.open.dilated() - driven.belief.known
+            assert not frontier
+
+
 def test_an_honest_rig_is_not_accused():
     false = []
     for seed in range(3):

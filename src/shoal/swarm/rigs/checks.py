@@ -46,7 +46,7 @@ WINDOW, LEAST = 30, 8  # scans over which a number of particles is averaged, and
 CHANGE = 4.0  # standard errors from which the number of particles has changed, at the most likely of all moments
 SURE, EMPTY = 0.9, 0.1  # probabilities of a particle in a cell that surely holds one, and in cells that hold none
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
-RECENT = 40  # particles with a free cell ahead whose motion is remembered
+RECENT = 100  # particles with a free cell ahead whose motion is remembered
 
 
 @dataclass(frozen=True)
@@ -342,6 +342,11 @@ class NoiseMonitor:
         slip = self.noise.slip
         return (slip * self.hit + (1 - slip) * self.share) / (self.hit + self.share)
 
+    def _expected_stay(self, run: int) -> float:
+        """Return the share of stays to expect in a run of stays: as stated, or as observed before, if more particles slip."""
+        events, trials = self.stayed[0] - run, self.stayed[1] - run
+        return max(self.staying, 0.1, events / trials if trials > LEAST else 0.0)
+
     def rates(self) -> dict[str, Rate]:
         """Return the stated and observed rates of the errors that the drive could observe."""
         found = {}
@@ -364,11 +369,11 @@ class NoiseMonitor:
             if self.advance[axis, axis] < -max(SIGMAS * sqrt(self.variance[axis, axis]), 3.0):
                 text = "the particles move against the commands: an axis of the camera or of the magnets is inverted"
                 return Alarm("direction", move, f"move {move}: {text} (the {axis_name(axis, self.ndim)})")
-        stays = sum(self.recent)
-        if stays > 3 and tail(stays, len(self.recent), self.staying) < CRITICAL:
+        run = next((i for i, stayed in enumerate(reversed(self.recent)) if not stayed), len(self.recent))
+        if self._expected_stay(run) ** run < CRITICAL:
             text = (
-                f"of the last {count_text(len(self.recent), 'particle')} with a free cell ahead, {stays} did not move, which the "
-                f"stated slip {self.noise.slip:g} does not explain: the magnets do nothing, or the camera shows an old picture"
+                f"of the last {count_text(run, 'particle')} with a free cell ahead, none moved, which slips do not explain: the "
+                "magnets do nothing, or the camera shows an old picture"
             )
             return Alarm("still", move, f"move {move}: {text}")
         leaps, trials = self.leapt
