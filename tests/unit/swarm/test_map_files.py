@@ -283,8 +283,8 @@ def test_open_map_finds_vessels_in_a_photograph(tmp_path):
     [
         ("line:7", {"threshold": 1.5}, "threshold: expected a number from 0 to 1, got 1.5"),
         ("line:7", {"scale": 0.0}, "scale: expected a number, above 0 and at most 64"),
-        ("line:7", {"width": 40}, "width: expected a map file, whose size can be changed, got the generated map 'line:7'"),
-        ("line:7", {"join_diagonals": True}, "join-diagonals: expected a map file, got the generated map 'line:7'"),
+        ("line:7", {"width": 40}, "width: expected no width for the generated map 'line:7', got 40"),
+        ("line:7", {"join_diagonals": True}, "join-diagonals: expected no join-diagonals for the generated map 'line:7'"),
         ("line:7", {"vessels": True}, "vessels: expected a photograph, got the generated map 'line:7'"),
         ("lime:7", {}, "did you mean 'line'"),
         ("x" * 5000, {}, "unknown map generator"),

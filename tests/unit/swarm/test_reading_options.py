@@ -11,13 +11,14 @@ from shoal.swarm import GridWorkspace
 from shoal.swarm.maps.files import FORMATS
 from shoal.swarm.maps.open import open_map
 from shoal.swarm.maps.reading import KINDS, REASONS
+from shoal.swarm.maps.resampling import diagonal_contacts
 from shoal.swarm.problem import READING
 
 for library in ("tifffile", "nibabel", "nrrd", "pydicom"):  # extras
     pytest.importorskip(library)
 
 OPTIONS = {
-    "threshold": 0.2, "invert": True, "scale": 2.0, "level": 50, "label": 100, "channel": 2, "frame": 2, "width": 40, "low": 0.5,
+    "threshold": 0.2, "invert": True, "scale": 2.0, "level": 50, "label": 100, "channel": 2, "frame": 2, "width": 20, "low": 0.5,
     "high": 1.0, "bright": True, "thickest": 0.1,
 }  # fmt: skip
 GREY = {"threshold", "invert", "scale", "level", "label"}
@@ -61,7 +62,7 @@ def files(tmp_path_factory):
 
 
 def test_the_table_has_every_option_and_every_format(files):
-    assert {*OPTIONS, "vessels"} == set(READING) == set(REASONS)
+    assert {*OPTIONS, "vessels", "join_diagonals"} == set(READING) == set(REASONS)
     names = [name.lower() for name in USED]
     for suffix in set(FORMATS) - {".tiff", ".jpeg", ".nii", ".nhdr", ".dcm"}:  # second names of the same readers
         assert any(name.endswith(suffix) for name in names), suffix
@@ -72,6 +73,7 @@ def test_the_table_has_every_option_and_every_format(files):
 @pytest.mark.parametrize("name", USED)
 def test_an_option_is_used_or_refused(files, name, option):
     used, needed = USED[name]
+    used = used | {"width"} if name != "line:7" else used
     value = SCALED_LABEL.get(name, {}).get(option, OPTIONS[option])
     others = {key: one for key, one in needed.items() if not (option in {"level", "label"} and key == "label")}
     if option not in used:
@@ -83,6 +85,18 @@ def test_an_option_is_used_or_refused(files, name, option):
     changed = open_map(files[name], **{**others, option: value})
     assert changed.n_free > 0
     assert changed.shape != plain.shape or not np.array_equal(changed.free, plain.free)
+
+
+@pytest.mark.parametrize("name", USED)
+def test_diagonal_contacts_are_joined_in_files_only(files, name):
+    needed = USED[name][1]
+    if name == "line:7":
+        with pytest.raises(InvalidInputError, match=r"join-diagonals: expected no join-diagonals for the generated map"):
+            open_map(name, join_diagonals=True)
+        return
+    plain, joined = open_map(files[name], **needed).free, open_map(files[name], **needed, join_diagonals=True).free
+    assert not (plain & ~joined).any()
+    assert diagonal_contacts(joined) == 0
 
 
 @pytest.mark.parametrize("name", [name for name in USED if not name.endswith((".png", ".tif", ".gif", ".bmp", ".jpg"))])
@@ -97,7 +111,7 @@ def test_vessels_exclude_the_options_of_masks(files, option):
         open_map(files["grey.png"], vessels=True, **{option: OPTIONS[option]})
 
 
-@pytest.mark.parametrize("option", [name for name in OPTIONS if name not in {"invert", "level", "label"}])
+@pytest.mark.parametrize("option", [name for name in OPTIONS if name not in {"invert", "level", "label", "width"}])
 def test_arrays_and_workspaces(option):
     given = {option: OPTIONS[option]}
     with pytest.raises(InvalidInputError, match=rf"{option}: expected no {option} .*, got .* \(.+\)"):

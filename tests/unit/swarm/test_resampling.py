@@ -121,7 +121,7 @@ def test_the_command_joins_and_thins(tmp_path, capsys):
 
 def test_options_without_effect_are_refused():
     for options in ({"width": 5}, {"join_diagonals": True}):
-        with pytest.raises(InvalidInputError, match="expected a map file"):
+        with pytest.raises(InvalidInputError, match="for a finished workspace"):
             open_map(GridWorkspace([[1, 1]]), **options)
-        with pytest.raises(InvalidInputError, match="expected a map file"):
+        with pytest.raises(InvalidInputError, match="for a finished workspace"):
             assert SwarmProblem(GridWorkspace([[1, 1]]), **options).place

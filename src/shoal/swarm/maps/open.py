@@ -18,6 +18,7 @@ from shoal.swarm.maps import imaging
 from shoal.swarm.maps.arrays import free_in_array
 from shoal.swarm.maps.files import named_after, read_map
 from shoal.swarm.maps.generators import generate_cached, is_spec
+from shoal.swarm.maps.parts import MOST_COUNTED
 from shoal.swarm.maps.pictures import read_pixels
 from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
 from shoal.swarm.maps.resampling import diagonal_contacts, factors_of_width, join_diagonals, scale_cells
@@ -101,7 +102,8 @@ def open_map(
         return named_after(path, imaging.map_of_vessels(mask, width=width))
     check_used(Kind("a map file", frozenset((*chosen.given, "width"))), given, where=text)
     workspace = fit_width(read_map(path, **options), width)
-    if notices.listeners and (contacts := diagonal_contacts(workspace.free)):
+    counted = notices.listeners and workspace.free.size <= MOST_COUNTED
+    if counted and (contacts := diagonal_contacts(workspace.free)):
         separate = "1 diagonal contact separates" if contacts == 1 else f"{contacts} diagonal contacts separate"
         tell_once(
             f"shoal: warning: {path}: {separate} parts of the map, because particles cannot move diagonally "

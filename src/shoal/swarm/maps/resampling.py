@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, product
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -77,13 +78,15 @@ def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
     """
     free = enlarge_cells(free, [max(side, blocks) for side, blocks in zip(free.shape, shape, strict=True)])
     counts: NDArray[Any] = free
+    largest = prod(-(-side // blocks) for side, blocks in zip(free.shape, shape, strict=True))
+    number = np.min_scalar_type(largest)  # a count of four bytes for each of 2^28 pixels would take 1 GiB
     pixels = np.ones((), dtype=np.float32)
     for axis, blocks in enumerate(shape):
-        if blocks == free.shape[axis]:  # nothing to add, and the counts of all cells would take four bytes each
+        if blocks == free.shape[axis]:  # nothing to add
             pixels = np.multiply.outer(pixels, np.ones(blocks, dtype=np.float32))
             continue
         begins = -(-np.arange(blocks) * free.shape[axis] // blocks)  # cell i belongs to block i * blocks // side
-        counts = np.add.reduceat(counts, begins, axis=axis, dtype=np.int32)
+        counts = np.add.reduceat(counts, begins, axis=axis, dtype=number)
         sizes = np.diff([*begins, free.shape[axis]]).astype(np.float32)
         pixels = np.multiply.outer(pixels, sizes)
     return np.asarray(counts / pixels, dtype=np.float32)
