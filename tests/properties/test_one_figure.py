@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 import shapely
 
+from shoal.search.allocation.plan import plan_search
 from shoal.search.episode import duration_text
 from shoal.search.flight.vehicle import vehicle_of
-from shoal.search.missions import check_missions
+from shoal.search.missions import check_missions, lint
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
+from shoal.search.regions.coverage import Image, coverage_check
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.views.search.mission_folder import MissionFolder
@@ -71,3 +75,54 @@ def test_the_timeline_ends_at_the_headline(tmp_path):
     assert "all searched" in words
     assert duration_text(episode.makespan) in episode.reason
     assert duration_text(episode.makespan) in words or duration_text(episode.clock(max(episode.trace.declared.values()))) in words
+
+
+@pytest.fixture(scope="module")
+def meadow(tmp_path_factory):
+    """A field of 180 m by 130 m with a zone, whose margin has round corners of many short legs."""
+    outer = [[8.5, 47.4], [8.5024, 47.4], [8.5024, 47.4012], [8.5, 47.4012], [8.5, 47.4]]
+    zone = [[8.5008, 47.4004], [8.5011, 47.4004], [8.5011, 47.4006], [8.5008, 47.4006], [8.5008, 47.4004]]
+    features = [
+        {"type": "Feature", "properties": properties, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for properties, ring in (({"name": "meadow"}, outer), ({"role": "no-go"}, zone))
+    ]
+    path = tmp_path_factory.mktemp("meadow") / "field.json"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+def test_round_corners_of_a_margin_take_no_stop_each(meadow, tmp_path):
+    """Where each of 60 points of the corners was a stop, the best of the compared plans took 7.7 minutes instead of 2.8."""
+    vehicle = f"multirotor,cruise_speed=8,endurance=22,{CAMERA}0.3"
+    problem = SearchProblem(str(meadow), robots=2, vehicle=vehicle, margin=5.0, launch="8.4998,47.3999;8.5,47.3998")
+    folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
+    episode = folder.run(problem, seed=0)
+    folder.write(episode.plan)
+    assert max(one.duration(episode.plan.vehicle) for one in folder.missions) <= 180
+    fixed = plan_search(problem.replaced(tour="spanning-tree").at_place(problem.place))
+    assert plan_search(problem).planned_seconds <= fixed.planned_seconds
+    assert "acceptance" not in {one.rule for one in lint(tmp_path, problem.place)}
+
+
+def test_what_a_camera_sees_is_one_figure(meadow, tmp_path):
+    """The check found 98.5 % of what the plan called seen: its squares had another angle."""
+    vehicle = f"multirotor,cruise_speed=8,endurance=22,{CAMERA}0.3"
+    problem = SearchProblem(str(meadow), robots=3, vehicle=vehicle)
+    folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
+    episode = folder.run(problem, seed=0)
+    folder.write(episode.plan)
+    check = check_missions(tmp_path, str(meadow), problem.chosen_footprint, vehicle=vehicle)
+    assert check.coverage.covered_fraction == pytest.approx(episode.coverage.covered_fraction, abs=1e-5)
+    assert check.coverage.covered_fraction > 0.9999
+    assert not check.diagnostics
+
+
+def test_an_image_turns_with_its_vehicle():
+    wide = Image(across=1.5, along=1.0)
+    square = region_of(shapely.box(-100, -100, 100, 100))
+    for angle in (0.0, 30.0, 77.0):
+        way = 30 * np.array([(0.0, 0.0), (np.cos(np.radians(angle)), np.sin(np.radians(angle)))])
+        seen = coverage_check(square, [way], 20.0, image=wide)
+        assert 40_000 - seen.uncovered_m2 == pytest.approx(30 * (30 + 20), rel=1e-6)  # as wide as 1.5, as long as the leg and 1
+    north = coverage_check(square, [[(0.0, 0.0), (30.0, 0.0)]], 20.0, image=Image(1.5, 1.0, yaw=0.0))
+    assert 40_000 - north.uncovered_m2 == pytest.approx(20 * (30 + 30), rel=1e-6)

@@ -194,8 +194,11 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     assert ", divided among the robots by the allocation " in text
     assert re.search(r"cells of 40 m, each searched in [\d.]+ s; ", text)
     assert re.search(rf"time {time} in the simulation; planned {time}, and no plan takes less than {time}", text)
-    assert re.search(rf"tours all vehicles are back within: \S+, rows at [\d.]+°: {time}; \S+, rows at [\d.]+°: {time}", text)
-    assert re.search(rf"allocations all vehicles are back within: \S+ {time}; ", text)
+    assert re.search(
+        rf"tours all vehicles, not yet kept apart, are back within: \S+, rows at [\d.]+°: {time}; \S+, rows at [\d.]+°: {time}",
+        text,
+    )
+    assert re.search(rf"allocations all vehicles, not yet kept apart, are back within: \S+ {time}; ", text)
     share = r"[\d.]+ min, [\d.]+ % of the 4 min that the battery allows without its reserve"
     assert re.search(rf"flight robot-01: {share} flight robot-01-2: [\d.]+ min, [\d.]+ % ", text)
     assert "airspace" not in text

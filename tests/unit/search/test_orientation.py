@@ -146,7 +146,7 @@ def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
 def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
     region = blob(3)
     free, dear = (best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost) for cost in (0.0, 1.0))
-    assert free.grid.angle == dear.grid.angle
+    assert free.grid.angle == pytest.approx(dear.grid.angle, abs=0.5)
 
 
 def test_the_check_of_coverage_loses_no_footprints():

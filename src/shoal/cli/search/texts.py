@@ -147,9 +147,11 @@ def compared_rows(episode: SearchEpisode) -> list[tuple[str, str]]:
     ]
     shares = [f"{one.allocation} {duration_text(plan.seconds(one.cells))}" for one in plan.compared if one.allocation is not None]
     alone = not any(one.seconds is not None for one in plan.compared)
+    apart = "" if plan.schedule is None else ", not yet kept apart,"
+    back = f"all vehicles{apart} are back within"
     rows = [
-        ("tours", "one robot searches the whole tour in" if alone else "all vehicles are back within", tours),
-        ("allocations", "all robots finish within" if alone else "all vehicles are back within", shares),
+        ("tours", "one robot searches the whole tour in" if alone else back, tours),
+        ("allocations", "all robots finish within" if alone else back, shares),
     ]
     return [(name, f"{what}: {'; '.join(texts)}") for name, what, texts in rows if texts]
 

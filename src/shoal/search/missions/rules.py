@@ -363,9 +363,9 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     forbidden = grown(region.no_go, region.margin).buffer(-ROUNDING)
     shapely.prepare(forbidden)
     zones = region.no_go.buffer(-ROUNDING)
-    for number, point in enumerate(sheet.rally, start=1):
-        if not zones.is_empty and shapely.intersects_xy(zones, *_in_plane(point, region)):
-            sheet.add("rally", f"rally point {number}", f"expected rally points outside the no-go zones, got {text_of(point)}")
+    for number, rally in enumerate(sheet.rally, start=1):
+        if not zones.is_empty and shapely.intersects_xy(zones, *_in_plane(rally, region)):
+            sheet.add("rally", f"rally point {number}", f"expected rally points outside the no-go zones, got {text_of(rally)}")
     inside = inside_of(region, way)
     barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
     here = searching(inside, sheet.kind)

@@ -180,7 +180,7 @@ def _expand_surveys(data: Any) -> list[str]:
     """Replace the survey items of QGroundControl by the simple items that they contain, and return the place of each item."""
     mission = data.get("mission") if isinstance(data, dict) else None
     items = mission.get("items") if isinstance(mission, dict) else None
-    if not isinstance(items, list):
+    if not isinstance(mission, dict) or not isinstance(items, list):
         return []
     expanded: list[tuple[str, Any]] = []
     for number, item in enumerate(items, start=1):
