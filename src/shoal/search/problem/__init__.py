@@ -362,7 +362,7 @@ class SearchProblem(Problem):
         """Return a text with the fields that define the region, or None if the region is a `SearchRegion`."""
         if isinstance(self.region, SearchRegion):
             return None
-        kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")
+        kept: tuple[str, ...] = ("region", "no_go", "margin", "layer", "inner", "across_zones")
         if (
             self.margin is None and self._asked_vehicle.clearance
         ):  # the default margin depends on the vehicle, on what it sees, and on the known places
