@@ -343,7 +343,7 @@ class SearchEpisode(Episode):
         """Return the problem with the contents of files in place of the file names."""
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
-        if problem.place_is_file() or problem.no_go:
+        if problem.place_is_file() or problem.no_go or problem.place.barriers:
             changes |= {"region": problem.place, "no_go": (), "layer": None, "inner": None, "hidden": None, "closed_lines": False}
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places

@@ -163,6 +163,18 @@ def test_a_fixed_wing_flies_from_part_to_part_around_the_zone_between_them(tmp_p
     assert not check_missions(tmp_path, region, 10.0).errors
 
 
+@pytest.mark.parametrize("zones", [FOUR, []])
+def test_a_saved_search_with_missions_is_verified_after_loading(zones, tmp_path):
+    region = field(zones) if zones else "ring:120x60"  # the hole of the ring has many corners, too
+    given = {"robots": 1, "footprint": 40.0, "vehicle": "multirotor", "tour": "boustrophedon", "angle": 0.0}
+    episode = MissionFolder(tmp_path, SearchProblem(region, **given), MissionOptions(format=() if zones else ("plan",))).run(seed=0)
+    assert episode.problem.place.barriers
+    episode.save(tmp_path / "episode.json")
+    loaded = type(episode).load(tmp_path / "episode.json")
+    assert loaded.problem.place.free.equals_exact(episode.problem.place.free, 1e-6)
+    assert loaded.verify()
+
+
 def test_transits_lead_around_zones_and_are_marked():
     region = region_of(shapely.box(0, 0, 100, 40), no_go=shapely.box(40, -20, 60, 50))
     route = RegionPaths(cells_of(region, 20), transit=True).legs([(30.0, 20.0), (70.0, 20.0)])

@@ -121,7 +121,8 @@ def fenced_region(region: SearchRegion, most: int, *, places: Points, wing: bool
 
     def undivided(polygons: list[Any]) -> bool:
         free = plain.outline.difference(shapely.union_all(polygons)).buffer(-region.margin, quad_segs=2)
-        return float(max(shapely.area(shapely.get_parts(free)), default=0.0)) > _LEAST_KEPT * region.parts[0].area
+        largest = max(shapely.area(shapely.get_parts(free)).tolist(), default=0.0)
+        return largest > _LEAST_KEPT * float(region.parts[0].area)
 
     barriers = enclosing_polygons(zones, room, clear=[clear] * len(zones), merge=undivided)
     if corners_of(barriers) > room:
@@ -232,7 +233,7 @@ def _legs(way: Points) -> NDArray[Any]:
     """Return the legs of a path as Shapely lines, or its only point."""
     import shapely
 
-    return shapely.points(way[:1]) if len(way) == 1 else shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
+    return np.asarray(shapely.points(way[:1]) if len(way) == 1 else shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1)))
 
 
 def _filled(region: SearchRegion) -> Any:

@@ -405,7 +405,7 @@ def _between_parts(sheet: Sheet, region: SearchRegion, way: Points) -> NDArray[n
     if len(region.parts) > 1 or sheet.fence is None or region.no_go.is_empty:
         return np.full(len(sheet.points), len(region.parts) > 1)
     area = sheet.fence.area(region.frame).buffer(ROUNDING)
-    near = np.isfinite(way[1:-1]).all(axis=1)
+    near = np.asarray(np.isfinite(way[1:-1]).all(axis=1))
     return np.asarray(near & shapely.intersects_xy(area, *np.where(near[:, None], way[1:-1], 0.0).T))
 
 

@@ -347,7 +347,8 @@ class SearchProblem(Problem):
         """
         vehicle = self._asked_vehicle
         if self.margin is not None:
-            return with_margin(without_margin(region) if fenced else region, self.margin, pointed=vehicle.radius > 0)
+            plain = without_margin(region) if fenced else region
+            return with_margin(plain, self.margin, barriers=plain.barriers, pointed=vehicle.radius > 0)
         if region.margin or (region.no_go.is_empty and not fenced):
             return region
         wanted = vehicle.clearance + (ROUNDED if vehicle.clearance or fenced else 0.0)

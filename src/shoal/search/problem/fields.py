@@ -42,8 +42,8 @@ def check_path(value: Any, what: str, expected: str) -> str:
 
 def _region_from(data: dict[str, Any]) -> SearchRegion:
     """Return the `SearchRegion` from which `dump_region` made the mapping ``data``."""
-    data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0, "height": 0.0} | data
-    if set(data) != {"name", "area", "frame", "no_go", "no_go_zones", "height"}:
+    data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0, "height": 0.0, "barriers": []} | data
+    if set(data) != {"name", "area", "frame", "no_go", "no_go_zones", "height", "barriers"}:
         raise InvalidInputError(f"region: expected name, area and frame, got {shortened(sorted(map(str, data)))}")
     frame = data["frame"]
     if frame is not None and (not isinstance(frame, list | tuple) or len(frame) != 2):
@@ -55,7 +55,11 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
     name, place = check_text(data["name"], what="region: name"), None if frame is None else LocalFrame(*frame)
     zones = SearchRegion(no_go, place, no_go, name) if no_go.is_empty else region_of(no_go, frame=place, name=name)
     height = check_number(data["height"], what="region: height", least=0)
-    return replace(region_of(area, frame=place, name=name), no_go=zones.area, no_go_zones=count, height=height)
+    barriers = tuple(
+        read_polygon(check_text(one, what="region: barriers"), where="region: barriers") for one in list_of(data["barriers"])
+    )
+    found = region_of(area, frame=place, name=name)
+    return replace(found, no_go=zones.area, no_go_zones=count, height=height, barriers=barriers)
 
 
 def dump_region(value: str | SearchRegion) -> Any:
@@ -67,6 +71,8 @@ def dump_region(value: str | SearchRegion) -> Any:
     frame = None if value.frame is None else [value.frame.longitude, value.frame.latitude]
     area, no_go = (shapely.to_wkt(shape, rounding_precision=-1) for shape in (value.outline, value.no_go))
     told = {"name": value.name, "area": area, "frame": frame, "no_go": no_go, "no_go_zones": value.no_go_zones}
+    if value.barriers:
+        told["barriers"] = [shapely.to_wkt(shape, rounding_precision=-1) for shape in value.barriers]
     return told | ({"height": value.height} if value.height else {})
 
 
