@@ -48,16 +48,16 @@ def released_translation(
     """Return one or two moves that together translate all particles by ``move``, or None if walls prevent the translation.
 
     If a wall blocks the direct move, the function returns a small move off the walls and the rest of the translation. After the
-    small move, all particles are farther from the walls than ``clearance`` times the size, where there is room for that. If there is
-    room, the small move has a length of at least ``least`` times the size.
+    small move, all particles are farther from the walls than ``clearance`` times the size, where there is room for that. If
+    there is room, the small move has a length of at least ``least`` times the size.
     """
     if is_released(workspace, points, move, clearance=clearance):
         return [move]
-    lift = lift_off(workspace, points, clearance=clearance, least=least)
+    lift = _lift_off(workspace, points, clearance=clearance, least=least)
     return None if lift is None else [lift, move - lift]
 
 
-def lift_off(
+def _lift_off(
     workspace: ConvexWorkspace,
     points: Points,
     others: Points | None = None,
@@ -101,7 +101,7 @@ def separations(workspace: ConvexWorkspace, points: Points, *, clearance: float 
     found = []
     for held in (0, 1):
         for wall in touched_normals(workspace, points[held]):
-            away = lift_off(workspace, points[1 - held : 2 - held], -wall[None], clearance=clearance)
+            away = _lift_off(workspace, points[1 - held : 2 - held], -wall[None], clearance=clearance)
             if away is not None:
                 after = points.copy()
                 after[1 - held] += away
