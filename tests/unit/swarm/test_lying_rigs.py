@@ -467,6 +467,20 @@ def test_liars_over_a_pipe(how, code, status, kinds, level, tmp_path, capsys):
         assert "expected cells inside (3, 7), got (-9, 0)" in printed.err
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--rig", "tcp:localhost:1", "--particles", "4"], "particles: expected the rig simulated"),
+        (["--rig", "tcp:localhost:1", "--rule", "tilt"], "rule: expected the rig simulated"),
+        (["--rig", "tcp:localhost:1", "--start", "0,0"], "the rig simulated, because a real rig reports its own"),
+        (["line:5", "--end-after", "3"], "end-after: expected a rig behind a connection"),
+    ],
+)
+def test_options_without_effect_on_the_rig_are_refused(words, told, capsys):
+    assert shoal(["drive", *words]) == 2
+    assert told in capsys.readouterr().err
+
+
 def test_the_table_says_how_far_a_map_can_be_trusted(tmp_path, capsys):
     (tmp_path / "liar.py").write_text(LIAR)
     assert shoal(["drive", "--rig", f"exec:{sys.executable} {tmp_path / 'liar.py'} dead"]) == 1

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from shoal.swarm import GridWorkspace, SwarmEpisode
     from shoal.swarm.rigs import Drive, Rig
 
+SECONDS = {"repeat_after": 5.0, "end_after": 60.0}
 EXAMPLE = "Example: shoal drive maze:9x7 --rig simulated --particles 4 --log drive.jsonl"
 
 
@@ -64,11 +65,11 @@ def drive(
     repeat_after: Annotated[
         float,
         typer.Option("--repeat-after", help="Time without an answer after which Shoal repeats a request, in seconds."),
-    ] = 5.0,
+    ] = SECONDS["repeat_after"],
     end_after: Annotated[
         float,
         typer.Option("--end-after", help="Time without an answer to repeated requests after which the run ends, in seconds."),
-    ] = 60.0,
+    ] = SECONDS["end_after"],
     test_move: Annotated[
         bool,
         typer.Option(
@@ -103,6 +104,7 @@ def drive(
     shape = None if size is None else _size(size)
     for what, seconds in (("repeat_after", repeat_after), ("end_after", end_after)):
         check_number(seconds, what=what, above=0)
+    _check_effect(rig, problem, repeat_after=repeat_after, end_after=end_after)
     book = None if log is None else DriveLog(log)
     prepare(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
@@ -140,6 +142,20 @@ def drive(
         raise RigError(unstopped[0].text)
     if result.status is Status.ALARM:
         raise typer.Exit(1)
+
+
+def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
+    """Refuse options that have no effect on the kind of rig."""
+    if rig == "simulated":
+        given = {name: value for name, value in seconds.items() if value != SECONDS[name]}
+        expected = "a rig behind a connection, whose answers may be late"
+    else:
+        defaults = type(problem).declarations()
+        names = ("start", "particles", "placement", "rule")
+        given = {name: getattr(problem, name) for name in names if getattr(problem, name) != defaults[name].default}
+        expected = "the rig simulated, because a real rig reports its own particles and rule"
+    for name, value in given.items():
+        raise InvalidInputError(f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}")
 
 
 def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
