@@ -14,6 +14,7 @@ from pathlib import Path
 from threading import Timer
 from typing import Any
 
+from shoal.core import notices
 from shoal.core.errors import InvalidInputError, OutputError
 
 Advance = Callable[[int], None]
@@ -103,13 +104,18 @@ def print_drawn(drawn: Any) -> None:
 def quiet() -> Iterator[None]:
     """Suppress the output of C libraries on stderr inside the ``with`` block.
 
-    The C library libtiff, for example, prints a line on stderr for each fault of a picture.
+    The C library libtiff, for example, prints a line on stderr for each fault of a picture. Notices of Shoal would be lost, too;
+    they wait until the block ends.
     """
     try:
         kept = os.dup(2)
     except OSError:  # closed: there is nothing to protect
         yield
         return
+    listeners = list(notices.listeners)
+    waiting: list[str] = []
+    if listeners:
+        notices.listeners[:] = [waiting.append]
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 2)
     try:
@@ -117,6 +123,10 @@ def quiet() -> Iterator[None]:
     finally:
         os.dup2(kept, 2)
         os.close(kept)
+        notices.listeners[:] = listeners
+        for text in waiting:
+            for listener in listeners:
+                listener(text)
 
 
 @contextmanager
