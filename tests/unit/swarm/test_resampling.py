@@ -119,6 +119,15 @@ def test_the_command_joins_and_thins(tmp_path, capsys):
     assert result["status"] == ["complete"]
 
 
+def test_the_command_says_what_it_drops(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(notices, "_told", set())
+    (tmp_path / "steps.txt").write_text("..#\n##.\n")
+    assert cli.run(["map", str(tmp_path / "steps.txt"), "-n", "1", "--largest-component"]) == 0
+    said = capfd.readouterr().err
+    assert "1 diagonal contact separates parts of the map" in said
+    assert "the largest of 2 parts is kept, 66.67 % of 3 free cells; 1 free cells are dropped" in said
+
+
 def test_options_without_effect_are_refused():
     for options in ({"width": 5}, {"join_diagonals": True}):
         with pytest.raises(InvalidInputError, match="for a finished workspace"):
