@@ -94,6 +94,7 @@ def drive(
     docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
     """
     from shoal.swarm.maps.open import open_map
+    from shoal.swarm.problem import spacing_of
     from shoal.swarm.rigs.driving import DriveError, DriveInterrupted, prepare
     from shoal.swarm.rigs.driving import drive as drive_rig
     from shoal.swarm.rigs.log import DriveLog
@@ -115,7 +116,7 @@ def drive(
         else:
             opened = open_rig(rig, repeat_after=repeat_after, end_after=end_after, on_event=None if book is None else book.event)
         if problem.cell_size is not None:
-            spacing = (problem.cell_size,) * len(opened.shape)
+            spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN}
         options: dict[str, Any] = {
             "seed": seed,
