@@ -237,6 +237,13 @@ def test_the_default_margin_is_what_the_vehicle_needs_or_what_the_region_has_roo
     assert SearchProblem(big, vehicle="rover").place.margin == 0  # neither a zone nor a fence
 
 
+@pytest.mark.parametrize("vehicle", ["multirotor", "rover"])
+def test_with_the_margin_0_paths_along_a_side_are_written(vehicle, tmp_path):
+    region = field([star(150, 100, 40, 6, 0.6)])
+    written(region, tmp_path, robots=2, footprint=20.0, vehicle=vehicle, margin=0.0, angle=17.0)
+    assert judge(tmp_path, 64) < 0.01
+
+
 def test_long_sides_of_a_fence_are_straight_in_degrees_and_the_margin_has_room_for_it():
     region = region_of(shapely.box(-2500, 0, 2500, 100), frame=LocalFrame(8.5, 60.0))
     ends, middle = FRAME60.to_degrees([(-2500, 0), (2500, 0)]), FRAME60.to_degrees([(0.0, 0.0)])[0]
