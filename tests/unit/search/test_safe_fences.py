@@ -21,12 +21,13 @@ from shoal.search.missions.fence import Fence
 from shoal.search.missions.polygons import corners_of, enclosing_polygons
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
-from shoal.search.regions.margin import with_default_margin
+from shoal.search.regions.margin import sag_of, with_default_margin
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.views.search.mission_folder import MissionFolder
 
 FRAME = LocalFrame(18.4, -33.9)
+FRAME60 = LocalFrame(8.5, 60.0)
 MOST = {"px4": 64, "ardupilot": 70}
 TIGHT = 0.01  # metres: rounded coordinates, and the plane of this reader
 
@@ -234,6 +235,22 @@ def test_the_default_margin_is_what_the_vehicle_needs_or_what_the_region_has_roo
     assert SearchProblem(zone).place.margin == 0  # the ideal vehicle is where it should be
     assert SearchProblem(zone, vehicle="rover", margin=0.0).place.margin == 0
     assert SearchProblem(big, vehicle="rover").place.margin == 0  # neither a zone nor a fence
+
+
+@pytest.mark.parametrize("vehicle", ["multirotor", "rover"])
+def test_with_the_margin_0_paths_along_a_side_are_written(vehicle, tmp_path):
+    region = field([star(150, 100, 40, 6, 0.6)])
+    written(region, tmp_path, robots=2, footprint=20.0, vehicle=vehicle, margin=0.0, angle=17.0)
+    assert judge(tmp_path, 64) < 0.01
+
+
+def test_long_sides_of_a_fence_are_straight_in_degrees_and_the_margin_has_room_for_it():
+    region = region_of(shapely.box(-2500, 0, 2500, 100), frame=LocalFrame(8.5, 60.0))
+    ends, middle = FRAME60.to_degrees([(-2500, 0), (2500, 0)]), FRAME60.to_degrees([(0.0, 0.0)])[0]
+    sag = abs(FRAME60.to_metres([(middle[0], ends[:, 1].mean())])[0, 1])
+    assert sag_of(region) == pytest.approx(sag, rel=0.02)
+    assert sag > 0.8
+    assert SearchProblem(region, vehicle="multirotor").kept_margin(region, fenced=True).margin == pytest.approx(3 + sag, abs=0.03)
 
 
 def test_missions_without_a_margin_say_so(tmp_path, capsys):

@@ -75,10 +75,11 @@ class Fence:
 
         area = self.area(frame)
         border = area.boundary
-        shapely.prepare([area, border])
+        allowed = area.buffer(ROUNDED / 2)  # a path along a side is rounded apart from the side
+        shapely.prepare([allowed, border])
         lines = np.array([shapely.linestrings(way) if len(way) > 1 else shapely.points(way[0]) for way in ways], dtype=object)
         away = np.asarray(shapely.distance(border, lines))
-        for index in np.flatnonzero(~shapely.covers(area, lines)).tolist():
+        for index in np.flatnonzero(~shapely.covers(allowed, lines)).tolist():
             beyond = shapely.difference(lines[index], area)
             ends = shapely.points(shapely.get_coordinates(beyond))
             away[index] = -max(float(beyond.length), float(shapely.distance(area, ends).max(initial=0.0)))

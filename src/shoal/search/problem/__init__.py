@@ -34,7 +34,7 @@ from shoal.search.problem.fields import (
 from shoal.search.regions.builder import INNER, open_region
 from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
-from shoal.search.regions.margin import with_default_margin, with_margin, without_margin
+from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline_checks import check_spikes
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.projection import ROUNDED
@@ -352,6 +352,8 @@ class SearchProblem(Problem):
         if region.margin or (region.no_go.is_empty and not fenced):
             return region
         wanted = vehicle.clearance + (ROUNDED if vehicle.clearance or fenced else 0.0)
+        if fenced and wanted:
+            wanted = round(wanted + max(0.0, sag_of(region) - ROUNDED / 2), 3)
         inner, outer = self.known_places(region)
         return with_default_margin(
             region,

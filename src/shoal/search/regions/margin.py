@@ -18,6 +18,7 @@ _POINTED = 2.0  # maximum distance of a bend from a corner, divided by the margi
 _COARSE = 0.02  # smallest step of `coarse`, relative to the side of a square with the area of the shape
 _SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.02, 0.01)  # of the wanted margin, tried in this order
 _MOST_UNSEEN = 5e-4  # share of a region that a default margin may leave unseen: half of what the mission check tolerates
+_EARTH = 6_371_000.0  # metres: radius of the Earth
 _SEEN = 1e-9  # an unseen area is a rounding error up to this fraction of the region's area
 
 
@@ -59,6 +60,18 @@ def with_margin(region: SearchRegion, margin: float, *, barriers: Sequence[Any] 
     if margin and not pointed:
         bends = polygons_in(inner.buffer(-margin, join_style="mitre", mitre_limit=_POINTED))
     return replace(region, free=free, margin=margin, bends=bends, barriers=tuple(barriers), pointed=pointed)
+
+
+def sag_of(region: SearchRegion) -> float:
+    """Return the largest distance in metres of a side that is straight in degrees from a side that is straight in metres.
+
+    Autopilots take the sides of a fence as straight lines in longitude and latitude. Along a parallel, such a side leaves the
+    straight line of a plane by L² tan(latitude) / 8R in its middle.
+    """
+    if region.frame is None:
+        return 0.0
+    left, _, right, _ = region.outline.bounds
+    return float((right - left) ** 2 * abs(np.tan(np.radians(region.frame.latitude))) / (8 * _EARTH))
 
 
 def without_margin(region: SearchRegion) -> SearchRegion:

@@ -29,7 +29,8 @@ from shoal.views.drawing.charts import save_figure
 from shoal.views.search.missions import missions_figure
 
 MAP = "map.png"
-_SHARES = (0.5, 0.25, 0.0)  # of the default margin, for fixed wings without room for their turns
+_SHARES = (0.5, 0.25, 0.0)  # of the default margin, for vehicles without room
+_NARROW = ("turn_radius", "launch: expected a path from")  # beginnings of the errors of a vehicle without room
 
 
 class MissionFolder:
@@ -76,22 +77,22 @@ class MissionFolder:
     def planned(self, *, seed: int) -> SearchPlan:
         """Plan the search, and create its missions.
 
-        If a fixed wing has no room for a turn, and the user asked for no margin, the method tries narrower margins.
+        If a vehicle has no room for a turn or a path, and the user asked for no margin, the method tries narrower margins.
         """
         wide = self.problem.margin or 0.0
-        for share in _SHARES if self.asked.margin is None and self.problem.chosen_vehicle.radius else ():
+        for share in _SHARES if self.asked.margin is None else ():
             try:
                 plan = plan_search(self.problem, seed=seed)
                 self.plan(plan)
             except InvalidInputError as error:
-                if not str(error).startswith("turn_radius"):
+                if not str(error).startswith(_NARROW):
                     raise
                 self.problem = self._ready(self.asked.replaced(margin=share * wide).at_place(self.asked.place))
             else:
                 if self.problem.margin != wide:
                     tell_once(
-                        f"margin: {self.problem.margin:.3g} m in place of {wide:.3g} m, because with the wider margin the vehicle "
-                        "has no room for its turns; --margin sets another one"
+                        f"margin: {self.problem.margin:.3g} m in place of {wide:.3g} m, because with the wider margin a vehicle "
+                        "has no room for its turns or its path; --margin sets another one"
                     )
                 return plan
         plan = plan_search(self.problem, seed=seed)
