@@ -29,6 +29,8 @@ class Status(StrEnum):
     """Steering: no sequence of moves leads to the goals."""
     APPROACHABLE = "approachable"
     """Steering: moves can bring the particles arbitrarily close to their goals, but the plan ends outside the tolerance."""
+    SENSITIVE = "sensitive"
+    """Steering: the plan reaches the goals, but only in exact arithmetic; a slightly larger contact tolerance makes it miss."""
     INCOMPLETE = "incomplete"
     """Search: at least one cell was not searched, or a working robot does not know that the search is complete."""
 

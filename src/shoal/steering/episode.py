@@ -17,11 +17,12 @@ from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import check_suffix, write_json
 from shoal.steering.problem import SteeringProblem
-from shoal.steering.simulation.apparatus import condition, replay
-from shoal.steering.workspaces.base import TOUCH
+from shoal.steering.contact.clearance import why_sensitive
+from shoal.steering.simulation.apparatus import condition, executed_moves, replay
+from shoal.steering.workspaces.base import EXACT_TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 
-STATUSES = (Status.SOLVED, Status.APPROACHABLE, Status.UNREACHABLE, Status.LIMIT)
+STATUSES = (Status.SOLVED, Status.SENSITIVE, Status.APPROACHABLE, Status.UNREACHABLE, Status.LIMIT)
 _STORED = (
     "kind", "problem", "planner", "status", "reason", "inputs", "states", "order", "seed", "lower_bound", "seconds", "versions",
 )  # fmt: skip
@@ -41,7 +42,8 @@ class SteeringEpisode(Episode):
     planner : str
         Name of the planner that made the plan: the requested planner, or the planner that ``auto`` chose.
     status : Status
-        ``solved``: all particles are within the tolerance of their goals. ``approachable``: moves can come arbitrarily close to the
+        ``solved``: all particles are within the tolerance of their goals, and the plan stands the disturbances of the option
+        ``clearance``. ``sensitive``: the plan reaches the goals, but only in exact arithmetic. ``approachable``: moves can come arbitrarily close to the
         goals but never reach them, and the stored plan ends outside the tolerance. ``unreachable``: a proof shows that no plan
         exists. ``limit``: the planner found no plan that ends within the tolerance, although a plan may exist.
     reason : str
@@ -112,10 +114,18 @@ class SteeringEpisode(Episode):
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 
-    @property
+    @cached_property
     def sensitive(self) -> bool:
-        """Whether an error at the start, as small as the contact tolerance, would make the plan miss a goal."""
-        return bool(self.condition * TOUCH * self.problem.place.size > self.problem.tolerance)
+        """Whether the plan reaches its goals in the simulation, but not with the disturbances of the option ``clearance``.
+
+        With the clearance 0, a contact tolerance of 1e-12 of the size and turned coordinates are the only disturbances.
+        """
+        problem, clearance = self.problem, self.problem.clearance or EXACT_TOUCH
+        if self.error > problem.tolerance:
+            return False
+        moves = executed_moves(problem, self.inputs, seed=self.seed)
+        world = problem.world(seed=self.seed)
+        return why_sensitive(world, self.states[0], self.goal, moves, problem.tolerance, clearance) is not None
 
     @property
     def metrics(self) -> dict[str, Any]:
@@ -154,9 +164,11 @@ class SteeringEpisode(Episode):
                 False, f"after move {move} particle {particle + 1} is {away[move, particle]:.3g} from its position in the episode"
             )
         reached = self.error <= self.problem.tolerance
-        if self.status == Status.SOLVED and not reached:
+        if self.status in (Status.SOLVED, Status.SENSITIVE) and not reached:
             far = f"a particle ends {self.error:.3g} from its goal, tolerance {self.problem.tolerance:g}"
-            return Verification(False, f"the status is solved, and {far}")
+            return Verification(False, f"the status is {self.status}, and {far}")
+        if self.status == Status.SOLVED and self.problem.clearance and not self.problem.noisy and self.sensitive:
+            return Verification(False, "the status is solved, and the plan reaches its goals only in exact arithmetic")
         # With noise, a planner knows the positions only roughly and may not notice that it has reached the goal.
         if self.status in (Status.LIMIT, Status.UNREACHABLE) and reached and not self.problem.noisy:
             return Verification(False, f"the status is {self.status}, and all particles end within the tolerance of their goals")

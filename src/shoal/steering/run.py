@@ -15,9 +15,10 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.version import versions
 from shoal.jit import Stopwatch
+from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners.choice import misses
+from shoal.steering.planners.choice import choose, misses, worthwhile
 from shoal.steering.planners.greedy import Greedy
 from shoal.steering.planners.task import SteeringTask, path_length, why_approachable, why_unreachable
 from shoal.steering.problem import SteeringProblem, check_can_part
@@ -62,12 +63,15 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     attempts = []
     for left in range(len(orders), 0, -1):
         order = orders[-left]
-        task = SteeringTask(problem.world(gain=0.0), start, goal[list(order)], problem.tolerance, problem.max_moves, seed)
+        task = SteeringTask(
+            problem.world(gain=0.0), start, goal[list(order)], problem.tolerance, problem.max_moves, seed,
+            clearance=problem.clearance, margin=problem.clearance,
+        )  # fmt: skip
         if problem.time is not None:  # the remaining planning time is shared
             now = time.monotonic()
             task = replace(task, deadline=now + (begun + problem.time - now) / left)
         attempts.append(_attempted(problem, planner, task, order))
-    best = min(attempts, key=lambda one: one.rank(problem.tolerance, getattr(planner, "prefers", "length")))
+    best = _best_of(attempts, problem.tolerance, by_moves=getattr(planner, "prefers", "length") == "moves")
     return SteeringEpisode(
         problem=problem, planner=planner.name, status=best.status, reason=best.reason, inputs=best.inputs, states=best.states,
         order=np.array(best.order), seed=seed, lower_bound=best.lower_bound, seconds=watch.seconds,
@@ -91,16 +95,19 @@ class _Attempt:
     error: float
     lower_bound: float | None
 
-    def rank(self, tolerance: float, prefers: str) -> tuple[bool, float, float]:
-        """Return the sort key of the attempt; the best attempt has the smallest key.
 
-        Successful attempts come first, sorted by the criterion that the planner minimizes (length or number of moves). Failed
-        attempts follow, sorted by their final error.
-        """
-        if self.error > tolerance:
-            return True, self.error, 0.0
-        moves, length = float(len(self.inputs)), path_length(self.inputs)
-        return (False, moves, length) if prefers == "moves" else (False, length, moves)
+def _best_of(attempts: list[_Attempt], tolerance: float, *, by_moves: bool) -> _Attempt:
+    """Return the best attempt.
+
+    Solved attempts come first, then attempts that reach the goals; of these, `worthwhile` chooses the best by number of moves and
+    length. If no attempt reaches the goals, the best attempt ends nearest to them.
+    """
+    arrived = [one for one in attempts if one.error <= tolerance]
+    if not arrived:
+        return min(attempts, key=lambda one: one.error)
+    arrived = [one for one in arrived if one.status == Status.SOLVED] or arrived
+    sizes = [(len(one.inputs), path_length(one.inputs)) for one in arrived]
+    return arrived[worthwhile(sizes, by_moves=by_moves)]
 
 
 def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]) -> _Attempt:
@@ -118,8 +125,7 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
         inputs, states = planner.control(task, apparatus)
         remark = apparatus.remark
     elif why_never is None and task.error(start) > task.tolerance:
-        inputs = task.translation()
-        inputs = _planned(task, planner, simple=simple) if inputs is None else inputs
+        inputs = _planned(task, planner, simple=simple)
     found = 0 if inputs is None else len(inputs)
     if inputs is None or (found > task.max_moves and states is None):
         inputs = np.zeros((0, problem.place.dimensions))
@@ -127,10 +133,14 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
         states = replay(problem, inputs, seed=task.seed)
     error = task.error(states[-1])
     if error <= problem.tolerance and why_never is None:
-        status = Status.SOLVED
+        status, why_not_sure = Status.SOLVED, None
         reason = f"{len(inputs)} moves of length {path_length(inputs):.4g} end within {error:.2g} of all goals"
         if simple and why_approachable(task) is not None:
             reason += ", which themselves can only be approached"
+        if not problem.noisy:
+            why_not_sure = why_sensitive(task.world, start, goal, inputs, problem.tolerance, problem.clearance)
+        if why_not_sure is not None:
+            status, reason = Status.SENSITIVE, f"{reason}, but only in exact arithmetic: {why_not_sure}"
     elif why_never is not None:
         status, reason = Status.UNREACHABLE, why_never
     elif simple and (why_near := why_approachable(task)) is not None:
@@ -145,14 +155,23 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
 def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None:
     """Return the moves of the plan that ``planner`` finds for ``task``.
 
-    If the planning time is limited and the planner greedy finds a better plan, the function returns the moves of greedy.
+    If a translation solves the task, the function returns the translation. If the planning time is limited and the planner greedy
+    finds a better plan, the function returns the moves of greedy.
     """
-    plans = [planner.plan(task)]
-    if task.deadline < inf and simple:
-        plans.append(Greedy().plan(task))
-    found = [moves for moves in plans if moves is not None]
     by_moves = getattr(planner, "prefers", "length") == "moves"
-    return min(found, key=lambda moves: (misses(task, moves), len(moves) if by_moves else 0, path_length(moves)), default=None)
+    plans: list[Points | None] = []
+    for margin in dict.fromkeys((task.clearance, 0.0)):  # where there is no room for the clearance, a narrow plan may still stand
+        own = replace(task, margin=margin)
+        shift = own.translation()
+        if shift is None or not own.is_sure(shift):
+            plans.append(planner.plan(own))
+            if task.deadline < inf and simple:
+                plans.append(Greedy().plan(own))
+        plans.append(shift)
+        best = choose(task, plans, by_moves=by_moves)
+        if task.late or (best is not None and not misses(task, best) and task.is_sure(best)):
+            break
+    return best
 
 
 def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:

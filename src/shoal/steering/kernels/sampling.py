@@ -16,11 +16,13 @@ from shoal.jit import kernel
 from shoal.steering.kernels import contact, region_contact
 from shoal.steering.kernels.contact import copy
 
-World = namedtuple("World", "flat edges walls")
+World = namedtuple("World", "flat edges walls wide_edges wide_walls corners clear lift")
 """The walls for a simulation: the flag ``flat``, ``edges`` (`region_contact.Edges`) and ``walls`` (`contact.Walls`).
 
 The flag ``flat`` is true if all walls are straight and hold particles without slip. If ``flat`` is true, simulations use ``edges``.
-Otherwise, simulations use ``walls``.
+Otherwise, simulations use ``walls``. ``wide_edges`` and ``wide_walls`` are the same walls with the largest contact tolerance with
+which plans must reach the goals. ``corners``: float64, shape (corners, 2), the corners with more than 180 degrees of free space, from
+which particles keep the distance ``clear``. ``lift``: distance by which a lift moves particles off walls before a translation.
 """
 
 Tree = namedtuple("Tree", "states parents made counts depths keys tries")
@@ -32,7 +34,6 @@ numbers of attempts to grow the tree from the node."""
 
 STEPS = 8  # maximum number of moves of one manoeuvre
 EQUAL = 1e-11  # fraction of the workspace size: two offsets with a smaller difference count as equal
-LIFT = 1e-6  # fraction of the workspace size: distance by which a lift moves particles off walls before a translation
 CHANGED = 1e-7  # fraction of the workspace size: the search discards manoeuvres that move all particles by less
 WORSE = 0.3  # probability of keeping a state that is not more promising than its parent
 ROUNDS = 6  # number of random nodes, of which the search extends the most promising one
@@ -50,9 +51,17 @@ def step(state, move, world):
 
 
 @kernel
+def step_wide(state, move, world):
+    """Move all particles in place, like `step`, with the largest contact tolerance with which plans must reach the goals."""
+    if world.flat:
+        return region_contact.advance_all(state, move, world.wide_edges)
+    return contact.advance_all(state, move, world.wide_walls, np.empty(2))
+
+
+@kernel
 def add_normals(point, world, total):
     """Add to ``total`` the inward normals of all walls that a particle touches or almost touches."""
-    near = 0.5 * LIFT * world.walls.size
+    near = 0.5 * world.lift
     if world.flat:
         edges, x, y = world.edges, point[0], point[1]
         for run in range(edges.boxes.shape[0]):
@@ -88,18 +97,27 @@ def free_share(state, x, y, world):
 
 
 @kernel
+def is_blocked(state, x, y, world):
+    """Return whether a wall may hold a particle at the start of the move (x, y), with any of the contact tolerances."""
+    trial, move = np.empty(state.shape), np.empty(2)
+    move[0], move[1] = x, y
+    copy(state, trial)
+    return free_share(state, x, y, world) == 0.0 or step_wide(trial, move, world) == 0.0
+
+
+@kernel
 def translate(state, x, y, world, size, moves, count):
     """Move all particles by (x, y), after a small move off the walls if a wall would hold a particle at the start.
 
     Return the new number of moves in the array ``moves``.
     """
-    if free_share(state, x, y, world) == 0.0:
+    if is_blocked(state, x, y, world):
         away = np.zeros(2)
         for p in range(state.shape[0]):
             add_normals(state[p], world, away)
         length = np.sqrt(away[0] ** 2 + away[1] ** 2)
         if length > 0.01:
-            up, side = LIFT * size * away[0] / length, LIFT * size * away[1] / length
+            up, side = world.lift * away[0] / length, world.lift * away[1] / length
             count = send(state, up, side, world, moves, count)
             return send(state, x - up, y - side, world, moves, count)
     return send(state, x, y, world, moves, count)

@@ -15,7 +15,7 @@ import numpy as np
 
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import copy
-from shoal.steering.kernels.sampling import step, wall_point
+from shoal.steering.kernels.sampling import step, step_wide, wall_point
 
 Steps = namedtuple("Steps", "kinds particles targets along moves")
 """The steps of a plan. Each field of ``Steps`` has one entry for each step.
@@ -61,8 +61,24 @@ def is_near(state, goal, tolerance):
 
 
 @kernel
+def passes_corner(x, y, x_after, y_after, world):
+    """Return whether a straight path passes one of ``world.corners`` at a distance below ``world.clear``."""
+    along_x, along_y = x_after - x, y_after - y
+    square = along_x * along_x + along_y * along_y
+    for k in range(world.corners.shape[0]):
+        off_x, off_y = world.corners[k, 0] - x, world.corners[k, 1] - y
+        share = min(max((off_x * along_x + off_y * along_y) / square, 0.0), 1.0) if square > 0 else 0.0
+        if (off_x - share * along_x) ** 2 + (off_y - share * along_y) ** 2 < world.clear * world.clear:
+            return True
+    return False
+
+
+@kernel
 def play(steps, count, start, goal, tolerance, bound, world, state):
     """Simulate a plan without noise. Return its length, or infinity if it misses the goals or is longer than ``bound``.
+
+    The length is also infinite if a particle passes a corner nearer than ``world.clear``, or if the same moves miss the goals with
+    the largest contact tolerance.
 
     If a step misses its target, the next step moves the particles from their actual positions to the next target.
     """
@@ -83,8 +99,23 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
         length += np.sqrt(move[0] ** 2 + move[1] ** 2)
         if not length <= bound:
             return np.inf
-        step(state, move, world)
-    return length if is_near(state, goal, tolerance) else np.inf
+        if world.corners.shape[0] == 0:
+            step(state, move, world)
+            continue
+        for q in range(2):
+            x, y = state[q, 0], state[q, 1]
+            step(state[q : q + 1], move, world)
+            if passes_corner(x, y, state[q, 0], state[q, 1], world):
+                return np.inf
+    if not is_near(state, goal, tolerance):
+        return np.inf
+    if world.clear > 0:
+        copy(start, state)
+        for k in range(count):
+            step_wide(state, steps.moves[k], world)
+        if not is_near(state, goal, tolerance):
+            return np.inf
+    return length
 
 
 @kernel

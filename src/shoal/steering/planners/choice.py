@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -35,17 +35,31 @@ def choose(task: SteeringTask, plans: Iterable[Points | None], *, by_moves: bool
     best = [moves for moves in arriving if task.is_sure(moves)] or arriving or known
     if not best:
         return None
-    best.sort(key=lambda moves: (len(moves), path_length(moves)))
-    choice, length = best[0], path_length(best[0])
-    shortest = length
-    for moves in best[1:]:
-        if by_moves and len(moves) > len(choice):
-            break
-        if len(moves) > len(choice) and path_length(moves) <= shortest * (1 - WORTH):
-            choice, length = moves, path_length(moves)
-        shortest = min(shortest, path_length(moves))
-    equal = [moves for moves in best if len(moves) == len(choice) and path_length(moves) <= length * (1 + _EQUAL)]
-    return equal[0] if len(equal) == 1 else min(equal, key=lambda moves: amplification(task, moves))
+    sizes = [(len(moves), path_length(moves)) for moves in best]
+    moves, length = sizes[worthwhile(sizes, by_moves=by_moves)]
+    equal = [plan for plan, size in zip(best, sizes, strict=True) if size[0] == moves and size[1] <= length * (1 + _EQUAL)]
+    return equal[0] if len(equal) == 1 else min(equal, key=lambda plan: amplification(task, plan))
+
+
+def worthwhile(sizes: Sequence[tuple[int, float]], *, by_moves: bool = False) -> int:
+    """Return the index of the best of some plans, each given by its number of moves and its length.
+
+    The best plan is the shortest plan that is shorter than each plan with fewer moves by at least 0.1 %. With ``by_moves``, it is
+    the shortest of the plans with the fewest moves.
+
+    Examples
+    --------
+    >>> worthwhile([(7, 1.0), (3, 1.0005), (5, 1.2)]), worthwhile([(7, 1.0), (3, 1.002)])
+    (1, 0)
+    """
+    order = sorted(range(len(sizes)), key=lambda k: sizes[k])
+    best, shortest = order[0], sizes[order[0]][1]
+    for k in [] if by_moves else order[1:]:
+        moves, length = sizes[k]
+        if moves > sizes[best][0] and length <= shortest * (1 - WORTH):
+            best = k
+        shortest = min(shortest, length)
+    return best
 
 
 def amplification(task: SteeringTask, moves: Points) -> float:

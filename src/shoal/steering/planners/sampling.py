@@ -11,14 +11,17 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
+from shoal.steering.planners.choice import choose
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shortening import Shortening
-from shoal.steering.planners.task import SteeringTask, path_length
+from shoal.steering.planners.task import SteeringTask
+from shoal.steering.workspaces.base import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 
@@ -32,6 +35,7 @@ SLIDING = 0.1  # number of changes with sliding particles
 LONG = 16  # moves: a plan of fewer moves loses unnecessary ones when it is changed
 HITS = 1000  # per tree: maximum number of attempts to reach the goal by translations
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # relative to the size: distance of translations from walls, if possible
+LIFT = 1e-6  # relative to the size: distance by which a lift without a clearance moves particles off walls
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
 
 
@@ -68,7 +72,7 @@ class Sampling:
         rng = np.random.default_rng(task.seed)
         # Simulation takes many times as long for sliding particles.
         share = 1.0 if task.world.friction == np.inf else SLIDING
-        world, translations = world_of(task.world), Translations(task)
+        world, translations = world_of(task.world, task), Translations(task)
         found: list[Points] = []
         simple = len(task.start) == 2 and task.world.friction == np.inf
         for tree in range(TREES + (MORE_TREES if simple else FEW_TREES)):
@@ -79,12 +83,15 @@ class Sampling:
             moves = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
             found += [] if moves is None else [moves]
         if simple and found:
-            found = [Shortening(task, world, rng).shortest(found)]
-        return min((_shortened(task, moves) for moves in found), key=path_length, default=None)
+            found = Shortening(task, world, rng).shortest(found)
+        return choose(task, [_shortened(task, moves) for moves in found])
 
 
-def world_of(world: Any) -> kernels.World:
-    """Return the walls and the friction of a world, as arrays for the compiled functions of the planner ``sampling``."""
+def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
+    """Return the walls and the friction of a world, as arrays for the compiled functions of the planner ``sampling``.
+
+    With ``task``, simulated plans keep the clearance of this task.
+    """
     room = world.room
     size = float(room.size)
     if room.round:
@@ -96,7 +103,19 @@ def world_of(world: Any) -> kernels.World:
         edges = RegionWorld(region).edges._replace(size=size)
     unused = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), size, np.inf, np.eye(3)[0])
     walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
-    return kernels.World(bool(not room.round and world.friction == np.inf), edges, walls)
+    clearance = task.clearance if task is not None else 0.0
+    wide = max(1.25 * clearance / TOUCH, 1.0) * size  # the kernels multiply the size by the contact tolerance
+    corners = np.zeros((0, 2))
+    if clearance and task is not None and isinstance(room, Region):
+        corners = edges.ends[edges.reflex, :2]
+        ends = np.concatenate([task.start, task.goal])
+        far = np.linalg.norm(corners[:, None] - ends[None], axis=2) > clearance * size
+        corners = np.ascontiguousarray(corners[far.all(axis=1)])
+    lift = size * (PLANNED * clearance or LIFT)
+    return kernels.World(
+        bool(not room.round and world.friction == np.inf), edges, walls, edges._replace(size=wide), walls._replace(size=wide),
+        corners, 1.5 * clearance * size, lift,
+    )  # fmt: skip
 
 
 @dataclass
@@ -121,18 +140,22 @@ class Tree:
     def search(self, translations: Translations) -> Points | None:
         """Grow the tree until it contains a plan; return this plan, or None if the search ends without a plan.
 
-        The method removes unnecessary moves from a long plan.
+        The method removes unnecessary moves from a long plan. If no plan keeps the clearance of the task, the method returns the
+        first plan that reaches the goals.
         """
+        narrow: Points | None = None
         for _hit in range(HITS):
             moves = self._direct(translations)
             if moves is not None:
                 if len(moves) > min(LONG, self.task.max_moves):
                     moves = _shortened(self.task, moves)
                 if len(moves) <= self.task.max_moves:
-                    return moves
+                    if self.task.is_sure(moves):
+                        return moves
+                    narrow = moves if narrow is None else narrow
             if not self.grow():
                 break
-        return None
+        return narrow
 
     def grow(self) -> bool:
         """Grow the tree until a new state has the relative positions of the goals; return whether the search finds such a state."""
@@ -190,7 +213,10 @@ class Translations:
         In a convex workspace, the method yields no paths.
         """
         room = self._task.world.room
+        least = PLANNED * self._task.margin
         for margin in self._margins if isinstance(room, Region) else ():
+            if margin < least:
+                break
             if margin not in self._offsets and not self._task.late:
                 self._offsets[margin] = free_offsets(room, self._task.goal, margin * float(room.size))
             free = self._offsets.get(margin)
@@ -302,8 +328,11 @@ def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
 
 
 def _shortened(task: SteeringTask, moves: Points) -> Points:
-    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the plan reaches the goals."""
-    changed = True
+    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the plan reaches the goals.
+
+    A plan that keeps the clearance of the task still keeps it afterwards.
+    """
+    changed, sure = True, task.is_sure(moves)
     while changed:
         changed = False
         for index in range(len(moves)):
@@ -313,7 +342,7 @@ def _shortened(task: SteeringTask, moves: Points) -> Points:
                     np.concatenate([moves[: index - 1], moves[index - 1 : index + 1].sum(axis=0)[None], moves[index + 1 :]])
                 )
             for trial in fewer:
-                if len(trial) and task.reaches_goal(trial):
+                if len(trial) and task.reaches_goal(trial) and (not sure or task.is_sure(trial)):
                     moves, changed = trial, True
                     break
             if changed:

@@ -8,7 +8,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.kernels import shortening as kernels
-from shoal.steering.planners.task import SteeringTask, path_length
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 MOST_STEPS = 32
@@ -49,8 +49,8 @@ class Shortening:
         self._odds = odds / odds[-1]
         self._ends = task.start, np.ascontiguousarray(task.goal), task.tolerance, self._most
 
-    def shortest(self, found: list[Points]) -> Points:
-        """Return the shortest plan that random changes make from the plans ``found``.
+    def shortest(self, found: list[Points]) -> list[Points]:
+        """Return the plans ``found`` and the shortest plans that random changes make from them.
 
         In a first stage, the method changes up to 40 plans at random. In a second stage, the method changes only the 5 shortest
         plans.
@@ -63,9 +63,8 @@ class Shortening:
         for number, changes in STAGES:
             plans = self._distinct([plan if self.task.late else self.changed(plan, changes=changes) for plan in plans[:number]])
         nothing = _NOTHING * float(self.task.world.room.size)
-        made = [plan.steps.moves[: plan.count] for plan in plans[:1]]
-        whole = [*(moves[np.hypot(*moves.T) > nothing] for moves in made), *found]
-        return min(whole, key=path_length)
+        made = [plan.steps.moves[: plan.count] for plan in plans]
+        return [*(moves[np.hypot(*moves.T) > nothing] for moves in made), *found]
 
     def changed(self, plan: Plan, *, changes: int, noise: Any = QUIET) -> Plan:
         """Return the best plan that random changes make from ``plan``.

@@ -164,7 +164,7 @@ class SteeringTask(StartAndGoal):
             way = contact - state[toucher]
             length = float(np.linalg.norm(way))
             sign = 1.0 if toucher == 0 else -1.0
-            if length > 1e-12 * room.size:
+            if length > 1e-12 * room.size and not (length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))):
                 over = self._overshoot(walls.inward(int(wall), contact), way / length, sign * (delta - (state[1] - state[0])))
                 steps = self._released(state, way * (1 + over / length))
                 if steps is None:
@@ -176,6 +176,12 @@ class SteeringTask(StartAndGoal):
             return None
         self._sent(steps, state, moves)
         return self.tidied(np.array(moves), start=walls.restored(query.start))
+
+    def _touches(self, point: Points, wall: int) -> bool:
+        """Return whether a particle touches the wall with an index of `NormalizedWalls`, in which the round wall comes last."""
+        room = self.world.room
+        flat = room.wall_distances(point)
+        return bool((flat[wall] if wall < len(flat) else room.circle_distance(point)) <= TOUCH * room.size)
 
     def _overshoot(self, inward: Points, direction: Points, adjustment: Points) -> float:
         """Return by how much a move to a wall aims behind the wall, so that errors of the start do not prevent the contact.

@@ -36,7 +36,7 @@ REFINED = 3  # number of shortest rough chains that are used
 NEARLY = 1.1  # relative to the shortest length: short chains up to this length are also starting points
 EACH = 30  # number of candidates made from one chain
 _WORTH = 1e-4  # relative to the length: gain that justifies one more cycle
-_SAME = 1e-3  # relative to the length: among chains that differ by less, the one with fewer cycles is kept
+_SAME = 2e-4  # relative to the length: among chains that differ by less, the one with fewer cycles is kept
 _ROUGH = REFINING[:3]
 _ROUGH_ROUND = REFINING[:4]
 
@@ -279,6 +279,6 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
     few: dict[int, Chain] = {}  # the shortest chain of each number of cycles
     for chain in sorted(pool.chains, key=lambda chain: chain.length):
         few.setdefault(chain.cycles, chain)
-    useful = [chain for chain in few.values() if chain.length < (1 + 2 * _SAME) * pool.chains[0].length]
+    useful = [chain for chain in few.values() if chain.length < 1.01 * pool.chains[0].length]
     kept = [*pool.chains[:REFINED], *(chain for chain in useful if chain not in pool.chains[:REFINED])]
     return sorted((refined(query, chain) for chain in kept), key=lambda chain: chain.length)
