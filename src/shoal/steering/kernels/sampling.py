@@ -59,6 +59,41 @@ def step_wide(state, move, world):
 
 
 @kernel
+def passes_corner(x, y, x_after, y_after, world):
+    """Return whether a straight path passes one of ``world.corners`` at a distance below ``world.clear``."""
+    along_x, along_y = x_after - x, y_after - y
+    square = along_x * along_x + along_y * along_y
+    for k in range(world.corners.shape[0]):
+        off_x, off_y = world.corners[k, 0] - x, world.corners[k, 1] - y
+        share = min(max((off_x * along_x + off_y * along_y) / square, 0.0), 1.0) if square > 0 else 0.0
+        if (off_x - share * along_x) ** 2 + (off_y - share * along_y) ** 2 < world.clear * world.clear:
+            return True
+    return False
+
+
+@kernel
+def keeps_clear(state, moves, count, world):
+    """Return whether moves from ``state``, which they change, have the same effect with the largest contact tolerance.
+
+    The moves must also keep all particles away from ``world.corners``. Sliding particles are not tested.
+    """
+    if world.clear == 0 or (not world.flat and world.walls.friction < np.inf):
+        return True
+    other = np.empty(state.shape)
+    for k in range(count):
+        copy(state, other)
+        step_wide(other, moves[k], world)
+        for p in range(state.shape[0]):
+            x, y = state[p, 0], state[p, 1]
+            step(state[p : p + 1], moves[k], world)
+            if passes_corner(x, y, state[p, 0], state[p, 1], world):
+                return False
+            if max(abs(state[p, 0] - other[p, 0]), abs(state[p, 1] - other[p, 1])) > EQUAL * world.walls.size:
+                return False
+    return True
+
+
+@kernel
 def add_normals(point, world, total):
     """Add to ``total`` the inward normals of all walls that a particle touches or almost touches."""
     near = 0.5 * world.lift
@@ -282,7 +317,7 @@ def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
     Return the number of nodes, the number of manoeuvres left, and whether one translation from the last node completes the task.
     """
     states, depths, keys = tree.states, tree.depths, tree.keys
-    moves, state = np.zeros((STEPS, 2)), np.zeros(goal.shape)
+    moves, state, before = np.zeros((STEPS, 2)), np.zeros(goal.shape), np.zeros(goal.shape)
     while rounds > 0 and total < states.shape[0]:
         rounds -= 1
         node = pick(total, tree, rng)
@@ -296,6 +331,9 @@ def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
         key = differing(state, goal, size) + away / size + 0.01 * depth
         hit = away <= tolerance
         if not hit and key >= keys[node] and rng.random() > WORSE:
+            continue
+        copy(states[node], before)
+        if not keeps_clear(before, moves, count, world):
             continue
         copy(state, states[total])
         copy(moves, tree.made[total])

@@ -15,7 +15,7 @@ import numpy as np
 
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import copy
-from shoal.steering.kernels.sampling import step, step_wide, wall_point
+from shoal.steering.kernels.sampling import passes_corner, step, step_wide, wall_point
 
 Steps = namedtuple("Steps", "kinds particles targets along moves")
 """The steps of a plan. Each field of ``Steps`` has one entry for each step.
@@ -58,19 +58,6 @@ def is_near(state, goal, tolerance):
         if np.sqrt((state[q, 0] - goal[q, 0]) ** 2 + (state[q, 1] - goal[q, 1]) ** 2) > tolerance:
             return False
     return True
-
-
-@kernel
-def passes_corner(x, y, x_after, y_after, world):
-    """Return whether a straight path passes one of ``world.corners`` at a distance below ``world.clear``."""
-    along_x, along_y = x_after - x, y_after - y
-    square = along_x * along_x + along_y * along_y
-    for k in range(world.corners.shape[0]):
-        off_x, off_y = world.corners[k, 0] - x, world.corners[k, 1] - y
-        share = min(max((off_x * along_x + off_y * along_y) / square, 0.0), 1.0) if square > 0 else 0.0
-        if (off_x - share * along_x) ** 2 + (off_y - share * along_y) ** 2 < world.clear * world.clear:
-            return True
-    return False
 
 
 @kernel

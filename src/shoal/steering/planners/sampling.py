@@ -33,6 +33,7 @@ MORE_ROUNDS = 10_000  # nodes of each further tree, which may contain a shorter 
 MORE_TREES, FEW_TREES = 39, 8  # fewer for more particles and with sliding
 SLIDING = 0.1  # number of changes with sliding particles
 LONG = 16  # moves: a plan of fewer moves loses unnecessary ones when it is changed
+NARROW = 10  # per tree: maximum number of plans without the clearance, until the search ends with the first of them
 HITS = 1000  # per tree: maximum number of attempts to reach the goal by translations
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # relative to the size: distance of translations from walls, if possible
 LIFT = 1e-6  # relative to the size: distance by which a lift without a clearance moves particles off walls
@@ -143,7 +144,7 @@ class Tree:
         The method removes unnecessary moves from a long plan. If no plan keeps the clearance of the task, the method returns the
         first plan that reaches the goals.
         """
-        narrow: Points | None = None
+        narrow: list[Points] = []
         for _hit in range(HITS):
             moves = self._direct(translations)
             if moves is not None:
@@ -152,10 +153,10 @@ class Tree:
                 if len(moves) <= self.task.max_moves:
                     if self.task.is_sure(moves):
                         return moves
-                    narrow = moves if narrow is None else narrow
-            if not self.grow():
+                    narrow.append(moves)
+            if len(narrow) == NARROW or not self.grow():
                 break
-        return narrow
+        return narrow[0] if narrow else None
 
     def grow(self) -> bool:
         """Grow the tree until a new state has the relative positions of the goals; return whether the search finds such a state."""
