@@ -72,14 +72,6 @@ def turned(workspace: Any, matrix: NDArray[np.float64]) -> Any:
     )
 
 
-def final(world: Any, start: Points, moves: Points) -> Points:
-    """Return the positions of the particles after all moves, float64, shape (n, d); nothing is checked."""
-    state = np.array(start, dtype=np.float64, order="C")
-    for move in np.ascontiguousarray(moves):
-        world.moved(state, move)
-    return state
-
-
 def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolerance: float, clearance: float) -> str | None:
     """Return why a plan reaches its goals only in exact arithmetic, or None if it also reaches them with every disturbance.
 
@@ -92,7 +84,7 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
     size = float(world.workspace.size)
     for copy in disturbed_worlds(world, clearance):
         scale = float(np.linalg.norm(copy.matrix[:, 0]))
-        end = final(copy.world, start @ copy.matrix.T, moves @ copy.matrix.T) / scale
+        end = copy.world.final(start @ copy.matrix.T, moves @ copy.matrix.T) / scale
         error = float(np.linalg.norm(end - goal @ copy.matrix.T / scale, axis=1).max())
         if error > tolerance * (1 + _SLACK) + 1e-15 * size:
             how = "in turned coordinates" if scale != 1 else f"with a contact tolerance of {copy.world.touch:.2g} of the size"

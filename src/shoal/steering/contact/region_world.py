@@ -74,6 +74,13 @@ class RegionWorld(SteeringWorld):
         """Return whether an edge holds a particle at ``point`` at the start of the displacement ``move``."""
         return bool(kernels.is_held(point, move, *self.edges))
 
+    def final(self, points: Points, moves: Points) -> Points:
+        """Return the positions of the particles after all moves, float64, shape (n, dimensions), without checks of the input."""
+        state = np.array(points, dtype=np.float64, order="C")
+        if len(moves):
+            kernels.advance_plan(state, np.ascontiguousarray(moves, dtype=np.float64), self.edges)
+        return state
+
     def moved(self, state: Points, move: Points) -> Points:
         """Apply the displacement ``move`` to the positions in the array ``state`` in place, without checks."""
         for point in state:

@@ -69,6 +69,13 @@ class SteeringWorld(ABC):
             states.append(self.moved(np.array(states[-1], order="C"), np.ascontiguousarray(move)))
         return np.array(states)
 
+    def final(self, points: Points, moves: Points) -> Points:
+        """Return the positions of the particles after all moves, float64, shape (n, dimensions), without checks of the input."""
+        state = np.array(points, dtype=np.float64, order="C")
+        for move in np.ascontiguousarray(moves):
+            self.moved(state, move)
+        return state
+
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
         """Return which particles a wall with infinite friction would hold at the start of ``move``; bool, shape (n,)."""
         state = np.ascontiguousarray(check_points(points, what="points", dimensions=self.workspace.dimensions))
@@ -193,6 +200,14 @@ class ContactWorld(SteeringWorld):
     def is_held(self, point: Points, move: Points) -> bool:
         """Return whether a wall holds a particle at ``point`` at the start of the displacement ``move``."""
         return bool(kernels.is_held(point, move, self.walls))
+
+    def final(self, points: Points, moves: Points) -> Points:
+        """Return the positions of the particles after all moves, float64, shape (n, dimensions), without checks of the input."""
+        if self.radius or not len(moves):
+            return super().final(points, moves)
+        state = np.array(points, dtype=np.float64, order="C")
+        kernels.advance_plan(state, np.ascontiguousarray(moves, dtype=np.float64), self.walls, np.empty(state.shape[1]))
+        return state
 
     def moved(self, state: Points, move: Points) -> Points:
         """Apply the displacement ``move`` to the positions in the array ``state`` in place, without checks."""

@@ -235,6 +235,13 @@ def advance_all(state, move, walls, velocity):
 
 
 @in_place_kernel
+def advance_plan(state, moves, walls, velocity):
+    """Make all moves of a plan with all particles in place; the rows of ``moves`` are the moves."""
+    for m in range(moves.shape[0]):
+        advance_all(state, moves[m], walls, velocity)
+
+
+@in_place_kernel
 def advance_worlds(states, moves, chosen, gains, walls, shares, velocity):
     """Move all particles of the worlds ``chosen`` in place. Each world has its own move and its own gain.
 

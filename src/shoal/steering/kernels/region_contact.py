@@ -155,6 +155,13 @@ def advance_all(state, move, edges):
 
 
 @in_place_kernel
+def advance_plan(state, moves, edges):
+    """Make all moves of a plan with all particles in place; the rows of ``moves`` are the moves."""
+    for m in range(moves.shape[0]):
+        advance_all(state, moves[m], edges)
+
+
+@in_place_kernel
 def advance_worlds(states, moves, chosen, edges):
     """Move all particles of the worlds ``chosen`` in place. Each world has its own move."""
     for k in range(chosen.shape[0]):

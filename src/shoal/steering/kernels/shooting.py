@@ -24,7 +24,6 @@ WIDEST = 0.1  # fraction of the workspace size: first change of a move in `repai
 FINEST = 1e-5
 HOPELESS = 10.0  # largest shortage that `repair` tries to remove, as a multiple of the change of a move
 WORTH = 0.01  # smallest improvement of the shortage that `repair` accepts, as a multiple of the change of a move
-ENOUGH = 1e-6  # fraction of the workspace size: `repair` ends when the shortage is at most minus this length
 
 
 @kernel
@@ -81,15 +80,16 @@ def shortage(points, goal, toucher, walls, direction):
 
 
 @kernel
-def finish(points, goal, toucher, walls, moves):
+def finish(points, goal, toucher, walls, clear, moves):
     """Write to ``moves`` the last two moves of a plan with the given toucher (the particle that a wall holds).
 
-    Return the largest remaining distance of a particle from its goal, or infinity if no feasible moves exist.
+    During the second-last move, the other particle stays farther from the walls than ``clear``. Return the largest remaining
+    distance of a particle from its goal, or infinity if no feasible moves exist.
     """
     d = points.shape[1]
     direction = np.empty(d)
     short, length = shortage(points, goal, toucher, walls, direction)
-    if short > -1e-8 * walls.size and length > 0:
+    if short > -clear and length > 0:
         return np.inf
     for i in range(d):
         moves[0, i] = direction[i] * length
@@ -116,7 +116,7 @@ def total_length(moves):
 
 
 @kernel
-def holds_nearby(start, goal, toucher, trial, nudges, walls):
+def holds_nearby(start, goal, toucher, trial, nudges, walls, clear):
     """Return whether a plan still ends at the goals after small changes of its third-last move.
 
     After each change, the kernel computes the last two moves anew. The test rejects plans that depend on rounding errors.
@@ -130,13 +130,13 @@ def holds_nearby(start, goal, toucher, trial, nudges, walls):
             for i in range(move.shape[0]):
                 move[i] = trial[m, i] + (nudge[i] if m == tried - 1 else 0.0)
             advance_all(state, move, walls, spare)
-        if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
+        if finish(state, goal, toucher, walls, clear, moves) > EXACT * walls.size:
             return False
     return True
 
 
 @kernel
-def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
+def search(start, goal, directions, shares, nudges, enough, walls, clear, best_moves):
     """Search for plans of three moves: try many first moves, and compute the last two moves for each first move.
 
     Write the shortest plan to ``best_moves``. Return the number of records. A record is a plan that is shorter than all plans found
@@ -153,12 +153,12 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
             copy(start, state)
             advance_all(state, trial[0], walls, spare)
             for toucher in range(2):
-                error = finish(state, goal, toucher, walls, moves)
+                error = finish(state, goal, toucher, walls, clear, moves)
                 length = norm(trial[0]) + norm(moves[0]) + norm(moves[1])
                 if error > EXACT * walls.size or length >= best:
                     continue
                 copy(moves, trial[1:])
-                if holds_nearby(start, goal, toucher, trial, nudges, walls):
+                if holds_nearby(start, goal, toucher, trial, nudges, walls, clear):
                     best = length
                     found += 1
                     copy(trial, best_moves)
@@ -168,7 +168,7 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
 
 
 @kernel
-def improve(start, goal, tried, step, nudges, walls, best_moves):
+def improve(start, goal, tried, step, nudges, walls, clear, best_moves):
     """Shorten a plan in place by small changes of all moves except the last two moves. Return the length of the plan.
 
     After each change, the kernel computes the last two moves anew.
@@ -187,11 +187,11 @@ def improve(start, goal, tried, step, nudges, walls, best_moves):
                     for k in range(tried):
                         advance_all(state, trial[k], walls, spare)
                     for toucher in range(2):
-                        if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
+                        if finish(state, goal, toucher, walls, clear, moves) > EXACT * walls.size:
                             continue
                         copy(moves, trial[tried:])
                         length = total_length(trial)
-                        if length < best - 1e-9 * walls.size and holds_nearby(start, goal, toucher, trial, nudges, walls):
+                        if length < best - 1e-9 * walls.size and holds_nearby(start, goal, toucher, trial, nudges, walls, clear):
                             best, moved = length, True
                             copy(trial, best_moves)
         if not moved:
@@ -215,7 +215,7 @@ def least_shortage(start, goal, trial, walls, state, direction):
 
 
 @kernel
-def repair(start, goal, walls, trial):
+def repair(start, goal, walls, clear, trial):
     """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the remaining shortage.
 
     The shortage is the length of the second-last move, minus the distance that the other particle (not the toucher) can move before
@@ -225,7 +225,7 @@ def repair(start, goal, walls, trial):
     state, direction = np.empty((2, d)), np.empty(d)
     best = least_shortage(start, goal, trial, walls, state, direction)
     step = WIDEST * walls.size
-    while step > FINEST * walls.size and best > -ENOUGH * walls.size:
+    while step > FINEST * walls.size and best > -3 * clear:
         moved = False
         for m in range(trial.shape[0] - 2):
             for i in range(d):
@@ -264,7 +264,7 @@ def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
 
 
 @kernel
-def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, plan):
+def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, clear, plan):
     """Search for plans with as many moves as ``plan`` has rows, and write the shortest plan to ``plan``.
 
     Return the number of records. A record is a plan that is shorter than all plans found before it. The array ``picks`` holds
@@ -284,15 +284,15 @@ def search_guided(start, goal, directions, shares, picks, nudges, enough, walls,
             if left < best:
                 best = left
                 copy(trial, nearest)
-        if best == np.inf or repair(start, goal, walls, nearest) > -0.5 * ENOUGH * walls.size:
+        if best == np.inf or repair(start, goal, walls, clear, nearest) > -1.5 * clear:
             continue
         least_shortage(start, goal, nearest, walls, state, direction)
         for toucher in range(2):
-            if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
+            if finish(state, goal, toucher, walls, clear, moves) > EXACT * walls.size:
                 continue
             copy(moves, nearest[nearest.shape[0] - 2 :])
             length = total_length(nearest)
-            if length < shortest and holds_nearby(start, goal, toucher, nearest, nudges, walls):
+            if length < shortest and holds_nearby(start, goal, toucher, nearest, nudges, walls, clear):
                 shortest = length
                 found += 1
                 copy(nearest, plan)

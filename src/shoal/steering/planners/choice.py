@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from shoal.steering.contact.clearance import final
 from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 
@@ -65,12 +64,12 @@ def worthwhile(sizes: Sequence[tuple[int, float]], *, by_moves: bool = False) ->
 def amplification(task: SteeringTask, moves: Points) -> float:
     """Return by how much a plan enlarges a small displacement of the start of one particle."""
     step = _STEP * float(task.world.room.size)
-    end, worst = final(task.world, task.start, moves), 0.0
+    end, worst = task.world.final(task.start, moves), 0.0
     for particle, axis in np.ndindex(task.start.shape):
         for side in (-step, step):
             start = task.start.copy()
             start[particle, axis] += side
-            worst = max(worst, float(np.linalg.norm(final(task.world, start, moves) - end, axis=1).max()) / step)
+            worst = max(worst, float(np.linalg.norm(task.world.final(start, moves) - end, axis=1).max()) / step)
     return worst
 
 

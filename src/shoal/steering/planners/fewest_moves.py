@@ -10,11 +10,11 @@ import numpy as np
 from shoal.steering.planners.chains.chain import refined
 from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.chains.search import shortest_chain
-from shoal.steering.planners.choice import misses
+from shoal.steering.planners.choice import choose, misses
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest
-from shoal.steering.planners.task import SteeringTask, path_length
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.planners.vertical_moves import plan_from_base
 from shoal.steering.workspaces.convex_geometry import Points
 
@@ -39,21 +39,23 @@ class FewestMoves:
 
     def plan(self, task: SteeringTask) -> Points | None:
         """Return the moves of a plan for ``task``; see the class `Planner`."""
-        best: Points | None = None
-        chains = self._chains(task)
+        plans = [self._chains(task)]
         if task.world.room.dimensions == 3:
-            chains = _fewer(chains, plan_from_base(task, self))
+            plans.append(plan_from_base(task, self))
+        chains = choose(task, plans, by_moves=True)
         most = inf if chains is None else len(chains)
+        shot = False
         for count in (2, 3, 4, 5, 6):
             if task.late or (count >= most and not (count == most == 3)):
                 break
             found = shooting_plan(task, count)
-            if found is not None:
-                best = found
+            plans.append(found)
+            if found is not None and task.is_sure(found):
+                shot = True
                 break
-        if best is None and chains is not None:
-            best = _finished(task, chains)
-        return _fewer(best, chains)
+        if not shot and chains is not None:
+            plans.append(_finished(task, chains))
+        return choose(task, plans, by_moves=True)
 
     def _chains(self, task: SteeringTask) -> Points | None:
         """Return the moves of a chain of wall contacts with as few cycles as the searches find, or None if they find no chain."""
@@ -61,9 +63,11 @@ class FewestMoves:
         for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)
             moves = None if chain is None else task.moves_of(chain, query)
-            if moves is not None and (best is None or len(first) + len(moves) < len(best)):
-                best = np.array([*first, *moves])
-        return _fewer(self._long(task), Shortest().plan(task)) if best is None else best
+            if moves is not None:
+                best = choose(task, [best, np.array([*first, *moves])], by_moves=True)
+        if best is None or misses(task, best) or not task.is_sure(best):
+            best = choose(task, [best, self._long(task), Shortest().plan(task)], by_moves=True)
+        return best
 
     def _long(self, task: SteeringTask) -> Points | None:
         """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if this search finds no plan."""
@@ -74,7 +78,7 @@ class FewestMoves:
             chain = roadmap_chain(query, maps=DENSE_MAP)
             moves = None if chain is None else task.moves_of(refined(query, chain), query)
             if moves is not None and not misses(task, np.array([*first, *moves])):
-                best = _fewer(best, np.array([*first, *moves]))
+                best = choose(task, [best, np.array([*first, *moves])], by_moves=True)
         return best
 
 
@@ -90,13 +94,6 @@ def _finished(task: SteeringTask, plan: Points) -> Points | None:
             last = shooting_plan(replace(task, start=states[begun]), count) if begun > 0 else None
             if last is not None:
                 whole = np.concatenate([plan[:begun], last])
-                if task.reaches_goal(whole):
+                if task.reaches_goal(whole) and task.is_sure(whole):
                     return whole
     return None
-
-
-def _fewer(one: Points | None, other: Points | None) -> Points | None:
-    """Return the plan with fewer moves, or the shorter plan if both plans have the same number of moves."""
-    if one is None or other is None:
-        return other if one is None else one
-    return min(one, other, key=lambda moves: (len(moves), path_length(moves)))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.dataclass import dataclass
-from shoal.steering.contact.clearance import CLEARANCE, PLANNED, final, why_sensitive
+from shoal.steering.contact.clearance import CLEARANCE, PLANNED, why_sensitive
 from shoal.steering.contact.friction_limits import friction_limit
 from shoal.steering.contact.wall_release import released_translation, separations, touched_normals
 from shoal.steering.contact.world import ContactWorld
@@ -137,7 +137,7 @@ class SteeringTask(StartAndGoal):
 
     def reaches_goal(self, moves: ArrayLike, start: Points | None = None) -> bool:
         """Return whether moves from ``start`` (default: the task's start) bring all particles within the tolerance of the goals."""
-        return self.error(final(self.world, self.start if start is None else start, np.asarray(moves))) <= self.tolerance
+        return self.error(self.world.final(self.start if start is None else start, np.asarray(moves))) <= self.tolerance
 
     def is_sure(self, moves: Points, start: Points | None = None) -> bool:
         """Return whether a plan still succeeds with rounding errors at its start, and with every disturbance of its contacts.
@@ -146,7 +146,7 @@ class SteeringTask(StartAndGoal):
         """
         begin = self.start if start is None else start
         steps = _ROUNDINGS * self.world.room.size * np.eye(begin.shape[1])
-        if any(self.error(final(self.world, begin + step, moves)) > self.tolerance for step in steps):
+        if any(self.error(self.world.final(begin + step, moves)) > self.tolerance for step in steps):
             return False
         return why_sensitive(self.world, begin, self.goal, np.asarray(moves), self.tolerance, self.clearance or EXACT_TOUCH) is None
 
@@ -224,7 +224,7 @@ class SteeringTask(StartAndGoal):
             if tiny <= _TINY * size and before > tiny:
                 shorter = np.delete(moves, k, axis=0)
                 shorter[k - 1] *= 1 + 2 * tiny / before
-                if self.error(final(self.world, start, shorter)) <= 0.5 * self.tolerance and self.is_sure(shorter, start):
+                if self.error(self.world.final(start, shorter)) <= 0.5 * self.tolerance and self.is_sure(shorter, start):
                     moves = shorter
                     continue
             k += 1
