@@ -19,6 +19,8 @@ from shoal.steering.workspaces.region import Region
 CLEARANCE = 1e-6  # relative to the size: default of the option ``clearance``
 PLANNED = 2.5  # in clearances: distance that planners keep from all that must not be touched
 STEPS = 0.03, 0.3, 1.0  # in clearances: contact tolerances with which a plan is replayed
+ROUNDING, PATTERNS = 1e-12, 6  # relative to the size: errors of starts and moves, and number of patterns of such errors
+FORGIVEN = 1e-10  # relative to the size: effect of such errors on the end of a plan that amplifies nothing
 _TURN, _SCALE = 0.7, 3.0  # angle and scale of the turned copy of a world
 _SLACK = 1e-9  # relative to the tolerance: rounding in the turned copy
 
@@ -75,8 +77,8 @@ def turned(workspace: Any, matrix: NDArray[np.float64]) -> Any:
 def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolerance: float, clearance: float) -> str | None:
     """Return why a plan reaches its goals only in exact arithmetic, or None if it also reaches them with every disturbance.
 
-    The function replays the plan with several contact tolerances up to ``clearance`` times the size of the workspace, and in a
-    turned and scaled copy of the workspace. Around obstacles, it also measures how near the particles come to corners with more
+    The function replays the plan with several contact tolerances up to ``clearance`` times the size of the workspace, in a turned
+    and scaled copy of the workspace, and with small errors of the starts and of all moves. Around obstacles, it also measures how near the particles come to corners with more
     than 180 degrees of free space, which a slightly different path would not pass.
     """
     if not clearance:
@@ -89,11 +91,23 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
         if error > tolerance * (1 + _SLACK) + 1e-15 * size:
             how = "in turned coordinates" if scale != 1 else f"with a contact tolerance of {copy.world.touch:.2g} of the size"
             return f"{how} it ends {error:.3g} from the goals"
+    for shifts in _roundings(len(moves) + len(start), start.shape[1]):
+        end = world.final(start + shifts[: len(start)] * size, moves + shifts[len(start) :] * size)
+        error = float(np.linalg.norm(end - goal, axis=1).max())
+        if error > tolerance + FORGIVEN * size:
+            return f"with moves that differ by {ROUNDING:.0e} of the size it ends {error:.3g} from the goals"
     if isinstance(world.workspace, Region):
         near = least_passage(world, start, goal, moves, clearance * size)
         if near < clearance * size:
             return f"a particle passes a corner at {near:.2g}, nearer than the clearance of {clearance * size:.2g}"
     return None
+
+
+@lru_cache(maxsize=64)
+def _roundings(rows: int, d: int) -> tuple[Points, ...]:
+    """Return some arrays of random errors, float64, shape (rows, d), relative to the size of the workspace."""
+    rng = np.random.default_rng(rows)
+    return tuple(ROUNDING * rng.choice([-1.0, 1.0], size=(rows, d)) for _ in range(PATTERNS))
 
 
 def least_passage(world: Any, start: Points, goal: Points, moves: Points, near: float) -> float:

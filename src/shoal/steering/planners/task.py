@@ -30,7 +30,7 @@ _SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle
 _CONE = 1 - 1e-4  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
 _TINY = 2e-5  # relative to the size: shorter moves can be left out
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
-_WIDER = (1e-7, 1e-6, 1e-5, 1e-4)  # margins of chains with sensitive moves
+_WIDER = (1e-7, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3)  # margins of chains with sensitive moves
 
 
 @dataclass(frozen=True, eq=False)
