@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ from shoal.papers.mapping.curves import POINTS, SUBSET_FILE
 from shoal.papers.recipe import published_curve
 
 from .checking import Check, into
-from .election import FreeCells, plays
+from .election import STEPS, Cell, FreeCells, plays
 from .exploration import family, guaranteed
 
 CHECKS: list[Check] = []
@@ -48,6 +50,65 @@ def _probes() -> tuple[str, bool]:
             f"bound with the walls is {tree + max(walls)} moves"
         )
     return "; ".join(words), fits
+
+
+@erratum(
+    "paper M, section III.B.1",
+    "as long as all free cells are connected, depth-first search is the optimal solution to mapping with one particle",
+    "depth-first search never takes twice the smallest number of moves, as the following sentences of the paper say, but it is not "
+    "optimal: for every order in which it tries the directions, it takes more moves than necessary from some start in a row of four "
+    "cells",
+    "a program computes the smallest number of moves that map a row of four cells, by a breadth-first search over all states, and the "
+    "number of moves of depth-first search, for all starts and all 24 orders of the directions",
+)
+def _not_optimal() -> tuple[str, bool]:
+    row = frozenset((0, column) for column in range(4))
+    least = {start: _least_moves(row, start) for start in sorted(row)}
+    more, worst = 0, 0.0
+    for order in permutations(STEPS):
+        ratios = [_depth_first(row, start, order) / least[start] for start in sorted(row)]
+        more += max(ratios) > 1
+        worst = max(worst, *ratios)
+    words = f"for {more} of 24 orders, depth-first search takes more moves than necessary from some start, up to {worst:.3f} times"
+    return f"{words} the smallest number of moves", more == 24 and worst < 2
+
+
+def _neighbours(cell: Cell) -> list[Cell]:
+    return [(cell[0] + row, cell[1] + column) for row, column in STEPS]
+
+
+def _to_classify(free: frozenset[Cell], start: Cell) -> frozenset[Cell]:
+    """Return the cells that one particle at ``start`` must classify: all other free cells, and all cells beside free cells."""
+    return frozenset(there for cell in free for there in [cell, *_neighbours(cell)]) - {start}
+
+
+def _least_moves(free: frozenset[Cell], start: Cell) -> int:
+    """Return the smallest number of moves that map a known map with one particle."""
+    states, moves = {(start, _to_classify(free, start))}, 0
+    known = set(states)
+    while all(left for _, left in states):
+        after = {
+            (there if there in free else cell, left - {there}) for cell, left in states for there in _neighbours(cell)
+        }
+        states, moves = after - known, moves + 1
+        known |= states
+    return moves
+
+
+def _depth_first(free: frozenset[Cell], start: Cell, order: Sequence[Cell]) -> int:
+    """Return the number of moves of depth-first search, which tries the directions in the given order."""
+    cell, left, trail, moves = start, set(_to_classify(free, start)), [], 0
+    while left:
+        tested = [there for row, column in order if (there := (cell[0] + row, cell[1] + column)) in left]
+        moves += 1
+        if tested:
+            left.discard(tested[0])
+            if tested[0] in free:
+                trail.append(cell)
+                cell = tested[0]
+        else:
+            cell = trail.pop()
+    return moves
 
 
 @erratum(

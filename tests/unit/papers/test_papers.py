@@ -86,7 +86,7 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
     [
         ("m-fig1", "nna"), ("m-fig3", "aaa"), ("m-fig4", "an"), ("m-theorem1", "aaaad"), ("m-theorem3", "aaaad"),
         ("m-fig6", "adda"), ("w-fig5", "aaa"), ("w-fig6", "aa"), ("w-fig7", "ada"), ("w-fig11", "aad"), ("w-fig12", "aaa"),
-        ("w-swap", "aad"),
+        ("w-swap", "add"),
         ("h-baselines", "aaaaaa"), ("h-curves", "aaan"),
     ],
 )  # fmt: skip
