@@ -148,11 +148,6 @@ class SteeringProblem(Problem):
         1e-6, help="Maximum distance of a particle from its goal at the end; at least 1e-8 times the size of the workspace. With "
         "noise, state a tolerance of at least ten times the noise.", least=0,
     )  # fmt: skip
-    clearance: float = option(
-        1e-6, help="Clearance, as a fraction of the size of the workspace: a plan counts as solved only if it also reaches the goals "
-        "with contact tolerances up to this number, and in turned coordinates. With noise, nothing is checked. With 0, a plan may "
-        "reach its goals only in Shoal's own arithmetic.", least=0, below=0.01,
-    )  # fmt: skip
     interchangeable: bool = option(False, help="Any particle may go to any goal.")
     planner: Any = option(
         "auto", help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means the planner robust for two "
@@ -175,6 +170,11 @@ class SteeringProblem(Problem):
     gain: float = option(
         0.0, help="Variation of the gain (displacement divided by input) over the workspace, along a direction that the seed "
         "determines: 0.2 means a gain from 0.9 to 1.1.", least=0, below=2,
+    )  # fmt: skip
+    clearance: float = option(
+        1e-6, help="Clearance, as a fraction of the size of the workspace: a plan counts as solved only if it also reaches the goals "
+        "with contact tolerances up to this number, and in turned coordinates. With noise, nothing is checked. With 0, a plan may "
+        "reach its goals only in Shoal's own arithmetic.", least=0, below=0.01,
     )  # fmt: skip
     goal_x: float | None = option(
         None,

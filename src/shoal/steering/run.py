@@ -18,8 +18,8 @@ from shoal.jit import Stopwatch
 from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners.choice import choose, misses, worthwhile
-from shoal.steering.planners.greedy import Greedy
+from shoal.steering.planners.choice import worthwhile
+from shoal.steering.planners.narrow import plan_with_clearance
 from shoal.steering.planners.task import SteeringTask, path_length, why_approachable, why_unreachable
 from shoal.steering.problem import SteeringProblem, check_can_part
 from shoal.steering.simulation.apparatus import Apparatus, replay
@@ -125,7 +125,7 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
         inputs, states = planner.control(task, apparatus)
         remark = apparatus.remark
     elif why_never is None and task.error(start) > task.tolerance:
-        inputs = _planned(task, planner, simple=simple)
+        inputs = plan_with_clearance(task, planner)
     found = 0 if inputs is None else len(inputs)
     if inputs is None or (found > task.max_moves and states is None):
         inputs = np.zeros((0, problem.place.dimensions))
@@ -140,7 +140,9 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
         if not problem.noisy:
             why_not_sure = why_sensitive(task.world, start, goal, inputs, problem.tolerance, problem.clearance)
         if why_not_sure is not None:
-            status, reason = Status.SENSITIVE, f"{reason}, but only in exact arithmetic: {why_not_sure}"
+            near = simple and why_approachable(task) is not None
+            status = Status.APPROACHABLE if near else Status.SENSITIVE
+            reason += f", but only in exact arithmetic: {why_not_sure} (the clearance is {problem.clearance:g})"
     elif why_never is not None:
         status, reason = Status.UNREACHABLE, why_never
     elif simple and (why_near := why_approachable(task)) is not None:
@@ -150,28 +152,6 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
     reason += f"; {remark}" if remark else ""
     bounded = simple and not outside.any() and not problem.gain and not problem.execution
     return _Attempt(order, status, reason, inputs, states, error, task.lower_bound() if bounded else None)
-
-
-def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None:
-    """Return the moves of the plan that ``planner`` finds for ``task``.
-
-    If a translation solves the task, the function returns the translation. If the planning time is limited and the planner greedy
-    finds a better plan, the function returns the moves of greedy.
-    """
-    by_moves = getattr(planner, "prefers", "length") == "moves"
-    plans: list[Points | None] = []
-    for margin in dict.fromkeys((task.clearance, 0.0)):  # where there is no room for the clearance, a narrow plan may still stand
-        own = replace(task, margin=margin)
-        shift = own.translation()
-        if shift is None or not own.is_sure(shift):
-            plans.append(planner.plan(own))
-            if task.deadline < inf and simple:
-                plans.append(Greedy().plan(own))
-        plans.append(shift)
-        best = choose(task, plans, by_moves=by_moves)
-        if task.late or (best is not None and not misses(task, best) and task.is_sure(best)):
-            break
-    return best
 
 
 def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:

@@ -113,7 +113,7 @@ class SteeringTask(StartAndGoal):
         return np.array(moves)
 
     def _released(self, points: Points, move: Points) -> list[Points] | None:
-        return released_translation(self.world.room, points, move, clearance=self.margin)
+        return released_translation(self.world.room, points, move, clearance=self.clearance)
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, with a small move off a wall before each translation that starts on a wall.
@@ -175,7 +175,17 @@ class SteeringTask(StartAndGoal):
         if steps is None:
             return None
         self._sent(steps, state, moves)
-        return self.tidied(np.array(moves), start=walls.restored(query.start))
+        return self.tidied(self._ended(np.array(moves), len(steps), query), start=walls.restored(query.start))
+
+    def _ended(self, moves: Points, last: int, query: ChainQuery) -> Points:
+        """Return a plan without the ``last`` moves if it ends within the tolerance without them and stands more disturbances.
+
+        In goals that are nearer to walls than the clearance, walls may hold the particles during the last translation.
+        """
+        start, few = query.walls.restored(query.start), moves[: len(moves) - last]
+        if not len(few) or self.is_sure(moves, start) or not (self.reaches_goal(few, start) and self.is_sure(few, start)):
+            return moves
+        return few
 
     def _touches(self, point: Points, wall: int) -> bool:
         """Return whether a particle touches the wall with an index of `NormalizedWalls`, in which the round wall comes last."""
@@ -239,7 +249,7 @@ class SteeringTask(StartAndGoal):
         room = self.world.room
         if self._released(self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.chain_query())]
-        apart = separations(room, self.start, clearance=self.margin)
+        apart = separations(room, self.start, clearance=self.clearance)
         return [([move], self.chain_query(start=after)) for move, after in apart]
 
     def lower_bound(self) -> float:

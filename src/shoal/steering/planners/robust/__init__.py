@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from shoal.steering.planners.narrow import plan_with_clearance
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.robust.cycles import Cycles
 from shoal.steering.planners.robust.replanning import Replanning
@@ -53,7 +54,7 @@ class Robust:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()
         else:
             short = replace(task, max_moves=min(task.max_moves, QUIET_MOVES))
-            for move in _moves_or_none(self.plan(task), task):
+            for move in _moves_or_none(plan_with_clearance(task, self), task):
                 apparatus.send(move)
             if task.error(apparatus.states[-1]) > task.tolerance:
                 apparatus.restart()

@@ -1,0 +1,83 @@
+"""Plans that keep the clearance, and plans for tasks in which only a part of the clearance has room."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+
+from shoal.steering.contact.wall_release import touched_normals
+from shoal.steering.contact.world import ContactWorld
+from shoal.steering.planners.choice import choose, misses
+from shoal.steering.planners.greedy import Greedy
+from shoal.steering.planners.protocol import Planner
+from shoal.steering.planners.task import SteeringTask
+from shoal.steering.workspaces.convex_geometry import Points
+
+_LENGTHS = (0.2, 0.05)  # relative to the size: length of the last move
+_PUSH = 0.1  # least component of the last move into a wall, relative to its length
+_DIRECTIONS = 16
+
+
+def plan_with_clearance(task: SteeringTask, planner: Planner) -> Points | None:
+    """Return the moves of the plan that ``planner`` finds for ``task``, or None if the planner finds no plan.
+
+    If a translation solves the task, the function returns the translation. If the planning time is limited and the planner greedy
+    finds a better plan, the function returns the moves of greedy. Where there is no room for the clearance of the task, the function
+    plans with smaller distances from walls, because such a plan may still stand all disturbances.
+    """
+    by_moves = getattr(planner, "prefers", "length") == "moves"
+    simple = isinstance(task.world, ContactWorld) and len(task.start) == 2
+    plans: list[Points | None] = []
+    best: Points | None = None
+    for margin in dict.fromkeys((task.clearance, 0.0)):
+        own = replace(task, margin=margin)
+        shift = own.translation()
+        if shift is None or not own.is_sure(shift):
+            plans.append(planner.plan(own))
+            if task.deadline < inf and simple:
+                plans.append(Greedy().plan(own))
+            if simple and task.clearance and margin == 0.0:
+                plans.append(with_last_push(own, planner))
+        plans.append(shift)
+        best = choose(task, plans, by_moves=by_moves)
+        if task.late or (best is not None and not misses(task, best) and task.is_sure(best)):
+            break
+    return best
+
+
+def with_last_push(task: SteeringTask, planner: Planner) -> Points | None:
+    """Return a plan that ends with a push into the walls at a goal, or None if the search finds none that stands disturbances.
+
+    If both goals lie in corners, walls may hold both particles during a last translation that is shorter than the clearance. The
+    search therefore plans to a goal of one particle on its wall, and to a place of the other particle away from all walls. The last
+    move pushes the first particle into its wall and brings the other particle to its goal.
+    """
+    room = task.world.room
+    if room.dimensions != 2:
+        return None
+    angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    towards = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    plans: list[Points | None] = []
+    for held in (0, 1):
+        walls = touched_normals(room, task.goal[held], within=task.tolerance / room.size)
+        for length in _LENGTHS if len(walls) else ():
+            begins = task.aim[1 - held] - length * room.size * towards
+            into = (walls @ towards.T).min(axis=0) < -_PUSH
+            depth = np.where(into, room.depth(begins), -np.inf)
+            best = int(np.argmax(depth))
+            if depth[best] <= 10 * task.clearance * room.size or task.late:
+                continue
+            goal = task.aim.copy()
+            goal[1 - held] = begins[best]
+            before = replace(task, goal=goal, tolerance=task.tolerance / 2, max_moves=task.max_moves - 1, margin=task.clearance)
+            moves = planner.plan(before)
+            if moves is None:
+                continue
+            end = task.world.final(task.start, moves)
+            whole = np.vstack([moves, task.aim[1 - held] - end[1 - held]])
+            if not misses(task, whole) and task.is_sure(whole):
+                plans.append(whole)
+                break
+    return choose(task, plans)
