@@ -43,26 +43,37 @@ def is_released(workspace: ConvexWorkspace, points: Points, move: Points, *, cle
 
 
 def released_translation(
-    workspace: ConvexWorkspace, points: Points, move: Points, *, clearance: float = 0.0
+    workspace: ConvexWorkspace, points: Points, move: Points, *, clearance: float = 0.0, least: float = 0.0
 ) -> list[Points] | None:
     """Return one or two moves that together translate all particles by ``move``, or None if walls prevent the translation.
 
     If a wall blocks the direct move, the function returns a small move off the walls and the rest of the translation. After the
-    small move, all particles are farther from the walls than ``clearance`` times the size, where there is room for that.
+    small move, all particles are farther from the walls than ``clearance`` times the size, where there is room for that. If there is
+    room, the small move has a length of at least ``least`` times the size.
     """
     if is_released(workspace, points, move, clearance=clearance):
         return [move]
-    lift = lift_off(workspace, points, clearance=clearance)
+    lift = lift_off(workspace, points, clearance=clearance, least=least)
     return None if lift is None else [lift, move - lift]
 
 
 def lift_off(
-    workspace: ConvexWorkspace, points: Points, others: Points | None = None, *, clearance: float = 0.0
+    workspace: ConvexWorkspace,
+    points: Points,
+    others: Points | None = None,
+    *,
+    clearance: float = 0.0,
+    least: float = 0.0,
 ) -> Points | None:
     """Return a small move off all walls that the particles at ``points`` touch, or None if no direction leads off all of them.
 
     The move also has a positive component along each row of ``others``.
     """
+    if least > PLANNED * clearance > 0:
+        rows = np.vstack([touched_normals(workspace, point, within=1.5 * least) for point in points])
+        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        if away is not None and (not len(rows) or least * float((rows @ away).min()) >= PLANNED * clearance):
+            return np.asarray(least * workspace.size * away)
     length = PLANNED * clearance
     for _longer in range(4 if clearance else 0):
         rows = np.vstack([touched_normals(workspace, point, within=1.5 * length) for point in points])

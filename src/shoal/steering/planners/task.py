@@ -27,6 +27,8 @@ from shoal.steering.workspaces.normalized_walls import normalize_walls
 _SURE = 3e-9  # relative to the size: overshoot of a move to a wall, against rounding errors
 _PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
 _SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle off a wall
+_ERROR = 0.01  # relative to the tolerance: error of an adjustment that a surer contact is worth
+_STEEP = 1e-4  # least height of a lift before a move to a wall, relative to this move, because flat contacts are sensitive
 _CONE = 1 - 1e-4  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
 _TINY = 2e-5  # relative to the size: shorter moves can be left out
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
@@ -112,8 +114,9 @@ class SteeringTask(StartAndGoal):
             return None
         return np.array(moves)
 
-    def _released(self, points: Points, move: Points) -> list[Points] | None:
-        return released_translation(self.world.room, points, move, clearance=self.clearance)
+    def _released(self, points: Points, move: Points, *, least: float = 0.0) -> list[Points] | None:
+        """Return one or two moves that translate the particles; a lift has a length of ``least`` times the size if there is room."""
+        return released_translation(self.world.room, points, move, clearance=self.clearance, least=least)
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, with a small move off a wall before each translation that starts on a wall.
@@ -166,7 +169,7 @@ class SteeringTask(StartAndGoal):
             sign = 1.0 if toucher == 0 else -1.0
             if length > 1e-12 * room.size and not (length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))):
                 over = self._overshoot(walls.inward(int(wall), contact), way / length, sign * (delta - (state[1] - state[0])))
-                steps = self._released(state, way * (1 + over / length))
+                steps = self._released(state, way * (1 + over / length), least=_STEEP * length / room.size)
                 if steps is None:
                     return None
                 state = self._sent(steps, state, moves)
@@ -200,7 +203,8 @@ class SteeringTask(StartAndGoal):
         """
         size, into = self.world.room.size, -float(inward @ direction)
         share = 0.5 if self.world.friction == inf else 1e-5  # with friction, the adjustment keeps its direction
-        room = share * max(-float(inward @ adjustment), 0.0) / max(into, 1e-9)
+        slight = min(_ERROR * self.tolerance, self.margin * size) if self.world.friction == inf else 0.0
+        room = max(share * -float(inward @ adjustment), slight) / max(into, 1e-9)
         return float(max(_SURE * size, min(self.margin * size, room)))
 
     def _held(self, point: Points, move: Points) -> Points:
@@ -211,7 +215,8 @@ class SteeringTask(StartAndGoal):
         wall = normals[int(np.argmin(normals @ move))]
         size = self.world.room.size
         off = float(wall @ move) + min(_PUSH * size, 0.02 * self.tolerance)
-        return np.asarray(move - off * wall) if 0 < off < _SLIGHT * size else move
+        slight = max(_SLIGHT * size, 2 * _ERROR * self.tolerance)
+        return np.asarray(move - off * wall) if 0 < off < slight else move
 
     def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
         """Add the moves ``steps`` to the list ``moves``, and return the simulated state after ``steps``."""
