@@ -144,6 +144,47 @@ def _polygons() -> tuple[str, bool]:
     return "; ".join(words), needed == [6, 8, 8, 10]
 
 
+@erratum(
+    "paper W, section IV.D",
+    "in a square with the side L, the path of algorithm 1 is at most (√2 + 2) L long, and takes at most five moves",
+    "the length (√2 + 2) L is the supremum of the shortest paths of the worst case, the exchange of opposite corners. Algorithm 1 takes "
+    "longer paths and more moves for some problems that need much less",
+    "a program plans one problem with algorithm 1, replays the moves in a plain simulation, and plans the same problem with the planner "
+    "shortest",
+)
+def _worst_path() -> tuple[str, bool]:
+    from shoal.papers.steering.shortest_paths import LONG_FOR_GREEDY, WORST
+    from shoal.steering import SteeringProblem
+    from shoal.steering.run import run
+
+    start, goal = LONG_FOR_GREEDY
+    plans = {
+        name: run(SteeringProblem("square", start, goal, 1e-3, planner=name)) for name in ("greedy", "shortest")
+    }
+    ends = [_replayed([*start], episode.inputs.tolist()) for episode in plans.values()]
+    error = max(float(np.linalg.norm(np.array(end) - goal, axis=1).max()) for end in ends)
+    one, best = plans["greedy"], plans["shortest"]
+    words = (
+        f"algorithm 1 takes {one.moves} moves of length {one.length:.3f} L, longer than (√2 + 2) L = {WORST:.3f} L, where the planner "
+        f"shortest takes {best.moves} moves of length {best.length:.3f} L; in the plain simulation both plans end within {error:.1e} L"
+    )
+    return words, error <= 1e-3 and one.length > WORST > best.length and one.moves > 5
+
+
+def _replayed(places: list[Vector], moves: list[Vector]) -> list[Vector]:
+    """Return where two particles are after moves in the unit square, by the rules of motion alone."""
+    for x, y in moves:
+        after = []
+        for px, py in places:
+            gaps = [(px, x), (1 - px, -x), (py, y), (1 - py, -y)]  # distance from each wall, and motion away from the wall
+            length = (x * x + y * y) ** 0.5
+            held = any(gap <= 1e-9 and away <= 1e-9 * length for gap, away in gaps)
+            share = 0.0 if held else min([1.0, *(max(gap, 0.0) / -away for gap, away in gaps if away < -1e-9 * length)])
+            after.append((px + share * x, py + share * y))
+        places = after
+    return places
+
+
 def _nearest_contacts(start: Vector, goal: Vector, toucher: int) -> tuple[Vector, Vector, NDArray[np.bool_]]:
     """Return two contact points on the left wall of a square for each problem, and whether a usable contact point exists.
 

@@ -59,14 +59,14 @@ def steer(
 def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
     """Print the moves and the metrics of a steering plan."""
     bound = "none known" if episode.lower_bound is None else f"{episode.lower_bound:.6g}"
-    shown = [", ".join(f"{number:+.6g}" for number in move) for move in episode.inputs[:24]]
+    shown = [", ".join(f"{number:+.12g}" for number in move) for move in episode.inputs[:24]]
     rows = [
         ("status", str(episode.status)),
         *((f"move {number}", text) for number, text in enumerate(shown, start=1)),
         *([("", f"and {episode.moves - 24} more")] if episode.moves > 24 else []),
         ("length", f"{episode.length:.6g} in {episode.moves} moves; lower bound {bound}"),
         ("error", f"{episode.error:.3g}, tolerance {episode.problem.tolerance:g}"),
-        ("condition", f"{episode.condition:.3g}{', sensitive: it holds only in this arithmetic' if episode.sensitive else ''}"),
+        ("condition", f"{episode.condition:.3g}{', sensitive: the plan holds only in exact arithmetic' if episode.sensitive else ''}"),
         ("time", f"{episode.seconds:.3f} s"),
         *more,
     ]

@@ -108,9 +108,7 @@ class SteeringEpisode(Episode):
         """Amplification of errors: the largest ratio of an error of the final positions to the small error that causes it.
 
         The small error is a displacement of a particle's start, or a change of the contact tolerance. For most plans, the ratio is
-        between a few and a few hundred. A plan is sensitive if the ratio times the contact tolerance (1e-9 of the workspace's size)
-        exceeds the tolerance of the goals. A sensitive plan reaches its goals only if a replay rounds all numbers exactly as the
-        planner did.
+        between a few and a few hundred.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 

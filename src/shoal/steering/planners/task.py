@@ -27,8 +27,8 @@ from shoal.steering.workspaces.normalized_walls import normalize_walls
 _SURE = 3e-9  # relative to the size: overshoot of a move to a wall, against rounding errors
 _PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
 _SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle off a wall
-_ERROR = 0.01  # relative to the tolerance: error of an adjustment that a surer contact is worth
-_STEEP = 1e-4  # least height of a lift before a move to a wall, relative to this move, because flat contacts are sensitive
+_ERROR = 0.05  # relative to the tolerance: error of an adjustment that a surer contact is worth
+_STEEP = 2e-4  # least height of a lift before a move to a wall, relative to this move, because flat contacts are sensitive
 _CONE = 1 - 1e-4  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
 _TINY = 2e-5  # relative to the size: shorter moves can be left out
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order

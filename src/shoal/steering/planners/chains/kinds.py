@@ -104,7 +104,7 @@ def kinds_of(
     firsts, lasts = (_fitting(delta, walls, least) for delta, least in ((start[1] - start[0], push), (goal[1] - goal[0], -1e-12)))
     choices = [firsts, *[options] * (cycles - 2), lasts] if cycles > 1 else [np.intersect1d(firsts, lasts)]
     kinds = np.stack(np.meshgrid(*choices, indexing="ij"), axis=-1).reshape(-1, cycles)
-    kinds = kinds[(kinds[:, 1:] != kinds[:, :-1]).all(axis=1)]  # two equal consecutive contacts are one contact
+    kinds = kinds[(kinds[:, 1:] != kinds[:, :-1]).all(axis=1)]  # mostly one contact; `improvement` inserts the others
     touchers, on = kinds % 2, kinds // 2
     bounds = bounds_of(touchers, on, start, goal, walls, lengths_over_walls(start, goal, walls))
     order = np.argsort(bounds, kind="stable")

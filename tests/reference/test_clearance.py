@@ -1,0 +1,161 @@
+"""Plans of every planner in every class of workspace, in a replay that shares no code with the planners."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.reference import replay
+from tests.reference.test_steering import random_polygon
+from tests.steering import steer
+
+from shoal.steering import Region, SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
+from shoal.steering.planners import sampling, shortening
+from shoal.steering.planners.choice import worthwhile
+from shoal.steering.workspaces.formats import describe
+
+SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
+TURNS = [replay.Turned(), replay.Turned(0.7, 37.3, (1.1, -5.0)), replay.Turned(-1.234, 1e-3, (0.2, 0.1))]
+TOUCHES = (1e-9, 1e-8, 1e-7, 3e-7, 1e-6)  # relative to the size
+INSTANCES = 2  # of each class; acceptance runs used 12
+U_SHAPE = region([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)])
+YARD = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]])
+CHAINS = ("greedy", "shortest", "fewest-moves")
+CLASSES = {
+    "square": (lambda _rng: SQUARE, (*CHAINS, "robust", "sampling"), {}),
+    "triangle": (lambda _rng: regular_polygon(3), CHAINS, {}),
+    "many sides": (lambda rng: regular_polygon(int(rng.integers(13, 61))), CHAINS, {}),
+    "polygon": (random_polygon, (*CHAINS, "sampling"), {}),
+    "disk": (lambda _rng: disk(0.5), (*CHAINS, "sampling"), {}),
+    "prism": (lambda _rng: prism(regular_polygon(5), 1.0), CHAINS, {}),
+    "cylinder": (lambda _rng: cylinder(0.5, 0.8), CHAINS, {}),
+    "friction": (lambda _rng: SQUARE, ("greedy", "shortest"), {"friction": 1.0, "max_moves": 1000}),
+    "friction on a disk": (lambda _rng: disk(0.5), ("greedy", "shortest"), {"friction": 1.0, "max_moves": 1000}),
+    "radius": (lambda _rng: SQUARE, ("sampling",), {"particle_radius": 0.02}),
+    "a U": (lambda _rng: U_SHAPE, ("sampling", "robust"), {}),
+    "an obstacle": (lambda _rng: YARD, ("sampling",), {}),
+    "walls": (lambda _rng: SQUARE, CHAINS, {}),
+}
+
+
+def worst_error(episode):
+    """The largest error of all replays with other contact tolerances, turned and scaled."""
+    problem = episode.problem
+    form = describe(problem.place)
+    rules = {"friction": problem.friction, "radius": problem.particle_radius}
+    start, goal, moves = problem.start.tolist(), episode.goal.tolist(), episode.inputs.tolist()
+    return max(
+        replay.error_of(form, start, goal, moves, touch=touch, turned=turned, **rules) for turned in TURNS for touch in TOUCHES
+    )
+
+
+def place(rng, space, on_wall, radius):
+    while True:
+        if on_wall and rng.random() < 0.5:
+            edge = space.edges[int(rng.integers(len(space.edges)))]
+            return edge[:2] + rng.choice([0.0, 0.5, rng.random()]) * (edge[2:] - edge[:2])
+        low, high = space.bounds
+        point = rng.uniform(low, high)
+        flat = space.base if space.dimensions == 3 else space
+        if flat.contains(point) and flat.depth(point) > 1.1 * radius:
+            return np.append(point, rng.random() * space.height) if space.dimensions == 3 else point
+
+
+@pytest.fixture
+def small_searches(monkeypatch):
+    monkeypatch.setattr(sampling, "MORE_TREES", 3)
+    monkeypatch.setattr(shortening, "STAGES", ((4, 500), (2, 2000)))
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_solved_plans_arrive_in_another_arithmetic(name, small_searches):
+    make, planners, fields = CLASSES[name]
+    rng = np.random.default_rng(5)
+    solved = 0
+    for _ in range(INSTANCES):
+        space = make(rng)
+        radius = fields.get("particle_radius", 0.0)
+        points = np.array([place(rng, space, name == "walls", radius) for _ in range(4)])
+        for planner in planners:
+            episode = steer(SteeringProblem(space, points[:2], points[2:], 1e-6 * space.size, planner=planner), **fields)
+            if episode.status == "solved":
+                solved += 1
+                assert worst_error(episode) <= episode.problem.tolerance * 1.0001, (planner, points.tolist())
+            else:
+                assert episode.status in ("unreachable", "approachable") or planner == "sampling", (planner, episode.reason)
+    assert solved >= 1
+
+
+# Today's failures before the clearance: found among random problems.
+FAILED = [
+    (regular_polygon(57, radius=1.0), [(0.027, -0.259), (0.02, -0.416)], [(-0.117, -0.358), (0.468, 0.504)], "shortest"),
+    (U_SHAPE, [(0.3716414746830746, 1.912577993748702), (0.484592080959802, 2.5593477054200813)],
+     [(1.3560441118368618, 0.5171030540034162), (2.292866737523144, 2.630409063870139)], "sampling"),
+    (SQUARE, [(0.2, 0.4), (0.85, 0.5)], [(0.9444444444444444, 0.05555555555555558), (0.15, 0.55)], "greedy"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("space", "start", "goal", "planner"), FAILED, ids=["60 sides", "U", "slide"])
+def test_plans_that_were_sensitive_arrive_now(space, start, goal, planner, small_searches):
+    episode = steer(SteeringProblem(space, start, goal, planner=planner))
+    assert episode.status == "solved"
+    assert episode.verify()
+    assert worst_error(episode) <= episode.problem.tolerance
+
+
+def test_particles_keep_away_from_corners_that_they_pass(small_searches):
+    episode = steer(SteeringProblem(U_SHAPE, *FAILED[1][1:3], planner="sampling", clearance=1e-4))
+    assert episode.status == "solved"
+    corners = np.array([(1.0, 1.0), (2.0, 1.0)])
+    for before, after in zip(episode.states, episode.states[1:], strict=False):
+        for share in np.linspace(0, 1, 2001)[:, None, None]:
+            path = before + share * (after - before)
+            assert np.linalg.norm(path[:, :, None] - corners.T[None], axis=1).min() > 0.9e-4 * U_SHAPE.size
+
+
+def test_the_replay_itself_follows_the_rules():
+    square, yard = describe(SQUARE), describe(YARD)
+    assert replay.end_of(square, [(0.25, 0.5), (0.5, 0.5)], [(-0.5, 0.25)]) == [(0.0, 0.625), (0.0, 0.75)]
+    slid = replay.end_of(square, [(0.0, 0.5), (0.5, 0.5)], [(-0.25, 0.25)], friction=0.25)
+    assert np.allclose(slid, [(0.0, 0.6875), (0.25, 0.75)])
+    assert replay.end_of(yard, [(1.0, 2.0), (0.5, 0.5)], [(2.0, 0.0)]) == [(1.5, 2.0), (2.5, 0.5)]
+    assert replay.end_of(yard, [(1.5, 1.5), (2.0, 1.5)], [(0.25, -0.5)]) == [(1.75, 1.0), (2.25, 1.0)]
+    # Within the contact tolerance of a wall, a particle is held.
+    assert replay.end_of(square, [(5e-7, 0.5)], [(0.0, 0.25)], touch=1e-6) == [(5e-7, 0.5)]
+    assert replay.end_of(square, [(5e-7, 0.5)], [(0.0, 0.25)], touch=1e-7) == [(5e-7, 0.75)]
+    balls = replay.end_of(square, [(0.1, 0.5), (0.3, 0.5)], [(-0.5, 0.0)], radius=0.1)
+    assert np.allclose(balls, [(0.1, 0.5), (0.3, 0.5)])
+
+
+def test_more_moves_are_worth_a_thousandth():
+    assert worthwhile([(3, 1.0), (5, 0.9995)]) == 0
+    assert worthwhile([(3, 1.0), (5, 0.9985)]) == 1
+    assert worthwhile([(5, 0.9), (3, 1.0)], by_moves=True) == 1
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        sizes = [(int(rng.integers(1, 9)), 1 + 0.004 * rng.random()) for _ in range(6)]
+        best = sizes[worthwhile(sizes)]
+        assert all(best[1] <= length * 0.999 for moves, length in sizes if moves < best[0])
+
+
+def test_two_contacts_of_one_particle_with_one_wall_are_not_always_one():
+    """A wall of length 1: the other particle goes from far right of the toucher to far left of it."""
+    low = [max(0.0, -delta) for delta in (0.9, 0.0, -0.9)]  # of the contacts on the floor, for which the other particle is inside
+    high = [min(1.0, 1 - delta) for delta in (0.9, 0.0, -0.9)]
+    assert max(low[0], low[2]) > min(high[0], high[2])  # no contact suits the start and the goals
+    assert max(low[:2]) <= min(high[:2])
+    assert max(low[1:]) <= min(high[1:])
+
+
+def test_a_planner_that_plans_without_room_is_not_believed():
+    class Blunt:
+        name = "blunt"
+
+        def plan(self, task):
+            return np.array([(-0.2 + 5e-10, 0.0), (0.0, 0.25), (0.3, 0.0)])
+
+    problem = SteeringProblem(SQUARE, [(0.2, 0.5), (0.4, 0.5)], [(0.3 + 5e-10, 0.5), (0.5 + 5e-10, 0.75)])
+    episode = steer(problem, planner=Blunt())
+    assert episode.status == "sensitive"
+    assert episode.report()["sensitive"]
+    assert steer(problem, planner=Blunt(), clearance=0.0).status == "solved"
+    assert isinstance(U_SHAPE, Region)
