@@ -23,6 +23,7 @@ An erratum of two papers is listed under the first paper.
 | letter | paper | errata |
 |---|---|---|
 """
+ORDINALS = ("first", "second", "third", "fourth", "fifth")
 PAPERS = {
     "M": "Mapping and coverage with a particle swarm controlled by uniform inputs (2017)",
     "D": "Mapping, foraging, and coverage with a particle swarm controlled by uniform inputs (draft, 2017)",
@@ -56,7 +57,8 @@ def title(one: Erratum, before: int) -> str:
 
     ``before`` is the number of errata with the same source that are already on the page.
     """
-    return f"{one.source[0].upper()}{one.source[1:]}{', second statement' * before}"
+    number = f", {ORDINALS[before]} statement" if before else ""
+    return f"{one.source[0].upper()}{one.source[1:]}{number}"
 
 
 def said(one: Erratum) -> str:

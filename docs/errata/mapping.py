@@ -87,9 +87,7 @@ def _least_moves(free: frozenset[Cell], start: Cell) -> int:
     states, moves = {(start, _to_classify(free, start))}, 0
     known = set(states)
     while all(left for _, left in states):
-        after = {
-            (there if there in free else cell, left - {there}) for cell, left in states for there in _neighbours(cell)
-        }
+        after = {(there if there in free else cell, left - {there}) for cell, left in states for there in _neighbours(cell)}
         states, moves = after - known, moves + 1
         known |= states
     return moves

@@ -158,9 +158,7 @@ def _worst_path() -> tuple[str, bool]:
     from shoal.steering.run import run
 
     start, goal = LONG_FOR_GREEDY
-    plans = {
-        name: run(SteeringProblem("square", start, goal, 1e-3, planner=name)) for name in ("greedy", "shortest")
-    }
+    plans = {name: run(SteeringProblem("square", start, goal, 1e-3, planner=name)) for name in ("greedy", "shortest")}
     ends = [_replayed([*start], episode.inputs.tolist()) for episode in plans.values()]
     error = max(float(np.linalg.norm(np.array(end) - goal, axis=1).max()) for end in ends)
     one, best = plans["greedy"], plans["shortest"]

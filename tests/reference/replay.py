@@ -271,6 +271,4 @@ def error_of(workspace, start, goal, moves, *, turned=None, **rules):
     """Return how far from its goal the farther particle is after a plan, in the unit of the workspace itself."""
     turned = Turned() if turned is None else turned
     ends = end_of(workspace, start, moves, turned=turned, **rules)
-    return max(
-        length_of(plus(end, -1, turned.point(place))) / turned.scale for end, place in zip(ends, goal, strict=True)
-    )
+    return max(length_of(plus(end, -1, turned.point(place))) / turned.scale for end, place in zip(ends, goal, strict=True))

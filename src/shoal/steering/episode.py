@@ -16,8 +16,8 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import check_suffix, write_json
-from shoal.steering.problem import SteeringProblem
 from shoal.steering.contact.clearance import why_sensitive
+from shoal.steering.problem import SteeringProblem
 from shoal.steering.simulation.apparatus import condition, executed_moves, replay
 from shoal.steering.workspaces.base import EXACT_TOUCH
 from shoal.steering.workspaces.convex_geometry import Points

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from itertools import permutations
-from math import inf
 from typing import Any
 
 import numpy as np

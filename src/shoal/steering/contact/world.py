@@ -225,6 +225,8 @@ def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], ap
     the fraction of the move after which a wall stopped the sphere, or 1 if no wall stopped it. The function changes the end
     positions ``after`` in place.
     """
+    if shares.min() == shares.max():  # no sphere moves on after another has stopped
+        return
     shares = shares.copy()
     length = float(move @ move)
     while length > 0:

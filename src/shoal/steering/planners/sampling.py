@@ -20,7 +20,7 @@ from shoal.steering.kernels.region_contact import Edges
 from shoal.steering.planners.choice import choose
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shortening import Shortening
-from shoal.steering.planners.task import SteeringTask
+from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.base import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
@@ -32,6 +32,7 @@ TREES = 10  # maximum number of trees until one reaches the goal
 MORE_ROUNDS = 10_000  # nodes of each further tree, which may contain a shorter plan
 MORE_TREES, FEW_TREES = 39, 8  # fewer for more particles and with sliding
 SLIDING = 0.1  # number of changes with sliding particles
+BEST = 6  # number of the shortest plans that lose unnecessary moves at the end
 LONG = 16  # moves: a plan of fewer moves loses unnecessary ones when it is changed
 NARROW = 10  # per tree: maximum number of plans without the clearance, until the search ends with the first of them
 HITS = 1000  # per tree: maximum number of attempts to reach the goal by translations
@@ -75,6 +76,7 @@ class Sampling:
         share = 1.0 if task.world.friction == np.inf else SLIDING
         world, translations = world_of(task.world, task), Translations(task)
         found: list[Points] = []
+        narrow: list[Points] = []  # plans without the clearance
         simple = len(task.start) == 2 and task.world.friction == np.inf
         for tree in range(TREES + (MORE_TREES if simple else FEW_TREES)):
             if task.late or (tree >= TREES and not found):
@@ -82,9 +84,11 @@ class Sampling:
             if tree < TREES and found:
                 continue
             moves = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
-            found += [] if moves is None else [moves]
+            if moves is not None:
+                (found if task.is_sure(moves) else narrow).append(moves)
+        found = found or narrow
         if simple and found:
-            found = Shortening(task, world, rng).shortest(found)
+            found = sorted(Shortening(task, world, rng).shortest(found), key=path_length)[:BEST]
         return choose(task, [_shortened(task, moves) for moves in found])
 
 

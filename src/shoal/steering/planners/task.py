@@ -167,7 +167,9 @@ class SteeringTask(StartAndGoal):
             way = contact - state[toucher]
             length = float(np.linalg.norm(way))
             sign = 1.0 if toucher == 0 else -1.0
-            if length > 1e-12 * room.size and not (length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))):
+            if length > 1e-12 * room.size and not (
+                length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))
+            ):
                 over = self._overshoot(walls.inward(int(wall), contact), way / length, sign * (delta - (state[1] - state[0])))
                 steps = self._released(state, way * (1 + over / length), least=_STEEP * length / room.size)
                 if steps is None:
