@@ -147,10 +147,10 @@ def _polygons() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.D",
     "in a square with the side L, the path of algorithm 1 is at most (√2 + 2) L long, and takes at most five moves",
-    "the length (√2 + 2) L is the supremum of the shortest paths of the worst case, the exchange of opposite corners. Algorithm 1 takes "
-    "longer paths and more moves for some problems that need much less",
-    "a program plans one problem with algorithm 1, replays the moves in a plain simulation, and plans the same problem with the planner "
-    "shortest",
+    "the length (√2 + 2) L is the supremum of the shortest paths of the worst case, the exchange of opposite corners. Algorithm 1 "
+    "takes longer paths and more moves for some problems that need much less",
+    "a program plans one problem with algorithm 1, replays the moves in a plain simulation, and plans the same problem with the "
+    "planner shortest",
 )
 def _worst_path() -> tuple[str, bool]:
     from shoal.papers.steering.shortest_paths import LONG_FOR_GREEDY, WORST
@@ -163,8 +163,9 @@ def _worst_path() -> tuple[str, bool]:
     error = max(float(np.linalg.norm(np.array(end) - goal, axis=1).max()) for end in ends)
     one, best = plans["greedy"], plans["shortest"]
     words = (
-        f"algorithm 1 takes {one.moves} moves of length {one.length:.3f} L, longer than (√2 + 2) L = {WORST:.3f} L, where the planner "
-        f"shortest takes {best.moves} moves of length {best.length:.3f} L; in the plain simulation both plans end within {error:.1e} L"
+        f"algorithm 1 takes {one.moves} moves of length {one.length:.3f} L, longer than (√2 + 2) L = {WORST:.3f} L, where the "
+        f"planner shortest takes {best.moves} moves of length {best.length:.3f} L; in the plain simulation both plans end within "
+        f"{error:.1e} L"
     )
     return words, error <= 1e-3 and one.length > WORST > best.length and one.moves > 5
 

@@ -66,7 +66,7 @@ def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[P
         *([("", f"and {episode.moves - 24} more")] if episode.moves > 24 else []),
         ("length", f"{episode.length:.6g} in {episode.moves} moves; lower bound {bound}"),
         ("error", f"{episode.error:.3g}, tolerance {episode.problem.tolerance:g}"),
-        ("condition", f"{episode.condition:.3g}{', sensitive: the plan holds only in exact arithmetic' if episode.sensitive else ''}"),
+        ("condition", f"{episode.condition:.3g}{', sensitive: it holds only in exact arithmetic' if episode.sensitive else ''}"),
         ("time", f"{episode.seconds:.3f} s"),
         *more,
     ]

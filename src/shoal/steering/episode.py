@@ -43,9 +43,10 @@ class SteeringEpisode(Episode):
         Name of the planner that made the plan: the requested planner, or the planner that ``auto`` chose.
     status : Status
         ``solved``: all particles are within the tolerance of their goals, and the plan stands the disturbances of the option
-        ``clearance``. ``sensitive``: the plan reaches the goals, but only in exact arithmetic. ``approachable``: moves can come arbitrarily close to the
-        goals but never reach them, and the stored plan ends outside the tolerance. ``unreachable``: a proof shows that no plan
-        exists. ``limit``: the planner found no plan that ends within the tolerance, although a plan may exist.
+        ``clearance``. ``sensitive``: the plan reaches the goals, but only in exact arithmetic. ``approachable``: moves can come
+        arbitrarily close to the goals but never reach them, and the stored plan ends outside the tolerance or is sensitive.
+        ``unreachable``: a proof shows that no plan exists. ``limit``: the planner found no plan that ends within the tolerance,
+        although a plan may exist.
     reason : str
         One sentence that explains the status.
     inputs : ndarray of float64, shape (moves, d)

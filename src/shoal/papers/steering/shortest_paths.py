@@ -337,8 +337,8 @@ def _swap(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     return Outcome(
         figure,
         claims,
-        "The bound is the supremum of the shortest plans: no plan takes it, as starts in the corners are held. Algorithm 1 may take "
-        "longer plans.",
+        "The bound is the supremum of the shortest plans: no plan takes it, as starts in the corners are held. Algorithm 1 may "
+        "take longer plans.",
         (table, data),
         "the paper has no figure of it",
     )

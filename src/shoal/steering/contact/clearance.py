@@ -78,8 +78,8 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
     """Return why a plan reaches its goals only in exact arithmetic, or None if it also reaches them with every disturbance.
 
     The function replays the plan with several contact tolerances up to ``clearance`` times the size of the workspace, in a turned
-    and scaled copy of the workspace, and with small errors of the starts and of all moves. Around obstacles, it also measures how near the particles come to corners with more
-    than 180 degrees of free space, which a slightly different path would not pass.
+    and scaled copy of the workspace, and with small errors of the starts and of all moves. Around obstacles, it also measures how
+    near the particles come to corners with more than 180 degrees of free space, which a slightly different path would not pass.
     """
     if not clearance:
         return None

@@ -48,8 +48,8 @@ def released_translation(
     """Return one or two moves that together translate all particles by ``move``, or None if walls prevent the translation.
 
     If a wall blocks the direct move, the function returns a small move off the walls and the rest of the translation. After the
-    small move, all particles are farther from the walls than ``clearance`` times the size, where there is room for that. If there is
-    room, the small move has a length of at least ``least`` times the size.
+    small move, all particles are farther from the walls than ``clearance`` times the size, where there is room for that. If
+    there is room, the small move has a length of at least ``least`` times the size.
     """
     if is_released(workspace, points, move, clearance=clearance):
         return [move]

@@ -21,8 +21,8 @@ World = namedtuple("World", "flat edges walls wide_edges wide_walls corners clea
 
 The flag ``flat`` is true if all walls are straight and hold particles without slip. If ``flat`` is true, simulations use ``edges``.
 Otherwise, simulations use ``walls``. ``wide_edges`` and ``wide_walls`` are the same walls with the largest contact tolerance with
-which plans must reach the goals. ``corners``: float64, shape (corners, 2), the corners with more than 180 degrees of free space, from
-which particles keep the distance ``clear``. ``lift``: distance by which a lift moves particles off walls before a translation.
+which plans must reach the goals. ``corners``: float64, shape (corners, 2), the corners with more than 180 degrees of free space,
+from which particles keep the distance ``clear``. ``lift``: distance by which a lift moves particles off walls before a translation.
 """
 
 Tree = namedtuple("Tree", "states parents made counts depths keys tries")

@@ -24,8 +24,8 @@ def plan_with_clearance(task: SteeringTask, planner: Planner) -> Points | None:
     """Return the moves of the plan that ``planner`` finds for ``task``, or None if the planner finds no plan.
 
     If a translation solves the task, the function returns the translation. If the planning time is limited and the planner greedy
-    finds a better plan, the function returns the moves of greedy. Where there is no room for the clearance of the task, the function
-    plans with smaller distances from walls, because such a plan may still stand all disturbances.
+    finds a better plan, the function returns the moves of greedy. Where there is no room for the clearance of the task, the
+    function plans with smaller distances from walls, because such a plan may still stand all disturbances.
     """
     by_moves = getattr(planner, "prefers", "length") == "moves"
     simple = isinstance(task.world, ContactWorld) and len(task.start) == 2

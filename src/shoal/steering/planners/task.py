@@ -115,7 +115,7 @@ class SteeringTask(StartAndGoal):
         return np.array(moves)
 
     def _released(self, points: Points, move: Points, *, least: float = 0.0) -> list[Points] | None:
-        """Return one or two moves that translate the particles; a lift has a length of ``least`` times the size if there is room."""
+        """Return one or two moves that translate the particles. If there is room, a lift is ``least`` times the size long."""
         return released_translation(self.world.room, points, move, clearance=self.clearance, least=least)
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
@@ -167,9 +167,8 @@ class SteeringTask(StartAndGoal):
             way = contact - state[toucher]
             length = float(np.linalg.norm(way))
             sign = 1.0 if toucher == 0 else -1.0
-            if length > 1e-12 * room.size and not (
-                length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))
-            ):
+            there = length <= 2 * self.margin * room.size and self._touches(state[toucher], int(wall))
+            if length > 1e-12 * room.size and not there:
                 over = self._overshoot(walls.inward(int(wall), contact), way / length, sign * (delta - (state[1] - state[0])))
                 steps = self._released(state, way * (1 + over / length), least=_STEEP * length / room.size)
                 if steps is None:
