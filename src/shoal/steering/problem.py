@@ -172,10 +172,13 @@ class SteeringProblem(Problem):
         "determines: 0.2 means a gain from 0.9 to 1.1.", least=0, below=2,
     )  # fmt: skip
     clearance: float = option(
-        1e-6, help="Clearance, as a fraction of the size of the workspace: a plan counts as solved only if it also reaches the "
-        "goals with contact tolerances up to this number, and in turned coordinates. With noise, nothing is checked. With 0, a plan may "
-        "reach its goals only in Shoal's own arithmetic.", least=0, below=0.01,
-    )  # fmt: skip
+        1e-6,
+        help="Clearance, as a fraction of the size of the workspace: a plan counts as solved only if it also reaches the goals with "
+        "contact tolerances up to this number, and in turned coordinates. With noise, nothing is checked. With 0, a plan may reach "
+        "its goals only in Shoal's own arithmetic.",
+        least=0,
+        below=0.01,
+    )
     goal_x: float | None = option(
         None,
         help="X coordinate of a new goal for the particle that the field varied names. The new goal may lie outside the workspace.",
