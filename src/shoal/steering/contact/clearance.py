@@ -34,7 +34,7 @@ class _Copy:
 
 
 @lru_cache(maxsize=64)
-def disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
+def _disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
     """Return copies of a world with other contact tolerances, and one copy that is turned and scaled.
 
     The contact tolerances lie between 1e-12 of the workspace's size and ``clearance``.
@@ -43,7 +43,7 @@ def disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
     touches = sorted({EXACT_TOUCH, TOUCH} | {share * clearance for share in STEPS if share * clearance > TOUCH})
     matrix = _SCALE * np.eye(d)
     matrix[:2, :2] = _SCALE * np.array([[cos(_TURN), -sin(_TURN)], [sin(_TURN), cos(_TURN)]])
-    workspace = turned(world.workspace, matrix)
+    workspace = _turned(world.workspace, matrix)
     fields: dict[str, Any] = {"workspace": workspace}
     if getattr(world, "gradient", None) is not None:
         fields["gradient"] = matrix @ world.gradient / _SCALE**2
@@ -56,7 +56,7 @@ def disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
     )
 
 
-def turned(workspace: Any, matrix: NDArray[np.float64]) -> Any:
+def _turned(workspace: Any, matrix: NDArray[np.float64]) -> Any:
     """Return a workspace whose corners are the products of ``matrix`` and the corners of ``workspace``.
 
     ``matrix`` is a rotation about the z axis, multiplied by a scale.
@@ -84,7 +84,7 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
     if not clearance:
         return None
     size = float(world.workspace.size)
-    for copy in disturbed_worlds(world, clearance):
+    for copy in _disturbed_worlds(world, clearance):
         scale = float(np.linalg.norm(copy.matrix[:, 0]))
         end = copy.world.final(start @ copy.matrix.T, moves @ copy.matrix.T) / scale
         error = float(np.linalg.norm(end - goal @ copy.matrix.T / scale, axis=1).max())
@@ -97,7 +97,7 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
         if error > tolerance + FORGIVEN * size:
             return f"with moves that differ by {ROUNDING:.0e} of the size it ends {error:.3g} from the goals"
     if isinstance(world.workspace, Region):
-        near = least_passage(world, start, goal, moves, clearance * size)
+        near = _least_passage(world, start, goal, moves, clearance * size)
         if near < clearance * size:
             return f"a particle passes a corner at {near:.2g}, nearer than the clearance of {clearance * size:.2g}"
     return None
@@ -110,7 +110,7 @@ def _roundings(rows: int, d: int) -> tuple[Points, ...]:
     return tuple(ROUNDING * rng.choice([-1.0, 1.0], size=(rows, d)) for _ in range(PATTERNS))
 
 
-def least_passage(world: Any, start: Points, goal: Points, moves: Points, near: float) -> float:
+def _least_passage(world: Any, start: Points, goal: Points, moves: Points, near: float) -> float:
     """Return the smallest distance between a particle's path and a corner with more than 180 degrees of free space.
 
     Corners within ``near`` of the start or the goal of a particle do not count for this particle. The result is infinite if the

@@ -53,11 +53,11 @@ def released_translation(
     """
     if is_released(workspace, points, move, clearance=clearance):
         return [move]
-    lift = lift_off(workspace, points, clearance=clearance, least=least)
+    lift = _lift_off(workspace, points, clearance=clearance, least=least)
     return None if lift is None else [lift, move - lift]
 
 
-def lift_off(
+def _lift_off(
     workspace: ConvexWorkspace,
     points: Points,
     others: Points | None = None,
@@ -101,7 +101,7 @@ def separations(workspace: ConvexWorkspace, points: Points, *, clearance: float 
     found = []
     for held in (0, 1):
         for wall in touched_normals(workspace, points[held]):
-            away = lift_off(workspace, points[1 - held : 2 - held], -wall[None], clearance=clearance)
+            away = _lift_off(workspace, points[1 - held : 2 - held], -wall[None], clearance=clearance)
             if away is not None:
                 after = points.copy()
                 after[1 - held] += away

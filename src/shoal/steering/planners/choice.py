@@ -37,7 +37,7 @@ def choose(task: SteeringTask, plans: Iterable[Points | None], *, by_moves: bool
     sizes = [(len(moves), path_length(moves)) for moves in best]
     moves, length = sizes[worthwhile(sizes, by_moves=by_moves)]
     equal = [plan for plan, size in zip(best, sizes, strict=True) if size[0] == moves and size[1] <= length * (1 + _EQUAL)]
-    return equal[0] if len(equal) == 1 else min(equal, key=lambda plan: amplification(task, plan))
+    return equal[0] if len(equal) == 1 else min(equal, key=lambda plan: _amplification(task, plan))
 
 
 def worthwhile(sizes: Sequence[tuple[int, float]], *, by_moves: bool = False) -> int:
@@ -61,7 +61,7 @@ def worthwhile(sizes: Sequence[tuple[int, float]], *, by_moves: bool = False) ->
     return best
 
 
-def amplification(task: SteeringTask, moves: Points) -> float:
+def _amplification(task: SteeringTask, moves: Points) -> float:
     """Return by how much a plan enlarges a small displacement of the start of one particle."""
     step = _STEP * float(task.world.room.size)
     end, worst = task.world.final(task.start, moves), 0.0
