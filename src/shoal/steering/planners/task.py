@@ -127,16 +127,24 @@ class SteeringTask(StartAndGoal):
         corner. In this case, the method optimizes the chain again with a larger distance from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
-        if moves is None or not self.reaches_goal(moves, start) or self.is_sure(moves, start):
+        if moves is not None and self._stands(moves, start):
             return moves
+        reaches = moves is not None and self.reaches_goal(moves, start)
         for margin in _WIDER:
-            if margin <= query.margin:
-                continue
-            wider = replace(query, margin=margin)
-            surer = self._played(refined(wider, chain), wider)
-            if surer is not None and self.reaches_goal(surer, start) and self.is_sure(surer, start):
+            if reaches and margin > query.margin:
+                wider = replace(query, margin=margin)
+                surer = self._played(refined(wider, chain), wider)
+                if surer is not None and self._stands(surer, start):
+                    return surer
+        if self.margin:  # contacts without an overshoot, nearer to walls
+            close = replace(query, margin=max(min(MARGIN, 0.02 * self.tolerance / query.walls.scale), 2e-9))
+            surer = replace(self, margin=0.0)._played(refined(close, chain), close)
+            if surer is not None and self._stands(surer, start):
                 return surer
         return moves
+
+    def _stands(self, moves: Points, start: Points) -> bool:
+        return self.reaches_goal(moves, start) and self.is_sure(moves, start)
 
     def reaches_goal(self, moves: ArrayLike, start: Points | None = None) -> bool:
         """Return whether moves from ``start`` (default: the task's start) bring all particles within the tolerance of the goals."""
