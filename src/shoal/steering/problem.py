@@ -174,8 +174,8 @@ class SteeringProblem(Problem):
     clearance: float = option(
         1e-6,
         help="Clearance, as a fraction of the size of the workspace: a plan counts as solved only if it also reaches the goals "
-        "with contact tolerances up to this number, and in turned coordinates. With noise, nothing is checked. With 0, a plan may reach "
-        "its goals only in Shoal's own arithmetic.",
+        "with contact tolerances up to this number, and in turned coordinates. With noise, nothing is checked. With 0, a plan may "
+        "reach its goals only in Shoal's own arithmetic.",
         least=0,
         below=0.01,
     )

@@ -82,13 +82,14 @@ class Sampling:
             if task.late or (tree >= TREES and not found):
                 break
             if tree < TREES and found:
-                continue
+                continue  # further trees are smaller
             moves = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
             if moves is not None:
                 (found if task.is_sure(moves) else narrow).append(moves)
-        found = found or narrow
+        found = found + narrow if simple else found or narrow
         if simple and found:
-            found = sorted(Shortening(task, world, rng).shortest(found), key=path_length)[:BEST]
+            found = Shortening(task, world, rng).shortest(found)
+            found = sorted(found, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[:BEST]
         return choose(task, [_shortened(task, moves) for moves in found])
 
 
