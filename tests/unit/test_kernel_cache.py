@@ -202,6 +202,22 @@ def test_a_flipped_bit_is_never_run(script):
     assert len(file.read_bytes()) == len(whole)
 
 
+def test_the_file_of_one_kernel_is_not_taken_for_that_of_another(script):
+    """A file that got another name, by a repair of the disk or by hand, is whole but compiled from something else."""
+    module = imported_module(script)
+    assert module.total(np.arange(4)) == 12
+    assert module.total(np.arange(4.0)) == 12.0
+    first, second = sorted((script.parent / "__pycache__").glob("*.kernel"))
+    kept = first.read_bytes(), second.read_bytes()
+    first.write_bytes(kept[1])
+    second.write_bytes(kept[0])
+    again = imported_module(script).total
+    for numbers in (np.arange(4), np.arange(4.0)):
+        assert load_machine_code(again.__wrapped__, kinds_of_arguments((numbers,))) is None
+        assert again(numbers) == 12
+    assert all(load_machine_code(again.__wrapped__, kinds_of_arguments((numbers,))) for numbers in (np.arange(4), np.arange(4.0)))
+
+
 def test_a_damaged_cache_of_a_whole_command(tmp_path):
     """Five wrong bits in each file: the next command compiles, says nothing else, and gives the same moves."""
     words = [sys.executable, "-m", "shoal", "map", "rectangle:6x6", "-n", "3", "--policy", "closest-frontier", "--json"]

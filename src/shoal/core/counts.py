@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+MOST_TRIALS = 1_000_000_000
+"""Maximum number of trials of a run and of a sweep."""
+
 
 def count_text(count: int, word: str) -> str:
     """Return a number and the word for the counted things as a text; the word gets an "s" unless the number is 1.

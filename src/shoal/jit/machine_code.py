@@ -98,9 +98,10 @@ def load_machine_code(function: Callable[..., Any], kinds: Any) -> Any:
     """Load a kernel's machine code for given argument types from the cache, or return None if Numba must compile the kernel."""
     with suppress(Exception):  # no file, a damaged one, or one that this version of Python cannot read
         file = _file_of(function, kinds)
-        content = b"" if file is None else without_checksum(file.read_bytes())
-        if content[:16] == stamp(part_of(function)):
-            return _linker().link(pickle.loads(content[16:]), function)
+        if file is not None:
+            header, content = _header(file, function), without_checksum(file.read_bytes())
+            if content.startswith(header):
+                return _linker().link(pickle.loads(content[len(header) :]), function)
     return None
 
 
@@ -112,12 +113,17 @@ def save_machine_code(function: Callable[..., Any], kinds: Any, stored: bytes) -
     temporary = file.with_suffix(f".{os.getpid()}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(with_checksum(stamp(part_of(function)) + stored))
+        temporary.write_bytes(with_checksum(_header(file, function) + stored))
         temporary.replace(file)
     except OSError as error:
         tell_once(f"compiled kernels cannot be kept in {file.parent}: {error.strerror or error}")
         with suppress(OSError):
             temporary.unlink()
+
+
+def _header(file: Path, function: Callable[..., Any]) -> bytes:
+    """Return the beginning of a cache file: what it was compiled from, and its name, so that no file is taken for another one."""
+    return stamp(part_of(function)) + file.name.encode() + b"\n"
 
 
 def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:

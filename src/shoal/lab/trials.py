@@ -11,6 +11,7 @@ from threading import Event
 from typing import Any
 
 from shoal.core.checks import check_integer
+from shoal.core.counts import MOST_TRIALS
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import stop_on_interruption
@@ -72,7 +73,8 @@ def run_trials(
     [4, 4, 4]
     """
     workers = default_workers() if workers is None else workers
-    trials, workers = check_integer(trials, what="trials", least=1), check_integer(workers, what="workers", least=1)
+    trials = check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
+    workers = check_integer(workers, what="workers", least=1)
     compiled = isinstance(problem.chosen_policy, Compiled)
     alone = min(workers, trials) == 1  # an extra process would cost more than it saves
     if not (compiled or alone):

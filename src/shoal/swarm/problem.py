@@ -17,7 +17,7 @@ from shoal.core.registry import Registry, name_of
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
-from shoal.swarm.maps.reading import check_channel
+from shoal.swarm.maps.reading import MAX_CELLS, check_channel
 from shoal.swarm.maps.workspace import GridWorkspace
 
 # Tasks, placements and policies call kernels, whose compiler takes a second to load. They are imported when a field is checked, so
@@ -185,7 +185,7 @@ class SwarmProblem(Problem):
     )  # fmt: skip
     task: Any = option("mapping", help=f"Task: {', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.", names=TASK_NAMES, **_named("task"))
     subset: float | None = option(None, help="For coverage: random share of the free cells that must be visited.", above=0, most=1)
-    particles: int = option(100, help="Number of particles.", short="-n", least=1)
+    particles: int = option(100, help="Number of particles.", short="-n", least=1, most=MAX_CELLS)
     placement: Any = option(
         "uniform", help=f"Placement of the particles: {', '.join(PLACEMENT_NAMES)} or MODULE:ATTRIBUTE.", names=PLACEMENT_NAMES,
         **_named("placement"),

@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
 from shoal.core.checks import check_integer, parse_toml, read_text, validation_message
+from shoal.core.counts import MOST_TRIALS
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.problem import Problem
@@ -23,7 +24,6 @@ from shoal.lab.problems import FunctionProblem, trial_problem
 from shoal.lab.sweeps.axes import MAX_POINTS, axis_values
 from shoal.lab.sweeps.toml_location import line_of
 
-MAX_TRIALS = 1_000_000_000
 LARGEST_SWEEP = 10_000_000
 """Maximum size of a sweep file, in bytes."""
 
@@ -118,7 +118,7 @@ class Sweep:
 
     def __post_init__(self) -> None:
         check_sweep_name(self.name, what="name")
-        for name, value, least, most in (("trials", self.trials, 1, MAX_TRIALS), ("seed", self.seed, 0, 2**63 - 1)):
+        for name, value, least, most in (("trials", self.trials, 1, MOST_TRIALS), ("seed", self.seed, 0, 2**63 - 1)):
             object.__setattr__(self, name, check_integer(value, what=name, least=least, most=most))
         for name, given in (("problem", self.problem), ("axes", self.axes)):
             if not isinstance(given, Mapping):

@@ -84,9 +84,12 @@ class DiskReach:
         return float(np.mean(self.radii**2)) / (2 * self.radius) ** 2
 
 
+MAX_MOVES = 10_000  # far more than any set of differences needs to fill the workspace
+
+
 def check_moves(moves: int) -> int:
-    """Return the number ``moves`` if it is even and at least 2, or raise InvalidInputError."""
-    if check_integer(moves, what="moves", least=2) % 2:
+    """Return the number ``moves`` if it is even, at least 2 and at most `MAX_MOVES`, or raise InvalidInputError."""
+    if check_integer(moves, what="moves", least=2, most=MAX_MOVES) % 2:
         raise InvalidInputError(f"moves: expected an even number, 2 or more, got {moves}")
     return int(moves)
 
