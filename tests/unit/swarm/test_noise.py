@@ -14,6 +14,7 @@ from shoal.cli import run as shoal
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.noise import Noise, NoisyBelief
+from shoal.swarm.noise.belief import inner_of
 from shoal.swarm.rigs import DriveLog, NoisyRig, drive, replay_log
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
@@ -125,6 +126,47 @@ def test_scans_that_are_often_wrong_are_begun_with_too():
         assert episode.first_frontier == 0
         assert episode.status == "complete"
         assert episode.errors.right > 0.9
+
+
+def test_a_map_is_complete_only_if_no_particle_may_enter_an_unclassified_cell():
+    """Two particles and much noise: the belief soon loses sight of a particle, whose cells are then looked for."""
+    place, noise = open_map("maze:11x9"), Noise(slip=0.2, misplace=0.05, miss=0.1)
+    for policy, seed in (("closest-frontier", 2), ("closest-frontier", 4), ("closest-frontier", 7), ("elect-particle", 4)):
+        compiled, stepwise = (run(place, particles=2, noise=noise, policy=policy, seed=seed, stepwise=slow) for slow in (False, True))
+        assert compiled.commands == stepwise.commands
+        assert compiled.status == stepwise.status == "complete"
+        assert compiled.moves > 300  # once 3, 12 and 30 moves of closest-frontier were called complete, with 11 of 59 free cells
+        assert compiled.errors.right > 0.9
+        assert compiled.verify()
+        *_, (belief, _) = compiled.replay.beliefs()
+        assert belief.finished
+        assert belief.closed
+
+
+def test_a_particle_that_may_stand_anywhere_leaves_the_map_open():
+    """No frontier cell is in reach of the particle at the left; the other one may stand in cells that nobody has classified."""
+    layout = GridLayout((1, 9))
+    belief = NoisyBelief((1, 9), Board.of_cells(layout, [(0, 0)]), Noise(0.05, 0.01))
+    belief.state.logit[belief.state.logit > -700] = -14.0
+    cells = inner_of(belief.state.logit, (1, 9))[0]
+    inside = inner_of(belief.state.inside, (1, 9))[0]
+    cells[0] = 14.0
+    inside[:] = [1, 0, 0, 0, 0, 0, 0, 0, 0]
+    belief.spread("u")
+    assert belief.finished
+    cells[5:8], inside[6] = 0.0, 0.3
+    belief.spread("u")
+    assert belief.remaining == 0
+    assert not belief.closed
+    assert not belief.finished
+
+
+def test_commands_of_the_user_are_not_continued():
+    place = open_map("maze:11x9")
+    assert run(place, particles=2, noise=SOME, policy="manual:lurd").commands == "lurd"
+    driven = drive(NoisyRig(place, place.cells[:2], SOME, np.random.default_rng(1)), policy="manual:lurdlurd", **vars(SOME))
+    assert driven.commands == "lurdlurd"
+    assert driven.status == "stalled"
 
 
 def test_wrong_belief_is_corrected():

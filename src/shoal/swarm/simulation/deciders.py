@@ -168,7 +168,7 @@ class ReplannedRuns:
         planned = self._planned(view)
         if planned is not None or self.lookout is None or self.swarm.finished:
             return planned
-        self.plan, self.unseen, self.due = "", 0, True
+        self.plan, self.memory, self.unseen, self.due = "", None, 0, True  # the policy begins anew where the particles then are
         code = self.lookout.next(len(view.belief.known), ndim=view.occupied.layout.ndim)
         return None if code is None else (LETTERS[code], 1)
 
