@@ -12,9 +12,11 @@ from tests.swarm_runs import run, run_trials
 from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
 from shoal.swarm import SwarmEpisode
+from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.noise import Noise, NoisyBelief
 from shoal.swarm.noise.belief import inner_of
+from shoal.swarm.policies import View, make_policy
 from shoal.swarm.rigs import DriveLog, NoisyRig, drive, replay_log
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
@@ -132,7 +134,9 @@ def test_a_map_is_complete_only_if_no_particle_may_enter_an_unclassified_cell():
     """Two particles and much noise: the belief soon loses sight of a particle, whose cells are then looked for."""
     place, noise = open_map("maze:11x9"), Noise(slip=0.2, misplace=0.05, miss=0.1)
     for policy, seed in (("closest-frontier", 2), ("closest-frontier", 4), ("closest-frontier", 7), ("elect-particle", 4)):
-        compiled, stepwise = (run(place, particles=2, noise=noise, policy=policy, seed=seed, stepwise=slow) for slow in (False, True))
+        compiled, stepwise = (
+            run(place, particles=2, noise=noise, policy=policy, seed=seed, stepwise=slow) for slow in (False, True)
+        )
         assert compiled.commands == stepwise.commands
         assert compiled.status == stepwise.status == "complete"
         assert compiled.moves > 300  # once 3, 12 and 30 moves of closest-frontier were called complete, with 11 of 59 free cells
@@ -159,6 +163,13 @@ def test_a_particle_that_may_stand_anywhere_leaves_the_map_open():
     assert belief.remaining == 0
     assert not belief.closed
     assert not belief.finished
+
+
+@pytest.mark.parametrize("policy", ["elect-particle", "depth-first", "closest-frontier"])
+def test_policies_wait_while_no_particle_is_seen(policy):
+    belief = Belief(*(Board.of_cells(GridLayout((1, 5)), cells) for cells in ([(0, 2)], [(0, 2)], [(0, 1), (0, 3)])))
+    view = View(belief, Board.empty(GridLayout((1, 5))), "block", True, 3, 0, 0)
+    assert make_policy(policy).decide(view, None, np.random.default_rng(1))[0] == ""
 
 
 def test_commands_of_the_user_are_not_continued():
