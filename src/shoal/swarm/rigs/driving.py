@@ -331,7 +331,7 @@ def _explored(
             recorder.add(command, rows, scanned=scanned)
             check()
         return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
-    decider = make_decider(problem, swarm, trial_rng(seed))
+    decider = make_decider(problem, swarm.belief, trial_rng(seed), lambda: swarm.finished)
     for _ in range(CLOSING):
         _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
         if status is Status.COMPLETE and test:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import traceback
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -22,9 +23,6 @@ from shoal.swarm.policies.manual import Manual
 from shoal.swarm.policies.protocol import Policy, View
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
-
-if TYPE_CHECKING:
-    from shoal.swarm.simulation.loop import Controlled
 
 PATIENCE = policy_episode.PATIENCE
 """Number of consecutive runs, without any motion or classified cell, after which the episode ends as stalled."""
@@ -56,16 +54,19 @@ class Decider(Protocol):
         """
 
 
-def make_decider(problem: SwarmProblem, swarm: Controlled, rng: Generator) -> Decider:
-    """Return the decider for the policy and the scan rule of a problem. ``swarm`` is the swarm at the start of the episode."""
+def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator, finished: Callable[[], bool]) -> Decider:
+    """Return the decider for the policy and the scan rule of a problem.
+
+    ``belief`` is the belief at the start of the episode. ``finished`` tells whether the mapping is complete.
+    """
     policy, scanning = problem.chosen_policy, problem.scanning
     if problem.noise is not None:
-        return ReplannedRuns(policy, swarm, rng, every=scanning.step, max_moves=problem.max_moves)
+        return ReplannedRuns(policy, finished, rng, every=scanning.step, max_moves=problem.max_moves)
     if scanning.kind != "adaptive":
         return PlannedRuns(scanning, policy, rng)
     options = {name: getattr(policy, name) for name in ("ties", "neighbours")}
     mapping = getattr(problem.chosen_task, "mapping", True)
-    return AdaptiveRuns(swarm.belief, rule=problem.rule, mapping=mapping, scanning=scanning, **options)
+    return AdaptiveRuns(belief, rule=problem.rule, mapping=mapping, scanning=scanning, **options)
 
 
 class PlannedRuns:
@@ -156,8 +157,8 @@ class ReplannedRuns:
     policy ``manual`` is left alone, because its commands are the user's.
     """
 
-    def __init__(self, policy: Policy, swarm: Controlled, rng: Generator, *, every: int, max_moves: int) -> None:
-        self.policy, self.swarm, self.rng, self.every, self.max_moves = policy, swarm, rng, every, max_moves
+    def __init__(self, policy: Policy, finished: Callable[[], bool], rng: Generator, *, every: int, max_moves: int) -> None:
+        self.policy, self.finished, self.rng, self.every, self.max_moves = policy, finished, rng, every, max_moves
         self.lookout = None if isinstance(policy, Manual) else Lookout()
         self.unseen, self.due = 0, True
         self.memory: Any = None
@@ -166,7 +167,7 @@ class ReplannedRuns:
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the next command, in a run of length 1. If no commands are left, return None."""
         planned = self._planned(view)
-        if planned is not None or self.lookout is None or self.swarm.finished:
+        if planned is not None or self.lookout is None or self.finished():
             return planned
         self.plan, self.memory, self.unseen, self.due = "", None, 0, True  # the policy begins anew where the particles then are
         code = self.lookout.next(len(view.belief.known), ndim=view.occupied.layout.ndim)
