@@ -3,6 +3,7 @@
 python -m benchmarks.noise                       200 trials of acceptance and the calibration plot (docs/images/noise.png)
 python -m benchmarks.noise --scans 1 2 4         what fewer scans cost, ten trials each
 python -m benchmarks.noise --policies            moves and wrong cells of best and of closest-frontier, ten paired trials each
+python -m benchmarks.noise --few 0.99 0.9999     wrong and never classified cells with few particles, 20 trials each
 python -m benchmarks.noise --endings 20000       so many episodes of random maps, rates, confidences and policies
 """
 
@@ -121,6 +122,34 @@ def compare_policies(trials: int) -> int:
     return worse
 
 
+def few_particles(confidences: list[float], trials: int, policy: str) -> int:
+    """Print the wrong cells, the cells never classified and the moves with few particles; return how many rows break a promise."""
+    broken = 0
+    print(f"{policy}, {trials} trials a row; the shares are of the free cells and the walls of the episodes that are complete")
+    for confidence in confidences:
+        for name in ("usual", "scans", "hard"):
+            for place in ("vessels:300", "maze:21x15"):
+                for counts in ((2, 3, 4, 5), (20,)):
+                    episodes = [
+                        run(place, particles=counts[i % len(counts)], noise=LEVELS[name], policy=policy, trial=i, seed=7,
+                            confidence=confidence, max_moves=20_000)
+                        for i in range(trials)
+                    ]  # fmt: skip
+                    errors = [episode.errors for episode in episodes if episode.status == "complete"]
+                    cells = max(1, sum(e.free + e.walls for e in errors))
+                    wrong = sum(e.false_free + e.false_obstacles for e in errors) / cells
+                    never = sum(e.undecided for e in errors) / cells
+                    worst = max((1 - e.right for e in errors), default=0.0)
+                    print(
+                        f"  {confidence:g}, {name}, {place}, {counts[0]} to {counts[-1]} particles: {len(errors)} complete, "
+                        f"{100 * wrong:.2f} % wrong, {100 * never:.2f} % never classified, {100 * worst:.1f} % in the worst trial, "
+                        f"{np.mean([episode.moves for episode in episodes]):.0f} moves",
+                        flush=True,
+                    )
+                    broken += int(wrong > 1 - confidence)
+    return broken
+
+
 def ratio_text(logs: NDArray[np.float64]) -> str:
     """Return the geometric mean of ratios with its 95 % interval (Student's t on the logarithms)."""
     from scipy.stats import t
@@ -217,6 +246,8 @@ def main() -> int:
     parser.add_argument("--trials", type=int, help="default 200, of --scans 10")
     parser.add_argument("--scans", type=int, nargs="+", metavar="K", help="compare scans after at most so many commands instead")
     parser.add_argument("--policies", action="store_true", help="compare best with closest-frontier instead")
+    parser.add_argument("--few", type=float, nargs="+", metavar="CONFIDENCE", help="measure 2 to 5 particles instead")
+    parser.add_argument("--policy", default="closest-frontier", help="of --few")
     parser.add_argument("--particles", type=int, default=PARTICLES, help="of --scans")
     parser.add_argument("--image", type=Path, default=IMAGE)
     parser.add_argument("--endings", type=int, help="play so many random episodes instead")
@@ -227,6 +258,8 @@ def main() -> int:
         return int(endings(given.endings, given.first, mixed=given.mixed) > 0)
     if given.scans:
         return int(fewer_scans(given.scans, given.trials or 10, given.particles) > 0)
+    if given.few:
+        return int(few_particles(given.few, given.trials or 20, given.policy) > 0)
     if given.policies:
         return int(compare_policies(given.trials or 10) > 0)
     return int(measure(given.trials or 200, given.image) > 0)

@@ -51,7 +51,7 @@ class SwarmEpisode(WithTrace, Episode):
         The effect of each command of the episode.
     status : Status
         The status at the end: "complete", "stalled", "limit", "interrupted" or, on a rig, "alarm". With noise, "complete" means
-        that every reachable cell beside a free cell is classified. With noise, "stalled" means that some reachable cells beside
+        that every cell that a particle may still enter is classified. With noise, "stalled" means that some reachable cells beside
         free cells are undecided.
     policy : str
         Name of the policy that chose the commands. If the problem has the policy ``auto``, the field contains the name of the

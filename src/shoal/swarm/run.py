@@ -85,7 +85,8 @@ def run(
     first, watch = len(swarm.belief.frontier), Stopwatch()
     game = None if stepwise or (swarm.belief.complete and swarm.finished) else _game(problem, swarm, rng)
     if game is None:
-        mapping, decider = getattr(problem.chosen_task, "mapping", True), make_decider(problem, swarm.belief, rng)
+        mapping = getattr(problem.chosen_task, "mapping", True)
+        decider = make_decider(problem, swarm.belief, rng, lambda: swarm.finished)
         limit = problem.max_moves
         trace, status = closed_loop(
             swarm, decider, max_moves=limit, mapping=mapping, on_moves=on_moves, on_trace=on_trace, stop=stop

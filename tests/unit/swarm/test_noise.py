@@ -12,8 +12,11 @@ from tests.swarm_runs import run, run_trials
 from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
 from shoal.swarm import SwarmEpisode
+from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.noise import Noise, NoisyBelief
+from shoal.swarm.noise.belief import inner_of
+from shoal.swarm.policies import View, make_policy
 from shoal.swarm.rigs import DriveLog, NoisyRig, drive, replay_log
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
@@ -125,6 +128,56 @@ def test_scans_that_are_often_wrong_are_begun_with_too():
         assert episode.first_frontier == 0
         assert episode.status == "complete"
         assert episode.errors.right > 0.9
+
+
+def test_a_map_is_complete_only_if_no_particle_may_enter_an_unclassified_cell():
+    """Two particles and much noise: the belief soon loses sight of a particle, whose cells are then looked for."""
+    place, noise = open_map("maze:11x9"), Noise(slip=0.2, misplace=0.05, miss=0.1)
+    for policy, seed in (("closest-frontier", 2), ("closest-frontier", 4), ("closest-frontier", 7), ("elect-particle", 4)):
+        compiled, stepwise = (
+            run(place, particles=2, noise=noise, policy=policy, seed=seed, stepwise=slow) for slow in (False, True)
+        )
+        assert compiled.commands == stepwise.commands
+        assert compiled.status == stepwise.status == "complete"
+        assert compiled.moves > 300  # closest-frontier once called 30, 12 and 7 moves complete, with 11, 5 and 3 of 59 free cells
+        assert compiled.errors.right > 0.9
+        assert compiled.verify()
+        *_, (belief, _) = compiled.replay.beliefs()
+        assert belief.finished
+        assert belief.closed
+
+
+def test_a_particle_that_may_stand_anywhere_leaves_the_map_open():
+    """No frontier cell is in reach of the particle at the left; the other one may stand in cells that nobody has classified."""
+    layout = GridLayout((1, 9))
+    belief = NoisyBelief((1, 9), Board.of_cells(layout, [(0, 0)]), Noise(0.05, 0.01))
+    belief.state.logit[belief.state.logit > -700] = -14.0
+    cells = inner_of(belief.state.logit, (1, 9))[0]
+    inside = inner_of(belief.state.inside, (1, 9))[0]
+    cells[0] = 14.0
+    inside[:] = [1, 0, 0, 0, 0, 0, 0, 0, 0]
+    belief.spread("u")
+    assert belief.finished
+    cells[5:8], inside[6] = 0.0, 0.3
+    belief.spread("u")
+    assert belief.remaining == 0
+    assert not belief.closed
+    assert not belief.finished
+
+
+@pytest.mark.parametrize("policy", ["elect-particle", "depth-first", "closest-frontier"])
+def test_policies_wait_while_no_particle_is_seen(policy):
+    belief = Belief(*(Board.of_cells(GridLayout((1, 5)), cells) for cells in ([(0, 2)], [(0, 2)], [(0, 1), (0, 3)])))
+    view = View(belief, Board.empty(GridLayout((1, 5))), "block", True, 3, 0, 0)
+    assert make_policy(policy).decide(view, None, np.random.default_rng(1))[0] == ""
+
+
+def test_commands_of_the_user_are_not_continued():
+    place = open_map("maze:11x9")
+    assert run(place, particles=2, noise=SOME, policy="manual:lurd").commands == "lurd"
+    driven = drive(NoisyRig(place, place.cells[:2], SOME, np.random.default_rng(1)), policy="manual:lurdlurd", **vars(SOME))
+    assert driven.commands == "lurdlurd"
+    assert driven.status == "stalled"
 
 
 def test_wrong_belief_is_corrected():

@@ -191,16 +191,21 @@ class NoisyBelief:
 
     @property
     def finished(self) -> bool:
-        """Whether no frontier cell is in reach of particles. The property is false if the policy gave up a cell as undecidable."""
+        """Whether the mapping is complete: no frontier cell is in reach, and every cell that a particle may enter is classified.
+
+        The property is false if the policy gave up a cell as undecidable, and if no cell surely holds a particle.
+        """
         belief, occupied = self.belief, self.occupied
-        return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
+        if self.undecided or not belief.open or not occupied or path_to_frontier(belief, occupied):
+            return False
+        return self.closed
 
     @property
     def closed(self) -> bool:
         """Whether every cell that a particle may still enter is classified.
 
-        Unlike `finished`, the property looks at all cells that may hold a particle, not only at cells that surely hold one and are
-        surely free. A particle in an unclassified cell is beside cells that it can still classify.
+        The property looks at all cells that may hold a particle, and not only, as policies do, at cells that surely hold one and
+        are surely free. A particle in an unclassified cell is beside cells that it can still classify.
         """
         from scipy import ndimage
 

@@ -43,6 +43,8 @@ class DepthFirst(Compiled):
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the next command: a probe of a neighbour, a step, or a step back."""
+        if memory is None and not view.occupied:  # only with noise
+            return "", None
         if memory is None:
             cell = tuple(view.occupied.cells[0].tolist())
             trail = _Trail(cell, {cell})

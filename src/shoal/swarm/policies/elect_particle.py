@@ -41,6 +41,8 @@ class ElectParticle(Searching):
         """Return the next command of the elected particle's path."""
         plan = ""
         target: tuple[int, ...] = ()
+        if memory is None and not view.occupied:  # only with noise
+            return "", None
         if memory is None:
             cells = view.occupied.cells
             cell = tuple(cells[rng.integers(0, len(cells))].tolist())

@@ -26,7 +26,6 @@ from shoal.swarm.grid.commands import RULES, letters_of
 from shoal.swarm.grid.randomness import noise_rng, trial_rng
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.trace import Recorder, Trace, WithTrace
-from shoal.swarm.kernels.noise.noisy_episode import PATIENCE
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies import POLICIES, Manual, View, shown_name
 from shoal.swarm.problem import DRIVEN, SwarmProblem
@@ -36,7 +35,7 @@ from shoal.swarm.rigs.protocol import LARGEST_VIEW, PositionError, Rig
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.simulated import NoisyRig, SimulatedRig
 from shoal.swarm.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
-from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
+from shoal.swarm.simulation.deciders import make_decider
 from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 ROUNDS = 12  # rounds of test moves in all directions, after which a rig with noise is driven without a verdict
@@ -324,7 +323,6 @@ def _explored(
             send(letters[turn % len(letters)])
         if swarm.still:
             raise AlarmRaised(_nothing_moved(swarm))
-    decider: Decider
     if recorded is not None:
         runs = _RecordedRuns(recorded)
         _, status = closed_loop(swarm, runs, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
@@ -333,10 +331,7 @@ def _explored(
             recorder.add(command, rows, scanned=scanned)
             check()
         return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
-    if isinstance(swarm, NoisyRigSwarm):
-        decider = _NoisyRigRuns(problem, swarm, seed)
-    else:
-        decider = make_decider(problem, swarm.belief, trial_rng(seed))
+    decider = make_decider(problem, swarm.belief, trial_rng(seed), lambda: swarm.finished)
     for _ in range(CLOSING):
         _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
         if status is Status.COMPLETE and test:
@@ -410,42 +405,6 @@ def _result(
         seconds_per_scan=swarm.scanning / swarm.scans if swarm.scans and not isinstance(rig, RecordedRig) else None,
         **about,
     )
-
-
-class _NoisyRigRuns:
-    """Chooses commands on a rig with noise, as in a simulation. Where the policy gives up too early, it looks for the particles.
-
-    A policy sees a particle only where the belief is surer than 0.5, and plans only through classified cells. If errors are
-    frequent or particles are few, it may find no path although cells are left that particles can reach. Commands in all directions
-    then show where the particles are.
-    """
-
-    def __init__(self, problem: SwarmProblem, swarm: NoisyRigSwarm, seed: int) -> None:
-        self._runs = ReplannedRuns(problem.chosen_policy, trial_rng(seed), every=problem.scanning.step, max_moves=problem.max_moves)
-        self._swarm, self._wakes, self._known, self._due = swarm, 0, 0, True
-
-    @property
-    def due(self) -> bool:
-        """Whether a scan must follow the last command."""
-        return self._due
-
-    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next command, in a run of length 1. If no commands are left, return None."""
-        planned = self._runs.next(view, state, idle)
-        self._due = self._runs.due
-        if planned is not None or self._swarm.finished:
-            return planned
-        if len(view.belief.known) > self._known:  # the search for particles was worth it
-            self._known, self._wakes = len(view.belief.known), 0
-        if self._wakes >= PATIENCE:
-            return None
-        letters = letters_of(view.occupied.layout.ndim)
-        self._wakes, self._due = self._wakes + 1, True
-        return letters[self._wakes % len(letters)], 1
-
-    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Return whether a scan was necessary after the last command."""
-        return self._due
 
 
 class _RecordedRuns:

@@ -305,7 +305,7 @@ class NoisyRigSwarm(RigSwarm):
     @property
     def finished(self) -> bool:
         """Whether every cell that a particle may still enter is classified."""
-        return self._noisy.finished and self._noisy.closed
+        return self._noisy.finished
 
     @property
     def still(self) -> bool | None:

@@ -27,6 +27,7 @@ from shoal.swarm.kernels.episodes import planner_episode, policy_episode, scan_r
 from shoal.swarm.kernels.prediction import expected_gain, lookahead
 from shoal.swarm.kernels.records import new_record
 from shoal.swarm.noise.belief import NoisyBelief
+from shoal.swarm.noise.lookout import Lookout
 from shoal.swarm.policies import PlannerPolicy
 from shoal.swarm.policies.paths import search_of, slides_of
 from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, seed_of
@@ -241,11 +242,34 @@ class NoisyGame:
     def __init__(self, policy: Any, belief: NoisyBelief, rng: Generator, *, every: int) -> None:
         size = int(np.prod(belief.layout.window))
         self.search = search_of(belief.layout, ties=policy.ties, neighbours=policy.neighbours, plan_size=size)
-        self.belief, self.rng, self.every = belief, rng, every
+        self.belief, self.rng, self.every, self.lookout = belief, rng, every, Lookout()
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Compute one piece of the episode, as `Game` describes."""
-        return self.belief.play(self.search, self.rng, trace, every=self.every, limit=limit)
+        """Compute one piece of the episode, as `Game` describes.
+
+        Where the policy finds no path although the mapping is not complete, commands in all directions look for the particles.
+        """
+        belief, moves, status = self.belief, 0, RUNNING
+        while moves < trace.moves and status == RUNNING:
+            part = trace.part(moves, trace.moves)
+            played, status = belief.play(self.search, self.rng, part, every=self.every, limit=limit - moves)
+            moves += played
+            if status != RUNNING:
+                status = policy_episode.COMPLETE if belief.finished else self._look(trace.part(moves, moves + 1))
+                moves += int(status == RUNNING)
+        return moves, status
+
+    def _look(self, step: Trace) -> int:
+        """Send one command that looks for the particles, and fill the trace of one move. Return the status code."""
+        known = len(self.belief.belief.known)
+        code = None if self.belief.undecided else self.lookout.next(known, ndim=self.belief.layout.ndim)
+        if code is None:
+            return int(policy_episode.STALLED)
+        step.commands[0], step.scanned[0] = code, True
+        self.belief.follow(self.rng, step)
+        if step.classified[0] > 0:
+            self.belief.guard.memory.budget = -1
+        return int(RUNNING)
 
     @property
     def remaining(self) -> int:
