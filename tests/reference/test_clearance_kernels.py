@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import dist, hypot, inf
 
 import numpy as np
@@ -79,7 +80,7 @@ def test_whole_plans_are_those_of_the_plain_simulation(name, friction):
     rng = np.random.default_rng(51)
     # The plain simulation slides along short chords of circles, and at the distance from a flat wall at which it touched the wall.
     rough, close = (4e-3 if name in ("disk", "cylinder") else 0.0, 5.0) if friction < inf else (0.0, 0.0)
-    for _ in range(12):
+    for _ in range(6):
         room = (ROOMS | SOLIDS)[name](rng)
         start = np.array([inside(rng, room) for _ in range(3)])
         moves = np.array([way(rng, room) for _ in range(5)])
@@ -95,9 +96,7 @@ def scenes(name, count, seed):
     for _ in range(count):
         room = ROOMS[name](rng)
         points = np.array([inside(rng, room) for _ in range(4)])
-        task = SteeringTask(
-            simulated(room), points[:2], points[2:], 1e-6 * room.size, clearance=CLEARANCE, margin=CLEARANCE
-        )  # fmt: skip
+        task = SteeringTask(simulated(room), points[:2], points[2:], 1e-6 * room.size, clearance=CLEARANCE, margin=CLEARANCE)
         scene = replay.Scene(describe(room), replay.Turned())
         yield rng, room, task, world_of(task.world, task), scene
 
@@ -141,7 +140,7 @@ def test_paths_near_corners(name):
 @pytest.mark.parametrize("name", ROOMS)
 def test_moves_that_keep_the_clearance(name):
     found = [0, 0]
-    for rng, room, task, world, scene in scenes(name, 100, 53):
+    for rng, room, task, world, scene in scenes(name, 60, 53):
         corners, moves = corners_to_avoid(scene, task), np.array([way(rng, room) for _ in range(2)])
         states, plain = task.start, True
         for move in moves:
@@ -164,7 +163,9 @@ def test_moves_that_a_wall_may_hold_begin_with_a_lift(name):
         move = way(rng, room)
         touches = (1e-9, 1.25 * CLEARANCE)
         plain = any(
-            replay.moved(scene, tuple(point), tuple(move), touch * scene.size)[1] == 0.0 for point in task.start for touch in touches
+            replay.moved(scene, tuple(point), tuple(move), touch * scene.size)[1] == 0.0
+            for point in task.start
+            for touch in touches
         )
         assert sampling.is_blocked(task.start, *move, world) == plain
         moves, state = np.zeros((8, 2)), task.start.copy()
@@ -184,7 +185,7 @@ def test_moves_that_a_wall_may_hold_begin_with_a_lift(name):
 def test_steps_of_plans_are_played_with_both_tolerances(name):
     """A contact, an adjustment and a translation to where the plain simulation ends with one tolerance or the other."""
     found = [0, 0]
-    for rng, room, task, world, scene in scenes(name, 80, 55):
+    for rng, room, task, world, scene in scenes(name, 40, 55):
         steps = shortening.Steps(np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2)))
         steps.targets[:2] = [inside(rng, room) for _ in range(2)]
         moves, state = [], task.start
@@ -204,7 +205,7 @@ def test_steps_of_plans_are_played_with_both_tolerances(name):
             path.append(played(room, path[-1], [move]))
         corners = corners_to_avoid(scene, task)
         near = min(
-            (nearest(a.tolist(), b.tolist(), corner) for before, after in zip(path, path[1:], strict=False)
+            (nearest(a.tolist(), b.tolist(), corner) for before, after in pairwise(path)
              for a, b in zip(before, after, strict=True) for corner in corners), default=inf,
         )  # fmt: skip
         wide = played(room, task.start, moves, 1.25 * CLEARANCE)
@@ -221,7 +222,7 @@ def test_steps_of_plans_are_played_with_both_tolerances(name):
 
 
 def plain_shortage(scene, places, goal, toucher):
-    """The vector by which the other particle must move, the way to the toucher's wall and by how much the way of the other is short."""
+    """The direction and the length of the second-last move, and by how much the way of the other particle is too short."""
     sign = 1 if toucher == 0 else -1
     change = [sign * ((q - p) - (b - a)) for p, q, a, b in zip(*goal, *places, strict=True)]
     length = replay.length_of(change)
@@ -276,7 +277,10 @@ def test_plans_of_few_moves_keep_their_clearance(name):
         left = shooting.repair(start, goal, walls, wide, trial)
         short = min(plain_shortage(scene, played(room, start, trial[:-2]).tolist(), goal.tolist(), t)[2] for t in (0, 1))
         assert np.isclose(left, short, atol=1e-9 * room.size)
-        assert left <= min(plain_shortage(scene, played(room, start, before[:-2]).tolist(), goal.tolist(), t)[2] for t in (0, 1)) + 1e-9
+        assert (
+            left
+            <= min(plain_shortage(scene, played(room, start, before[:-2]).tolist(), goal.tolist(), t)[2] for t in (0, 1)) + 1e-9
+        )
         if not records:
             continue
         solved += 1
