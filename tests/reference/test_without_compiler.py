@@ -121,7 +121,7 @@ rng = np.random.default_rng(9)
 yard = region([(-1, -1), (1, -1), (1, 1), (-1, 1)], [[(-0.2, -0.2), (0.3, -0.2), (0.3, 0.3), (-0.2, 0.3)]])
 for world in (RegionWorld(yard), ContactWorld(regular_polygon(3)), ContactWorld(disk(0.5)), ContactWorld(disk(0.5), friction=1.0)):
     for number in range(8):
-        points = np.array([(-0.15, -0.1), (0.1, 0.12), (-0.1, 0.15), (0.02, -0.15)]) * (3 if world.friction == inf and number < 4 else 1)
+        points = np.array([(-0.15, -0.1), (0.1, 0.12), (-0.1, 0.15), (0.02, -0.15)]) * (3 if number < 4 else 1)
         points = points if all(world.workspace.contains(p) for p in points) else points / 3
         moves = rng.normal(scale=0.3, size=(4, 2))
         task = SteeringTask(world, points[:2], points[2:], 1e-6, clearance=1e-3, margin=1e-3)
