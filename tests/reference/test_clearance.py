@@ -180,3 +180,17 @@ def test_the_clearance_does_not_make_plans_needlessly_longer(space, start, goal,
     assert worst_error(episode) <= episode.problem.tolerance * 1.0001
     exact = steer(episode.problem, clearance=0.0)
     assert episode.length <= 1.002 * exact.length
+
+
+@pytest.mark.parametrize("seed", [1006, 1018])
+def test_sampling_with_friction_keeps_the_plans_that_it_finds_without_the_clearance(seed):
+    rng, space, points = np.random.default_rng(seed), regular_polygon(6), []
+    while len(points) < 4:
+        point = rng.uniform(*space.bounds)
+        if space.contains(point) and space.depth(point) > 0.02:
+            points.append(point)
+    fields = {"planner": "sampling", "friction": 1.0, "max_moves": 1000}
+    episode = steer(SteeringProblem(space, points[:2], points[2:], **fields))
+    assert episode.status == "solved"
+    assert worst_error(episode) <= episode.problem.tolerance * 1.0001
+    assert episode.length <= 1.1 * steer(episode.problem, clearance=0.0).length
