@@ -206,10 +206,11 @@ def slid(scene, place, move, near, friction):
         if velocity is None:
             return place
         share = min(left, scene.meeting_but(place, velocity, along) if along is not None else scene.meeting(place, velocity))
-        if along is not None and scene.circle is not None:
+        on_circle = along is not None and scene.circle is not None and all(normal != along for normal, _ in scene.planes)
+        if on_circle:
             share = min(share, scene.circle[1] / 2000 / length_of(velocity))
         place = plus(place, share, velocity)
-        if along is not None and scene.circle is not None:
+        if on_circle:
             (cx, cy), radius = scene.circle
             factor = radius / hypot(place[0] - cx, place[1] - cy)
             place = (cx + factor * (place[0] - cx), cy + factor * (place[1] - cy), *place[2:])

@@ -159,3 +159,38 @@ def test_a_planner_that_plans_without_room_is_not_believed():
     assert episode.report()["sensitive"]
     assert steer(problem, planner=Blunt(), clearance=0.0).status == "solved"
     assert isinstance(U_SHAPE, Region)
+
+
+# The clearance excludes the shortest chain, although the plan of this chain keeps it: found among random places on walls.
+NEAR_WALLS = [
+    (regular_polygon(3), [(0.0, 0.5), (-0.00957336592610708, -0.25)],
+     [(0.0, -0.25), (-0.377042583776407, -0.15305691171778124)], 0.5),
+    (regular_polygon(5), [(-0.47552825814757677, 0.15450849718747375), (0.47552825814757677, 0.1545084971874737)],
+     [(-0.21698134489520554, -0.1527953939721971), (-0.2938926261462366, -0.40450849718747367)], 2.0),
+    (regular_polygon(5), [(-0.2938926261462366, -0.40450849718747367), (-0.4503113053857528, 0.07689869681468205)],
+     [(0.2377641290737884, 0.32725424859373686), (0.29389262614623657, -0.4045084971874737)], 2.0),
+    (SQUARE, [(1.0, 0.49372641345088586), (0.30010250109333725, 1.0)], [(0.5, 0.0), (1.0, 1.0)], 2.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("space", "start", "goal", "friction"), NEAR_WALLS, ids=["3 sides", "5 sides", "corner", "square"])
+def test_the_clearance_does_not_make_plans_needlessly_longer(space, start, goal, friction):
+    episode = steer(SteeringProblem(space, start, goal, planner="shortest", friction=friction, max_moves=1000))
+    assert episode.status == "solved"
+    assert worst_error(episode) <= episode.problem.tolerance * 1.0001
+    exact = steer(episode.problem, clearance=0.0)
+    assert episode.length <= 1.002 * exact.length
+
+
+@pytest.mark.parametrize("seed", [1006, 1018])
+def test_sampling_with_friction_keeps_the_plans_that_it_finds_without_the_clearance(seed):
+    rng, space, points = np.random.default_rng(seed), regular_polygon(6), []
+    while len(points) < 4:
+        point = rng.uniform(*space.bounds)
+        if space.contains(point) and space.depth(point) > 0.02:
+            points.append(point)
+    fields = {"planner": "sampling", "friction": 1.0, "max_moves": 1000}
+    episode = steer(SteeringProblem(space, points[:2], points[2:], **fields))
+    assert episode.status == "solved"
+    assert worst_error(episode) <= episode.problem.tolerance * 1.0001
+    assert episode.length <= 1.1 * steer(episode.problem, clearance=0.0).length

@@ -108,6 +108,34 @@ for space in (regular_polygon(5), disk(0.5)):
 print([round(r.fraction(), 3) for r in polygon_reach(regular_polygon(3), (0.2, 0.1), moves=4, contacts=5)])
 """
 
+
+CLEARANCES = """
+from math import inf
+import numpy as np
+from shoal.steering import ContactWorld, disk, region, regular_polygon
+from shoal.steering.contact.region_world import RegionWorld
+from shoal.steering.kernels import sampling, shortening
+from shoal.steering.planners.sampling import world_of
+from shoal.steering.planners.task import SteeringTask
+rng = np.random.default_rng(9)
+yard = region([(-1, -1), (1, -1), (1, 1), (-1, 1)], [[(-0.2, -0.2), (0.3, -0.2), (0.3, 0.3), (-0.2, 0.3)]])
+for world in (RegionWorld(yard), ContactWorld(regular_polygon(3)), ContactWorld(disk(0.5)), ContactWorld(disk(0.5), friction=1.0)):
+    for number in range(8):
+        points = np.array([(-0.15, -0.1), (0.1, 0.12), (-0.1, 0.15), (0.02, -0.15)]) * (3 if number < 4 else 1)
+        points = points if all(world.workspace.contains(p) for p in points) else points / 3
+        moves = rng.normal(scale=0.3, size=(4, 2))
+        task = SteeringTask(world, points[:2], points[2:], 1e-6, clearance=1e-3, margin=1e-3)
+        wide = world_of(world, task)
+        state, made = world.final(task.start, moves), np.zeros((8, 2))
+        print(np.round(state, 9).tolist(), sampling.keeps_clear(task.start.copy(), moves, 4, wide))
+        print(sampling.is_blocked(state, *moves[0], wide), sampling.passes_corner(*points[0], *state[0], wide))
+        count = sampling.translate(state, *moves[0], wide, 1.0, made, 0)
+        print(count, np.round(state, 9).tolist(), np.round(made, 9).tolist())
+        steps = shortening.Steps(np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2)))
+        steps.targets[:2] = points[:2] + moves[:2]
+        print(round(shortening.play(steps, 4, task.start, task.goal, 0.3, inf, wide, state), 9), np.round(state, 6).tolist())
+"""
+
 TOURS = """
 import numpy as np
 from shoal.search import hilbert_decode, hilbert_encode, make_tour, moore_decode, moore_encode
@@ -196,6 +224,7 @@ SCRIPTS = {
     "episodes": SCRIPT,
     "planners": PLANNERS,
     "plans": STEERING,
+    "clearances": CLEARANCES,
     "tours": TOURS,
     "allocations": ALLOCATIONS,
     "noise": NOISE,
@@ -204,6 +233,7 @@ SCRIPTS = {
 LINES = {
     "planners": 7 * 2 * 3 * 2 + 6,  # and the plans of the small ones
     "plans": 13 + 9,
+    "clearances": 4 * 8 * 4,
     "tours": 20 + 7 + 7 * 12 + 2,
     "allocations": 12 * 5,
     "noise": 18,

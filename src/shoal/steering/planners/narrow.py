@@ -7,6 +7,7 @@ from math import inf
 
 import numpy as np
 
+from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.contact.wall_release import touched_normals
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.planners.choice import choose, misses
@@ -25,26 +26,39 @@ def plan_with_clearance(task: SteeringTask, planner: Planner) -> Points | None:
 
     If a translation solves the task, the function returns the translation. If the planning time is limited and the planner greedy
     finds a better plan, the function returns the moves of greedy. Where there is no room for the clearance of the task, the
-    function plans with smaller distances from walls, because such a plan may still stand all disturbances.
+    function plans with smaller distances from walls, because such a plan may still stand all disturbances. With friction, and
+    between places on walls, it also does so if it has found a plan already, because such a plan may be much shorter.
     """
     by_moves = getattr(planner, "prefers", "length") == "moves"
     simple = isinstance(task.world, ContactWorld) and len(task.start) == 2
+    everywhere = simple and not getattr(planner, "general", False) and _needs_narrow(task)
     plans: list[Points | None] = []
-    best: Points | None = None
+    best, sure = None, False
     for margin in dict.fromkeys((task.clearance, 0.0)):
         own = replace(task, margin=margin)
         shift = own.translation()
-        if shift is None or not own.is_sure(shift):
+        solved = shift is not None and own.is_sure(shift)
+        if not solved:
             plans.append(planner.plan(own))
             if task.deadline < inf and simple:
                 plans.append(Greedy().plan(own))
-            if simple and task.clearance and margin == 0.0:
+            if simple and task.clearance and margin == 0.0 and not sure:
                 plans.append(with_last_push(own, planner))
         plans.append(shift)
         best = choose(task, plans, by_moves=by_moves)
-        if task.late or (best is not None and not misses(task, best) and task.is_sure(best)):
+        sure = best is not None and not misses(task, best) and task.is_sure(best)
+        if task.late or solved or (sure and not everywhere):
             break
     return best
+
+
+def _needs_narrow(task: SteeringTask) -> bool:
+    """Return whether plans nearer to the walls than the clearance may be much shorter than plans that keep it.
+
+    With friction, or between places on walls, the clearance excludes chains of contacts that stand all disturbances nevertheless.
+    """
+    room, near = task.world.room, PLANNED * task.clearance * task.world.room.size
+    return bool(task.world.friction < inf or (room.depth(np.concatenate([task.start, task.goal])) <= near).any())
 
 
 def with_last_push(task: SteeringTask, planner: Planner) -> Points | None:

@@ -71,26 +71,35 @@ class Sampling:
         room = task.world.room
         if room.dimensions != 2:
             raise InvalidInputError(f"planner sampling: expected a plane workspace, got a {room.kind}")
-        rng = np.random.default_rng(task.seed)
-        # Simulation takes many times as long for sliding particles.
-        share = 1.0 if task.world.friction == np.inf else SLIDING
-        world, translations = world_of(task.world, task), Translations(task)
-        found: list[Points] = []
-        narrow: list[Points] = []  # plans without the clearance
+        world, rng = world_of(task.world, task), np.random.default_rng(task.seed)
         simple = len(task.start) == 2 and task.world.friction == np.inf
-        for tree in range(TREES + (MORE_TREES if simple else FEW_TREES)):
-            if task.late or (tree >= TREES and not found):
-                break
-            if tree < TREES and found:
-                continue  # further trees are smaller
-            moves = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
-            if moves is not None:
-                (found if task.is_sure(moves) else narrow).append(moves)
+        found, narrow = _grown(task, world, rng, simple=simple)
+        if task.world.friction < np.inf and task.clearance:  # nearer to walls, sliding particles often find much shorter plans
+            more, others = _grown(task, world_of(task.world), np.random.default_rng(task.seed), simple=simple)
+            found, narrow = found + more, narrow + others
         found = found + narrow if simple else found or narrow
         if simple and found:
             found = Shortening(task, world, rng).shortest(found)
             found = sorted(found, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[:BEST]
         return choose(task, [_shortened(task, moves) for moves in found])
+
+
+def _grown(task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: bool) -> tuple[list[Points], list[Points]]:
+    """Return the plans of several search trees: plans that stand all disturbances, and other plans."""
+    # Simulation takes many times as long for sliding particles.
+    share = 1.0 if task.world.friction == np.inf else SLIDING
+    translations = Translations(task)
+    found: list[Points] = []
+    narrow: list[Points] = []
+    for tree in range(TREES + (MORE_TREES if simple else FEW_TREES)):
+        if task.late or (tree >= TREES and not found):
+            break
+        if tree < TREES and found:
+            continue  # further trees are smaller
+        moves = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
+        if moves is not None:
+            (found if task.is_sure(moves) else narrow).append(moves)
+    return found, narrow
 
 
 def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:

@@ -115,8 +115,15 @@ class SteeringTask(StartAndGoal):
         return np.array(moves)
 
     def _released(self, points: Points, move: Points, *, least: float = 0.0) -> list[Points] | None:
-        """Return one or two moves that translate the particles. If there is room, a lift is ``least`` times the size long."""
-        return released_translation(self.world.room, points, move, clearance=self.clearance, least=least)
+        """Return one or two moves that translate the particles. If there is room, a lift is ``least`` times the size long.
+
+        A plan without a margin may also translate particles that are nearer to walls than the clearance.
+        """
+        room = self.world.room
+        steps = released_translation(room, points, move, clearance=self.clearance, least=least)
+        if steps is None and self.clearance and not self.margin:
+            steps = released_translation(room, points, move)
+        return steps
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, with a small move off a wall before each translation that starts on a wall.
