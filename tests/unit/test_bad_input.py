@@ -207,11 +207,11 @@ def flipped_in_data(whole):
 
 LINE = "map line:5 -n 2"
 NUMBERS = [
-    ("map line:5 -n 0", "particles: expected a whole number, 1 or more, got 0"),
-    ("map line:5 -n -3", "particles: expected a whole number, 1 or more, got -3"),
+    ("map line:5 -n 0", "particles: expected a whole number from 1 to 268435456, got 0"),
+    ("map line:5 -n -3", "particles: expected a whole number from 1 to 268435456, got -3"),
     ("map line:5 -n 6", "particles: expected 1 to 5 | got 6"),
     ("map line:5", "particles: expected 1 to 5 | got 100"),
-    ("cover line:5 -n 0", "particles: expected a whole number, 1 or more, got 0"),
+    ("cover line:5 -n 0", "particles: expected a whole number from 1 to 268435456, got 0"),
     ("map line:5 --particles many", "--particles: expected a whole number | got 'many'"),
     ("map line:5 --particles 2.5", "--particles: expected a whole number | got '2.5'"),
     (f"{LINE} --trials 0", "trials: expected a whole number, 1 or more | got 0"),

@@ -94,7 +94,7 @@ def test_seeds_depend_on_the_problem_and_not_on_its_place():
         ({"problem": {"map": "line:5"}}, "expected a kind"),
         (
             {"problem": SWARM, "axes": {"particles": ["few"]}},
-            "problem at particles = few: particles: expected a whole number, 1 or more, got 'few'",
+            "problem at particles = few: particles: expected a whole number from 1 to 268435456, got 'few'",
         ),
         ({"problem": SWARM, "axes": {"legs": [4]}}, "problem at legs = 4: legs: expected no such field, got 4"),
         ({"problem": {"kind": "swarm"}, "axes": {}}, "problem: map: expected this field, got none"),

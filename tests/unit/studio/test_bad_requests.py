@@ -182,8 +182,8 @@ def test_no_job_is_taken_that_cannot_begin(studio, kind):
 
 def test_wrong_values_are_said_with_their_field(studio):
     for name, value, said in (
-        ("particles", -1, "particles: expected a whole number, 1 or more, got -1"),
-        ("particles", "x", "particles: expected a whole number, 1 or more, got 'x'"),
+        ("particles", -1, "particles: expected a whole number from 1 to 268435456, got -1"),
+        ("particles", "x", "particles: expected a whole number from 1 to 268435456, got 'x'"),
         ("mpa", 1, "mpa: expected no such field"),
         ("map", "../x", "expected a name inside the folder"),
     ):

@@ -85,7 +85,7 @@ def test_places_have_keys():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"particles": 0}, "particles: expected a whole number, 1 or more, got 0"),
+        ({"particles": 0}, "particles: expected a whole number from 1 to 268435456, got 0"),
         ({"particles": 5, "start": [(0, 1)]}, "particles: expected 1, the number of start cells, got 5"),
         ({"start": [(0, 1), (0,)]}, "start: expected cells of 2 or 3 whole numbers each"),
         ({"start": [(0, 0.5)]}, "start: expected cells of 2 or 3 whole numbers each"),

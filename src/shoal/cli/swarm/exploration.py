@@ -25,7 +25,7 @@ from shoal.cli.output import (
     write_films,
 )
 from shoal.core.checks import check_integer
-from shoal.core.counts import shape_text
+from shoal.core.counts import MOST_TRIALS, shape_text
 from shoal.core.episode import Status
 from shoal.core.interruption import patient
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
@@ -79,7 +79,7 @@ def _play(
     check_outputs(out, film)
     with quiet():
         workspace = problem.place
-    check_integer(trials, what="trials", least=1)
+    check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
     if workers is not None:
         check_integer(workers, what="workers", least=1)
     warn_of_no_vessels(problem)
