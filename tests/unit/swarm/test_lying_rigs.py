@@ -355,13 +355,13 @@ def test_ctrl_c_keeps_the_map():
 def test_kernels_are_compiled_before_the_rig_is_connected(fields, monkeypatch):
     from shoal.jit import entry
     from shoal.swarm.problem import SwarmProblem
-    from shoal.swarm.rigs import prepare
+    from shoal.swarm.rigs import load_drive_kernels
 
     if not hasattr(entry, "load_machine_code") or os.environ.get("NUMBA_DISABLE_JIT") == "1":
         pytest.skip("kernels are not compiled")
     loaded, load = [], entry.load_machine_code
     volume = GridWorkspace(np.ones((3, 4, 70)))
-    prepare(SwarmProblem("rig", **fields))
+    load_drive_kernels(SwarmProblem("rig", **fields))
     monkeypatch.setattr(entry, "load_machine_code", lambda *about: loaded.append(about[0].__qualname__) or load(*about))
     drive(noisy(MAZE) if "slip" in fields else exact(MAZE), max_moves=60, **fields)
     if "slip" not in fields:
@@ -374,10 +374,10 @@ def test_the_command_prepares_before_it_connects(monkeypatch, tmp_path, capsys):
     from shoal.swarm.rigs import driving, remote
 
     order = []
-    monkeypatch.setattr(driving, "prepare", lambda problem: order.append("prepare"))
+    monkeypatch.setattr(driving, "load_drive_kernels", lambda problem: order.append("load_drive_kernels"))
     monkeypatch.setattr(remote, "open_rig", lambda spec, **options: order.append("open") or exact(MAZE))
     assert shoal(["drive", "--rig", "tcp:localhost:1", "--json", "--max-moves", "2"]) == 0
-    assert order[:2] == ["prepare", "open"]
+    assert order[:2] == ["load_drive_kernels", "open"]
     capsys.readouterr()
 
 

@@ -95,7 +95,7 @@ def drive(
     """
     from shoal.swarm.maps.open import open_map
     from shoal.swarm.problem import spacing_of
-    from shoal.swarm.rigs.driving import DriveError, DriveInterrupted, prepare
+    from shoal.swarm.rigs.driving import DriveError, DriveInterrupted, load_drive_kernels
     from shoal.swarm.rigs.driving import drive as drive_rig
     from shoal.swarm.rigs.log import DriveLog
     from shoal.swarm.rigs.remote import open_rig
@@ -107,7 +107,7 @@ def drive(
         check_number(seconds, what=what, above=0)
     _check_effect(rig, problem, repeat_after=repeat_after, end_after=end_after)
     book = None if log is None else DriveLog(log)
-    prepare(problem)  # nobody waits for the compiler once the rig is connected
+    load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any

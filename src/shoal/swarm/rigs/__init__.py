@@ -6,7 +6,7 @@ A *rig* is a real or simulated device that moves particles and observes the part
 from __future__ import annotations
 
 from shoal.swarm.rigs.checks import KINDS, Alarm, Rate, Trust
-from shoal.swarm.rigs.driving import Drive, DriveError, DriveInterrupted, drive, prepare, replay_log
+from shoal.swarm.rigs.driving import Drive, DriveError, DriveInterrupted, drive, load_drive_kernels, replay_log
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, read_log
 from shoal.swarm.rigs.messages import PROTOCOL, decode_message, encode_message
 from shoal.swarm.rigs.protocol import Rig
@@ -45,9 +45,9 @@ __all__ = [
     "decode_message",
     "drive",
     "encode_message",
+    "load_drive_kernels",
     "open_rig",
     "open_transport",
-    "prepare",
     "read_log",
     "replay_log",
 ]

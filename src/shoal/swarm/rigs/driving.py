@@ -199,11 +199,11 @@ def drive(
         raise RigError(f"{rig.name}: expected a field of view of at most {LARGEST_VIEW} cells, got {tuple(rig.shape)}")
     problem = SwarmProblem("rig", rule=rig.rule, **fields)
     problem.check_policy(GridLayout(rig.shape))
-    prepare(problem)
+    load_drive_kernels(problem)
     return _driven(rig, problem, seed=seed, log=log, on_moves=on_moves, test_move=test_move, spacing=spacing)
 
 
-def prepare(problem: SwarmProblem) -> None:
+def load_drive_kernels(problem: SwarmProblem) -> None:
     """Load or compile the kernels that a drive needs, so that nobody waits for the compiler between two commands.
 
     Call the function before a rig is connected. It drives a simulated rig of six cells with the settings of the problem.
