@@ -55,7 +55,7 @@ def _probes() -> tuple[str, bool]:
 @erratum(
     "paper M, section III.B.1",
     "as long as all free cells are connected, depth-first search is the optimal solution to mapping with one particle",
-    "depth-first search never takes twice the smallest number of moves, as the following sentences of the paper say, but it is not "
+    "depth-first search takes at most twice the smallest number of moves, as the following sentences of the paper say, but it is not "
     "optimal: for every order in which it tries the directions, it takes more moves than necessary from some start in a row of "
     "four cells",
     "a program computes the smallest number of moves that map a row of four cells, by a breadth-first search over all states, and "

@@ -18,8 +18,8 @@ from shoal.steering.workspaces.convex_geometry import Points
 class Shortest:
     """A planner that returns the shortest of many chains of wall contacts and adjustments.
 
-    The plan is not longer than the plan of the planner greedy, unless greedy finds no plan with the clearance of the task. A plan
-    with more moves than another is returned only if it is shorter by at least 0.1 %.
+    Without a time limit, the plan is less than 0.1 % longer than the plan of the planner greedy, or shorter. A plan with more moves
+    than another is returned only if it is shorter by at least 0.1 %.
 
     In a cycle, one particle touches a wall. Then the other particle moves (adjustment) while the wall holds the first particle. For
     chains of one, two or three cycles, the planner tries all sequences of touching particles and walls. From the shortest chains,
