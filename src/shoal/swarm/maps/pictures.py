@@ -48,6 +48,8 @@ LARGEST_PHOTOGRAPH = 2**27  # bytes of a decoded photograph, whose filters need 
 ORIENTATION = 0x0112  # EXIF tag
 SHOWN = 8  # channels that a message lists
 MIN_IS_WHITE = "in this file small numbers are white (MinIsWhite), and white is free (--invert takes the large numbers as free)"
+LABELS_OF_PALETTE = "the labels are the entries of the palette (--level takes its greys)"
+LEVELS_OF_PALETTE = "the levels are the greys of the palette (--label takes its entries)"
 LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue in the brightness, as in Pillow (ITU-R 601)
 COLOURS = {
     "RGB": ["red", "green", "blue"],
@@ -76,6 +78,9 @@ class Page(NamedTuple):
         Red, green, blue and opacity of each number of a picture with a palette.
     reduced : int
         Number of bits in the file if the numbers have fewer, or 0.
+    numbered : bool
+        Whether the entries of a palette are numbers of their own. A GIF file of greys has them only because the format needs a
+        palette, and writers number them as they like.
     first_row : int
         The first row of the band.
     rows : int
@@ -88,6 +93,7 @@ class Page(NamedTuple):
     white_is_zero: bool = False
     palette: NDArray[np.uint8] | None = None
     reduced: int = 0
+    numbered: bool = True
     first_row: int = 0
     rows: int = 0
 
@@ -276,6 +282,8 @@ class _Source:
         """Return the numbers of each page, of pages with one number for each pixel."""
         option = "level" if self.options.level is not None else "label"
         for name, page in self.pages():
+            if page.palette is not None and page.numbered:
+                self._notices[LABELS_OF_PALETTE if option == "label" else LEVELS_OF_PALETTE] = None
             yield _single_numbers(page, name, option)
 
     def white(self) -> float | None:
@@ -339,11 +347,11 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
             "share of white; a TIFF file keeps all bits)"
         )
     if page.palette is not None:
+        if option == "label" and page.numbered:  # the same on all pages, whatever colours a page shows
+            return page.numbers
         used = page.palette[np.unique(page.numbers)]
         if (used[:, :3] == used[:, :1]).all():
-            return np.asarray(page.palette[page.numbers][..., 0])
-        if option == "label":
-            return page.numbers
+            return np.asarray(page.palette[:, 0][page.numbers])
         raise InvalidInputError(f"{name}: level: expected one number for each pixel, got a palette of colours (--label, --channel)")
     numbers = page.numbers
     if numbers.ndim == 2:
@@ -477,6 +485,8 @@ def _opened(path: Path, options: MapOptions, *, most: int | None = None) -> Iter
                     with _by_tifffile(path, options) as picture:
                         yield picture
                     return
+                if image.format == "BMP":
+                    _mend_palette_of_bmp(image, file)
                 depth = begin_of_png(file) if image.format == "PNG" else 0
                 yield _Picture(_pages(path, image, options, most, png_depth=depth))
     finally:
@@ -492,10 +502,30 @@ def begin_of_png(file: io.BufferedReader) -> int:
     return depth[0] if depth else 8
 
 
+def _mend_palette_of_bmp(image: Image, file: io.BufferedReader) -> None:
+    """Make Pillow read a BMP file with a palette of greys as what it is: Pillow takes entries of 4 or 8 bits for 1 or 8 bits."""
+    from PIL import ImagePalette
+
+    place = file.tell()
+    file.seek(28)
+    bits = int.from_bytes(file.read(2), "little")
+    file.seek(place)
+    taken = {"1": 1, "L": 8}.get(image.mode, bits)
+    if bits not in {4, 8} or bits == taken:
+        return
+    greys = [0, 255] if image.mode == "1" else range(16)
+    codec, box, offset, args = image.tile[0]  # type: ignore[attr-defined]
+    image._mode = "P"  # type: ignore[attr-defined]
+    image.palette = ImagePalette.raw("RGB", np.repeat(np.array(greys, dtype=np.uint8), 3).tobytes())
+    raw = ("P;4" if bits == 4 and codec == "raw" else "P", *args[1:])
+    image.tile = [(codec, box, offset, raw)]  # type: ignore[attr-defined]
+
+
 def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, png_depth: int) -> Iterator[Page]:
     """Return the pages of a picture that Pillow reads. The size of a page is checked before the page is decoded."""
-    if image.format == "GIF":
-        image.seek(_frame_of_gif(path, image, options))
+    film = image.format == "GIF" or int(getattr(image, "n_frames", 1) if image.format == "PNG" else 1) > 1
+    if film:
+        image.seek(_frame_of_film(path, image, options))
     elif options.frame is not None:
         raise InvalidInputError(f"{path}: frame: expected no frame for a file without a time axis, got {options.frame}")
     for page in range(MAX_LAYERS + 1):
@@ -505,13 +535,14 @@ def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, p
             except EOFError:
                 return
         _check_pixels(path, image, options, most, page + 1)
-        _check_tiles(path, image)
+        if not film:  # a frame of a film may contain only what changes
+            _check_tiles(path, image)
         yield from _bands(image, png_depth)
         if image.format != "TIFF":
             return
 
 
-def _frame_of_gif(path: Path, image: Image, options: MapOptions) -> int:
+def _frame_of_film(path: Path, image: Image, options: MapOptions) -> int:
     """Return the index of the chosen frame of a film, whose frames are points in time and no layers."""
     count = 1
     while count <= MAX_LAYERS:
@@ -567,31 +598,42 @@ def _bands(image: Image, png_depth: int) -> Iterator[Page]:
     step = max(1, PIECE // max(1, whole.width))
     for first in range(0, whole.height, step):
         band = whole.crop((0, first, whole.width, min(whole.height, first + step)))
-        yield _decoded(band, bits, white_is_zero, palette)._replace(first_row=first, rows=whole.height)
+        yield _decoded(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(first_row=first, rows=whole.height)
 
 
-def _decoded(band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None) -> Page:
+def _decoded(band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None, *, gif: bool) -> Page:
     """Return the numbers of a band of a page."""
     if palette is not None:
-        return Page(np.asarray(band if band.mode == "P" else band.getchannel(0)), [""], 255.0, palette=palette)
+        entries = np.asarray(band if band.mode == "P" else band.getchannel(0))
+        return Page(entries, [""], 255.0, palette=palette, numbered=not gif or bool((palette[:, :3] != palette[:, :1]).any()))
     if band.mode in {"CMYK", "YCbCr", "LAB", "HSV", "RGBX", "RGBa", "La"}:
         band = band.convert({"La": "LA", "RGBa": "RGBA"}.get(band.mode, "RGB"))
-    elif "transparency" in band.info and band.mode in {"1", "L", "RGB"}:  # one colour stands for "nothing here"
-        band = band.convert("RGBA" if band.mode == "RGB" else "LA")
-    numbers = np.asarray(band)
-    if band.mode.startswith("I") and isinstance(nothing := band.info.get("transparency"), int):
+    elif "transparency" in band.info and band.mode == "RGB":  # one colour stands for "nothing here"
+        band = band.convert("RGBA")
+    numbers, nothing = np.asarray(band), band.info.get("transparency")
+    if band.mode.startswith("I") and isinstance(nothing, int):
         opacity = np.where(numbers == nothing, 0, 65535)
         return Page(np.stack([numbers, opacity], axis=-1).astype(np.uint16), COLOURS["LA"], 65535.0)
     if band.mode == "1":
-        return Page(~numbers if white_is_zero else numbers, [""], 1.0, white_is_zero)
+        page = Page(~numbers if white_is_zero else numbers, [""], 1.0, white_is_zero)
+        return page if nothing is None else _with_opacity(page, numbers != bool(nothing))
     white = {"u1": 255.0, "u2": 4095.0 if bits == 12 else 65535.0}.get(numbers.dtype.str[1:])
     if numbers.ndim == 2 and numbers.dtype == np.uint8:
         if bits in {1, 2, 4}:  # Pillow spreads few bits over the range of 8 bits
             white = float(2**bits - 1)
             numbers = numbers // np.uint8(255 // (2**bits - 1))
+        if isinstance(nothing, int):  # in the bits of the file, as the numbers are now
+            return _with_opacity(Page(numbers, [""], white), numbers != nothing)
         if white_is_zero:
             numbers = np.uint8(white or 0) - numbers
     return Page(numbers, COLOURS.get(band.mode, [""]), white, white_is_zero, reduced=16 * (bits == 16 and numbers.ndim == 3))
+
+
+def _with_opacity(page: Page, opaque: Mask) -> Page:
+    """Return a grey page in which some pixels are transparent, with two channels."""
+    white = np.uint8(page.white or 1)
+    numbers = np.stack([page.numbers.astype(np.uint8), opaque * white], axis=-1)
+    return page._replace(numbers=numbers, names=COLOURS["LA"])
 
 
 def _palette_of(image: Image) -> NDArray[np.uint8]:
