@@ -138,3 +138,116 @@ def test_frames_of_films_contain_only_what_changes(tmp_path, suffix):
         np.testing.assert_array_equal(read_map(tmp_path / f"film{suffix}", frame=number).free, frame)
     with pytest.raises(InvalidInputError, match="frame: expected one of 1, 2, 3, got 4"):
         read_map(tmp_path / f"film{suffix}", frame=4)
+
+
+def packed_tiff(values, bits, *, photometric=1, order="<", compression=1, strip=5, fill=1):
+    def packed(row):
+        numbers = (row[:, None] >> np.arange(bits)[::-1] & 1).astype(np.uint8)
+        return np.packbits(numbers, bitorder="little" if fill == 2 else "big").tobytes()
+
+    height, width = values.shape
+    strips = [b"".join(packed(row) for row in values[first : first + strip]) for first in range(0, height, strip)]
+    strips = [zlib.compress(one) if compression == 8 else one for one in strips]
+    offsets = np.cumsum([8, *map(len, strips)])[:-1].tolist()
+    data = b"".join(strips)
+    data += bytes(len(data) % 2)
+    place = 8 + len(data)
+    lists = struct.pack(f"{order}{2 * len(strips)}I", *offsets, *map(len, strips))
+    entries = [
+        (256, 1, width), (257, 1, height), (258, 1, bits), (259, 1, compression), (262, 1, photometric), (266, 1, fill),
+        (273, len(strips), place), (277, 1, 1), (278, 1, strip), (279, len(strips), place + 4 * len(strips)),
+    ]  # fmt: skip
+    header = struct.pack(f"{order}2sHI", b"II" if order == "<" else b"MM", 42, place + len(lists))
+    told = b"".join(struct.pack(f"{order}HHII", tag, 4, count, value) for tag, count, value in entries)
+    return header + data + lists + struct.pack(f"{order}H", len(entries)) + told + bytes(4)
+
+
+@pytest.mark.parametrize("bits", [2, 4, 6, 10, 12, 14])
+@pytest.mark.parametrize("more", [{}, {"photometric": 0}, {"order": ">", "compression": 8}, {"fill": 2}, {"strip": 7}])
+def test_tiff_numbers_of_odd_bits(tmp_path, bits, more):
+    pytest.importorskip("tifffile")
+    values = RANDOM.integers(0, 2**bits, (12, 19))
+    values[0, :2] = 0, 2**bits - 1
+    (tmp_path / "packed.tif").write_bytes(packed_tiff(values, bits, **more))
+    half = 2 ** (bits - 1)
+    np.testing.assert_array_equal(read_map(tmp_path / "packed.tif", level=half).free, values >= half)
+    np.testing.assert_array_equal(read_map(tmp_path / "packed.tif", label=int(values[3, 4])).free, values == values[3, 4])
+    bright = values < half if more.get("photometric") == 0 else values >= half
+    np.testing.assert_array_equal(read_map(tmp_path / "packed.tif").free, bright)
+
+
+def test_tiff_numbers_of_24_bits(tmp_path):
+    pytest.importorskip("tifffile")
+    values = RANDOM.integers(0, 2**24, (12, 19))
+    (tmp_path / "wide.tif").write_bytes(packed_tiff(values, 24, order=">"))
+    np.testing.assert_array_equal(read_map(tmp_path / "wide.tif", level=2**23).free, values >= 2**23)
+    (tmp_path / "wide.tif").write_bytes(packed_tiff(values, 24))
+    with pytest.raises(InvalidInputError, match="got 24 bits in the order of bytes II, which programs read in different orders"):
+        read_map(tmp_path / "wide.tif", level=2**23)
+    (tmp_path / "short.tif").write_bytes(packed_tiff(values % 64, 6)[:60])
+    with pytest.raises(InvalidInputError, match="damaged or truncated"):
+        read_map(tmp_path / "short.tif")
+
+
+@pytest.mark.parametrize("dtype", ["i1", "i2", "i4", "u4", "f2", "f4", "f8"])
+@pytest.mark.parametrize("low", [0, 3])
+def test_min_is_white_in_masks_without_a_number_of_white(tmp_path, said, dtype, low):
+    tifffile = pytest.importorskip("tifffile")
+    free = RANDOM.random((12, 19)) < 0.4
+    path = tmp_path / "mask.tif"
+    tifffile.imwrite(path, np.where(free, 5, low).astype(dtype), photometric="miniswhite")
+    np.testing.assert_array_equal(read_map(path).free, ~free)
+    assert any("MinIsWhite" in text for text in said)
+    np.testing.assert_array_equal(read_map(path, invert=True).free, free)
+    np.testing.assert_array_equal(read_map(path, label=5).free, free)
+    if dtype[0] == "f":
+        values = np.where(free, 5, low).astype(dtype)
+        values[0, :3] = np.nan
+        tifffile.imwrite(path, values, photometric="miniswhite")
+        assert not read_map(path).free[0, :3].any()
+        assert not read_map(path, invert=True).free[0, :3].any()
+    tifffile.imwrite(path, RANDOM.permutation(12 * 19).reshape(12, 19).astype("i4"), photometric="miniswhite")
+    with pytest.raises(InvalidInputError, match="expected a mask of two numbers, or a known number of white"):
+        read_map(path)
+
+
+@pytest.mark.parametrize("kind", ["folder", "pages"])
+def test_masks_of_one_stack_may_have_different_numbers(tmp_path, said, kind):
+    free = RANDOM.random((4, 12, 19)) < 0.4
+    free[2], free[3] = False, True
+    tops = np.array([255, 1, 1, 200], dtype=np.uint8)
+    pages = [Image.fromarray(one * top) for one, top in zip(free, tops, strict=True)]
+    path = tmp_path / ("masks" if kind == "folder" else "masks.tif")
+    if kind == "folder":
+        path.mkdir()
+        for number, page in enumerate(pages):
+            page.save(path / f"{number}.png")
+    else:
+        pages[0].save(path, save_all=True, append_images=pages[1:])
+    np.testing.assert_array_equal(read_map(path).free, free)
+    assert len([text for text in said if "each picture has at most two brightnesses, 0 and one that differs" in text]) == 1
+    np.testing.assert_array_equal(read_map(path, invert=True).free, ~free)
+    np.testing.assert_array_equal(read_map(path, threshold=0.5).free, free & (tops > 127)[:, None, None])
+    np.testing.assert_array_equal(read_map(path, label=1).free, free & (tops == 1)[:, None, None])
+
+
+def test_grey_pictures_of_a_stack_are_no_masks(tmp_path, said):
+    folder = tmp_path / "greys"
+    folder.mkdir()
+    greys = RANDOM.integers(0, 256, (2, 12, 19)).astype(np.uint8)
+    greys[1] = np.where(greys[1] > 100, 1, 0)  # one of the two pictures has many values
+    for number, grey in enumerate(greys):
+        Image.fromarray(grey).save(folder / f"{number}.png")
+    np.testing.assert_array_equal(read_map(folder).free, greys > 127)
+    assert not any("read as masks" in text for text in said)
+
+
+def test_notices_and_refusals_are_short_and_count_well(tmp_path, said):
+    values = np.array([[0, 1, 1], [0, 1, np.nan]])
+    np.save(tmp_path / "values.npy", values)
+    read_map(tmp_path / "values.npy")
+    assert any("values.npy: 1 cell has no number (NaN) and counts as not free" in text for text in said)
+    for invert in (False, True):
+        with pytest.raises(InvalidInputError) as refused:
+            read_map(tmp_path / "values.npy", label=int("9" * 400), invert=invert)
+        assert len(str(refused.value).replace(str(tmp_path), "")) < 200

@@ -32,7 +32,7 @@ from shoal.swarm.maps.reading import (
     reading,
 )
 from shoal.swarm.maps.resampling import join_diagonals, scale_cells
-from shoal.swarm.maps.values import Mask, free_by_brightness, free_by_number, in_pieces
+from shoal.swarm.maps.values import Extremes, Mask, free_by_brightness, free_by_number, in_pieces
 from shoal.swarm.maps.workspace import GridWorkspace
 
 if TYPE_CHECKING:
@@ -214,7 +214,7 @@ def _free_layers(files: list[Path], options: MapOptions, *, folder: Path | None 
         if options.by_number:
             bands = free_by_number(source.numbers, options, where=where)
         else:
-            bands = free_by_brightness(source.brightness, white, options, where=where)
+            bands = free_by_brightness(source.brightness, white, options, where=where, all_masks=source.all_masks)
         source.tell()
         free = bands[0] if len(bands) == 1 else np.concatenate(bands)
         del bands
@@ -235,6 +235,8 @@ class _Source:
         self.spacing: tuple[float, float, float] | None = None
         self.ground: float | None = None
         self.rows = 0
+        self._extremes: list[Extremes] = []  # of each page
+        self._lightest: Any = None  # the small number of a mask whose small numbers are white, if the file has no number of white
         self._begun: tuple[tuple[str, Page], Iterator[tuple[str, Page]]] | None = None
         self._notices: dict[str, None] = {}
 
@@ -290,19 +292,53 @@ class _Source:
         """Return the brightness of white, after a look at the first page."""
         pages = self._walk()
         for name, page in pages:
+            if page.palette is None and page.white is None and page.white_is_zero:
+                pages.close()
+                return self._white_of_mask(name)
             self._begun = (name, page), pages  # the first call of `pages` goes on here
             return 255.0 if page.palette is not None else page.white
         raise InvalidInputError(f"{self.folder or self.files[0]}: expected a picture, got no pages")
 
+    def _white_of_mask(self, name: str) -> float:
+        """Return the brightness of white in a mask whose small number is white, for numbers without a white of their own."""
+        extremes = Extremes()
+        for _, page in self._walk():
+            extremes.add(page.numbers if page.numbers.dtype.kind != "f" else page.numbers[~np.isnan(page.numbers)])
+        if not extremes.has_two:
+            raise InvalidInputError(
+                f"{name}: expected a mask of two numbers, or a known number of white, in a picture whose small numbers are white, "
+                f"got numbers from {extremes.low} to {extremes.high} (--level N)"
+            )
+        self._lightest = extremes.low
+        return 1.0
+
+    def all_masks(self) -> bool:
+        """Return whether the pages, of which there are several, are masks of 0 and of one brightness each."""
+        pages = self._extremes
+        return (
+            len(pages) > 1
+            and any(one.has_two for one in pages)
+            and all(one.low == one.high or (one.has_two and one.low == 0) for one in pages)
+        )
+
     def brightness(self) -> Iterator[NDArray[Any]]:
         """Return the brightness of each page. Transparent pixels have one ground on all pages."""
+        self._extremes = []
         for name, page in self.pages():
             if self.ground is None and _opaque(page).transparent:
                 self.ground = self._common_ground()
             if page.white_is_zero:
                 self._notices[MIN_IS_WHITE] = None
             with errors_at(name):
-                yield _brightness(page, 0.0 if self.ground is None else self.ground)
+                if self._lightest is None:
+                    grey = _brightness(page, 0.0 if self.ground is None else self.ground)
+                else:
+                    grey = _lightness_of_mask(page.numbers, self._lightest)
+            if len(self.files) > 1 or self.files[0].suffix.lower() in {".tif", ".tiff"}:
+                if not page.first_row:
+                    self._extremes.append(Extremes())
+                self._extremes[-1].add(grey)
+            yield grey
 
     def _common_ground(self) -> float:
         """Return the brightness from 0 to 1 that stands for transparent pixels on all pages.
@@ -423,6 +459,12 @@ def _brightness(page: Page, ground: float) -> NDArray[Any]:
     if page.white is None:
         raise InvalidInputError("expected a known number of white in a picture whose zero is white, got none (--level N)")
     return grey == 0 if grey.dtype == np.bool_ else np.asarray(np.asarray(page.white, grey.dtype) - grey)
+
+
+def _lightness_of_mask(numbers: NDArray[Any], lightest: Any) -> NDArray[Any]:
+    """Return 1 for the white number of a mask and 0 for the other. NaN stays NaN."""
+    light = numbers == lightest
+    return np.where(np.isnan(numbers), np.float32(np.nan), light.astype(np.float32)) if numbers.dtype.kind == "f" else light
 
 
 def _listed(names: list[str]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import PIECE, WHITE, MapOptions
@@ -36,7 +37,7 @@ def free_by_number(pieces: Pieces, options: MapOptions, *, where: str) -> list[M
         nor ``label`` is given for an array of more than two different numbers, such as intensities or probabilities.
     """
     free: list[Mask] = []
-    missing, other = 0, _Extremes()
+    missing, other = 0, Extremes()
     for piece in pieces():
         nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
@@ -57,13 +58,15 @@ def free_by_number(pieces: Pieces, options: MapOptions, *, where: str) -> list[M
         free.append(_inverted(np.asarray(cells), nan, options))
     _tell_of_missing(missing, where)
     if options.label is not None and not options.invert and not any(cells.any() for cells in free):
-        raise InvalidInputError(f"{where}: expected cells of label {options.label}, got none ({_there(pieces)})")
+        raise InvalidInputError(f"{where}: expected cells of label {shortened(options.label)}, got none ({_there(pieces)})")
     if options.label is not None and options.invert and all(cells.all() for cells in free):
-        raise InvalidInputError(f"{where}: expected cells of label {options.label}, got none ({_there(pieces)})")
+        raise InvalidInputError(f"{where}: expected cells of label {shortened(options.label)}, got none ({_there(pieces)})")
     return free
 
 
-def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions, *, where: str) -> list[Mask]:
+def free_by_brightness(
+    pieces: Pieces, white: float | None, options: MapOptions, *, where: str, all_masks: Callable[[], bool] = lambda: False
+) -> list[Mask]:
     """Return the free pixels of each piece of a grey picture.
 
     Parameters
@@ -75,6 +78,8 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     options : MapOptions
     where : str
         Name of the file in error messages and notices.
+    all_masks : callable
+        Function that says, after the last piece, whether each picture of a stack is a mask of 0 and of one brightness of its own.
 
     Raises
     ------
@@ -92,7 +97,7 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     # An exactly equal brightness is free: rounded to 32 bits, 100 / 255 of 255 is 100.
     least: Any = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
     free: list[Mask] = []
-    extremes, missing, middle, looked_at = _Extremes(), 0, 0, 0
+    extremes, missing, middle, looked_at = Extremes(), 0, 0, 0
     for given in pieces():
         piece = given.view(np.uint8) if given.dtype == np.bool_ else given
         if known and piece.dtype.kind == "u" and not isinstance(least, int):
@@ -115,6 +120,13 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
                 _inverted(np.asarray(piece == extremes.high), _not_a_number(piece, pieces, where), options) for piece in pieces()
             ]
         return free
+    if options.threshold is None and all_masks():
+        tell_once(
+            f"shoal: {where}: each picture has at most two brightnesses, 0 and one that differs between the pictures; they are read "
+            f"as masks, in which {'0' if options.invert else 'every brightness above 0'} is free (--threshold, --level or "
+            "--label decide otherwise)"
+        )
+        return [_inverted(np.asarray(piece > 0), _not_a_number(piece, pieces, where), options) for piece in pieces()]
     if not known and extremes.low != extremes.high:
         if options.threshold is None and piece.dtype.kind in "iu":
             raise InvalidInputError(
@@ -141,7 +153,7 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     return free
 
 
-class _Extremes:
+class Extremes:
     """The smallest and the largest of all numbers added, and whether there are no others."""
 
     def __init__(self) -> None:
@@ -196,11 +208,12 @@ def _not_a_number(piece: Numbers, pieces: Pieces, where: str) -> Mask | None:
 
 def _tell_of_missing(count: int, where: str) -> None:
     if count:
-        tell_once(f"shoal: {where}: {count} cells have no number (NaN) and count as not free")
+        cells, count_as = ("1 cell has no number", "counts") if count == 1 else (f"{count} cells have no number", "count")
+        tell_once(f"shoal: {where}: {cells} (NaN) and {count_as} as not free")
 
 
 def _largest(pieces: Pieces, where: str) -> float:
-    extremes = _Extremes()
+    extremes = Extremes()
     for piece in pieces():
         nan = _not_a_number(piece, pieces, where)
         extremes.add(piece if nan is None else piece[~nan])
