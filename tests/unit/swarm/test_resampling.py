@@ -15,6 +15,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.open import fit_width, open_map
+from shoal.swarm.maps.resampling import diagonal_contacts
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def share_of_largest(free):
 
 
 def save(free, path):
-    Image.fromarray(free.astype(np.uint8) * 255).save(path)
+    np.save(path, free) if path.suffix == ".npy" else Image.fromarray(free.astype(np.uint8) * 255).save(path)
     return path
 
 
@@ -125,7 +126,7 @@ def test_the_command_says_what_it_drops(tmp_path, monkeypatch, capfd):
     assert cli.run(["map", str(tmp_path / "steps.txt"), "-n", "1", "--largest-component"]) == 0
     said = capfd.readouterr().err
     assert "1 diagonal contact separates parts of the map" in said
-    assert "the largest of 2 parts is kept, 66.67 % of 3 free cells; 1 free cells are dropped" in said
+    assert "the largest of 2 parts is kept, 66.67 % of 3 free cells; 1 free cell is dropped" in said
 
 
 def test_options_without_effect_are_refused():
@@ -134,3 +135,35 @@ def test_options_without_effect_are_refused():
             open_map(GridWorkspace([[1, 1]]), **options)
         with pytest.raises(InvalidInputError, match="for a finished workspace"):
             assert SwarmProblem(GridWorkspace([[1, 1]]), **options).place
+
+
+@pytest.mark.parametrize("option", [{"scale": 0.5}, {"width": 40}])
+def test_contacts_are_counted_before_scaling(tmp_path, told, option):
+    free = np.zeros((60, 80), dtype=bool)
+    steps = np.arange(50)
+    free[steps + 2, steps + 5] = free[steps + 2, 70 - steps] = True
+    contacts = diagonal_contacts(free)
+    path = save(free, tmp_path / "cross.png")
+    open_map(path, **option)
+    assert [f"before scaling, {contacts} diagonal contacts separate parts of the map" in text for text in told].count(True) == 1
+    told.clear()
+    assert open_map(path, **option, join_diagonals=True).components.max() == 1
+    assert not told
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy"])
+def test_a_map_does_not_vanish(tmp_path, told, suffix):
+    tree = np.zeros((120, 120), dtype=bool)
+    tree[60, 20:100] = tree[30:90, 60] = True
+    path = save(tree, tmp_path / f"tree{suffix}")
+    small = open_map(path, width=3)
+    assert small.shape == (3, 3)
+    assert small.components.max() == 1
+    assert any(f"{path}: the only part is smaller than half a cell" in text and "--width" in text for text in told)
+    told.clear()
+    dust = np.zeros((120, 120), dtype=bool)
+    dust[[5, 5, 60, 110], [5, 110, 60, 5]] = True
+    dust[60, 61] = True
+    open_map(save(dust, tmp_path / f"dust{suffix}"), width=3)
+    assert any("all 4 parts are smaller than half a cell of the scaled map, and the largest is kept" in text for text in told)
+    assert np.argwhere(open_map(tmp_path / f"dust{suffix}", width=3).free).tolist() == [[1, 1]]

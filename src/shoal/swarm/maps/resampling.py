@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core import notices
 from shoal.core.notices import tell_once
+from shoal.swarm.maps.parts import MOST_COUNTED
 
 Mask = NDArray[np.bool_]
 Shares = NDArray[np.float32]
@@ -28,7 +30,8 @@ def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map
     a connection needs them, so that a thin vessel becomes a line of cells that is one cell wide.
 
     The result has three properties. Each connected part of ``free`` gives one connected part of the result; only a part that
-    fills less than half of a block vanishes. Every free cell of the result has a free cell in its block, so that two parts stay
+    fills less than half of a block vanishes, and the largest part never does.
+    Every free cell of the result has a free cell in its block, so that two parts stay
     apart if along some axis the distance between them is at least the length of two blocks. Cells are only added where a block is
     less than half free and a connection needs it, so that the result does not swell.
 
@@ -55,7 +58,22 @@ def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map
     shape = scaled_shape(free.shape, factors)
     if shape == free.shape:
         return free
-    return cells_of_shares(block_shares(free, shape), where=where) if min(factors) < 1 else enlarge_cells(free, shape)
+    if min(factors) >= 1:
+        return enlarge_cells(free, shape)
+    _tell_of_contacts(free[0] if free.ndim == 3 and len(free) == 1 else free, where)
+    return cells_of_shares(block_shares(free, shape), where=where)
+
+
+def _tell_of_contacts(free: Mask, where: str) -> None:
+    """Tell how many diagonal contacts a map has before it becomes smaller, after which they cannot be counted."""
+    if not notices.listeners or free.size > MOST_COUNTED:
+        return
+    if contacts := diagonal_contacts(free):
+        separate = "1 diagonal contact separates" if contacts == 1 else f"{contacts} diagonal contacts separate"
+        tell_once(
+            f"shoal: warning: {where}: before scaling, {separate} parts of the map; the smaller map may connect such parts "
+            "(--join-diagonals connects them in any case)"
+        )
 
 
 def scaled_shape(shape: Sequence[int], factors: Sequence[float]) -> tuple[int, ...]:
@@ -103,9 +121,16 @@ def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
     free = share > 0
     parts, count = connected_parts(free)
     large = np.bincount(parts.ravel(), share.ravel()) >= HALF
-    if lost := count - int(np.count_nonzero(large[1:])):
+    if count and not large[1:].any():
+        large[1 + int(np.argmax(np.bincount(parts.ravel(), share.ravel())[1:]))] = True
+        which, kept = ("the only part is smaller", "it") if count == 1 else (f"all {count} parts are smaller", "the largest")
+        tell_once(
+            f"shoal: warning: {where}: {which} than half a cell of the scaled map, and {kept} is kept "
+            "(a larger --scale or --width keeps more)"
+        )
+    elif lost := count - int(np.count_nonzero(large[1:])):
         which = "1 part is smaller" if lost == 1 else f"{lost} parts are smaller"
-        tell_once(f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped")
+        tell_once(f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped (--scale, --width)")
     free &= large[parts]
     _thin(free, np.where(free, share, 0))
     return free

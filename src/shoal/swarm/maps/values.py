@@ -122,8 +122,8 @@ def free_by_brightness(
         return free
     if options.threshold is None and all_masks():
         tell_once(
-            f"shoal: {where}: each picture has at most two brightnesses, 0 and one that differs between the pictures; they are read "
-            f"as masks, in which {'0' if options.invert else 'every brightness above 0'} is free (--threshold, --level or "
+            f"shoal: {where}: each picture has at most two brightnesses, 0 and one that differs between the pictures; they are "
+            f"read as masks, in which {'0' if options.invert else 'every brightness above 0'} is free (--threshold, --level or "
             "--label decide otherwise)"
         )
         return [_inverted(np.asarray(piece > 0), _not_a_number(piece, pieces, where), options) for piece in pieces()]
