@@ -167,3 +167,46 @@ def test_a_map_does_not_vanish(tmp_path, told, suffix):
     open_map(save(dust, tmp_path / f"dust{suffix}"), width=3)
     assert any("all 4 parts are smaller than half a cell of the scaled map, and the largest is kept" in text for text in told)
     assert np.argwhere(open_map(tmp_path / f"dust{suffix}", width=3).free).tolist() == [[1, 1]]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize(
+    "option", [{"scale": 0.3}, {"scale": 0.05}, {"width": 17}, {"scale": 0.5, "width": 7}, {"scale": 0.3, "level": 9}]
+)
+def test_large_pictures_become_smaller_while_they_are_read(tmp_path, monkeypatch, suffix, option):
+    """The cells are those of a picture that is in memory as a whole, which a small picture shows."""
+    from shoal.swarm.maps import pictures
+
+    rng = np.random.default_rng(4)
+    free = (rng.random((3 if suffix == ".tif" else 1, 61, 83)) < 0.4) | traced_tree()[:61, :83]
+    pages = [Image.fromarray(page.astype(np.uint8) * 9) for page in free]
+    path = tmp_path / f"large{suffix}"
+    pages[0].save(path, **({"save_all": True, "append_images": pages[1:]} if suffix == ".tif" else {}))
+    whole = open_map(path, **option)
+    packed = []
+    monkeypatch.setattr(pictures, "MOST_COUNTED", 1000)
+    monkeypatch.setattr(pictures, "PIECE", 700)
+    shares = pictures.shares_of_bands
+    monkeypatch.setattr(pictures, "shares_of_bands", lambda *given: packed.append(given) or shares(*given))
+    read = open_map(path, **option)
+    assert packed or ("scale" not in option and suffix == ".tif")
+    if "width" not in option or suffix == ".tif":
+        np.testing.assert_array_equal(read.free, whole.free)
+    else:
+        assert read.shape == whole.shape
+
+
+def test_width_has_the_limit_of_scale(tmp_path, monkeypatch):
+    from shoal.swarm.maps import pictures, reading
+
+    monkeypatch.setattr(reading, "MAX_CELLS", 5000)
+    monkeypatch.setattr(pictures, "MAX_CELLS", 5000)
+    monkeypatch.setattr(pictures, "MOST_COUNTED", 5000)
+    for suffix in (".png", ".tif"):
+        path = save(traced_tree(), tmp_path / f"large{suffix}")
+        with pytest.raises(InvalidInputError, match="expected at most 5000 cells"):
+            open_map(path)
+        height, width = traced_tree().shape
+        small = open_map(path, width=40)
+        assert small.shape == (round(height * 40 / width), 40)
+        assert small == open_map(path, scale=40 / width)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -18,6 +19,7 @@ from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.notices import tell_once
 from shoal.swarm.maps import tiff
+from shoal.swarm.maps.parts import MOST_COUNTED
 from shoal.swarm.maps.reading import (
     LARGEST_PICTURE,
     MAX_CELLS,
@@ -31,7 +33,7 @@ from shoal.swarm.maps.reading import (
     index_of,
     reading,
 )
-from shoal.swarm.maps.resampling import join_diagonals, scale_cells
+from shoal.swarm.maps.resampling import cells_of_shares, join_diagonals, scale_cells, scaled_shape, shares_of_bands
 from shoal.swarm.maps.values import Extremes, Mask, free_by_brightness, free_by_number, in_pieces
 from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -185,6 +187,29 @@ def _pixels(path: Path, bands: list[Page], ground: float) -> list[NDArray[np.uin
     return [np.asarray(np.rint(np.clip(255 * (grey / white), 0, 255)), dtype=np.uint8) for grey in greys]
 
 
+def scale_of_width(path: Path, width: int, scale: float) -> float | None:
+    """Return the scale with which a picture has at most ``width`` cells along its larger side, for a very large picture.
+
+    A very large picture becomes smaller while it is read. Returns None for all other files, and for TIFF files that are small
+    enough to be maps, which may contain a size of their pixels.
+    """
+    from PIL import Image
+
+    if path.suffix.lower() not in PICTURES or not path.is_file():
+        return None
+    limit = Image.MAX_IMAGE_PIXELS
+    try:
+        Image.MAX_IMAGE_PIXELS = None
+        with warnings.catch_warnings(), Image.open(path, formats=[*set(PICTURES.values())]) as image:
+            warnings.simplefilter("ignore")
+            larger, cells, is_tiff = max(image.size), image.width * image.height * scale**2, image.format == "TIFF"
+    except Exception:  # the reader of the picture says what is wrong with it
+        return None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+    return width / larger if cells > (MAX_CELLS if is_tiff else MOST_COUNTED) and width < larger * scale else None
+
+
 def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
     """Return the bytes of a picture of a map, in which free cells are white. Each layer of the map becomes a page of a TIFF file.
 
@@ -211,20 +236,26 @@ def _free_layers(files: list[Path], options: MapOptions, *, folder: Path | None 
     with reading(folder or files[0], "a picture" if folder is None else "pictures"):
         source = _Source(files, options, folder)
         white = source.white()
+        large = len(files) * source.cells > MOST_COUNTED and options.scale < 1 and not options.join_diagonals
         if options.by_number:
-            bands = free_by_number(source.numbers, options, where=where)
+            bands = free_by_number(source.numbers, options, where=where, packed=large)
         else:
-            bands = free_by_brightness(source.brightness, white, options, where=where, all_masks=source.all_masks)
+            bands = free_by_brightness(source.brightness, white, options, where=where, all_masks=source.all_masks, packed=large)
         source.tell()
-        free = bands[0] if len(bands) == 1 else np.concatenate(bands)
-        del bands
-        free = free.reshape(-1, source.rows, free.shape[1])
-        if options.join_diagonals:  # before scaling: a smaller map no longer shows which pixels touched
-            free = join_diagonals(free)
-        free = scale_cells(free, [1.0, options.scale, options.scale], where=where)
+        factors = [1.0, options.scale, options.scale]
+        if large:  # the pixels are never in memory together
+            sides = bands.size // source.cells, source.rows, source.cells // source.rows
+            free = cells_of_shares(shares_of_bands(bands.unpacked(), sides, scaled_shape(sides, factors)), where=where)
+        else:
+            free = bands[0] if len(bands) == 1 else np.concatenate(bands)
+            del bands
+            free = free.reshape(-1, source.rows, free.shape[1])
+            if options.join_diagonals:  # before scaling: a smaller map no longer shows which pixels touched
+                free = join_diagonals(free)
+            free = scale_cells(free, factors, where=where)
         check_size(where, *free.shape)
-    sides = source.spacing
-    return free, None if sides is None else tuple(side / (options.scale if axis else 1.0) for axis, side in enumerate(sides))
+    size = source.spacing
+    return free, None if size is None else tuple(side / (options.scale if axis else 1.0) for axis, side in enumerate(size))
 
 
 class _Source:
@@ -234,7 +265,7 @@ class _Source:
         self.files, self.options, self.folder = files, options, folder
         self.spacing: tuple[float, float, float] | None = None
         self.ground: float | None = None
-        self.rows = 0
+        self.rows = self.cells = 0  # of a page
         self._extremes: list[Extremes] = []  # of each page
         self._lightest: Any = None  # the small number of a mask whose small numbers are white, if the file has no number of white
         self._begun: tuple[tuple[str, Page], Iterator[tuple[str, Page]]] | None = None
@@ -249,7 +280,7 @@ class _Source:
         else:
             yield from self._walk()
 
-    def _walk(self) -> Iterator[tuple[str, Page]]:
+    def _walk(self) -> Generator[tuple[str, Page], None, None]:
         size: tuple[int, int] | None = None
         count, name = 0, ""
         for file in self.files:
@@ -272,6 +303,7 @@ class _Source:
             raise InvalidInputError(f"{file}: expected a slice, got a picture of several pages")
         self.rows = band.rows or len(band.numbers)
         found = (self.rows, band.numbers.shape[1])
+        self.cells = found[0] * found[1]
         if size is not None and found != size:
             sides = ["x".join(map(str, reversed(one))) for one in (size, found)]
             raise InvalidInputError(f"{name}: expected {sides[0]} pixels as in the first layer, got {sides[1]}")

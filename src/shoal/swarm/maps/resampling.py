@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations, product
 from math import prod
 from typing import Any
@@ -108,6 +108,34 @@ def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
         sizes = np.diff([*begins, free.shape[axis]]).astype(np.float32)
         pixels = np.multiply.outer(pixels, sizes)
     return np.asarray(counts / pixels, dtype=np.float32)
+
+
+def shares_of_bands(bands: Iterable[Mask], sides: tuple[int, int, int], shape: Sequence[int]) -> Shares:
+    """Return what `block_shares` returns for a mask of layers whose rows come in bands, which need not be in memory together.
+
+    Parameters
+    ----------
+    bands : iterable of ndarray of bool, shape (rows, columns)
+        The rows of all layers.
+    sides : tuple of int
+        Numbers of layers, rows and columns of the mask.
+    shape : sequence of int
+        Shape of the result. It has as many layers as the mask, and at most as many rows and columns.
+    """
+    _, rows, columns = sides
+    _, high, wide = shape
+    begins = -(-np.arange(wide) * columns // wide)
+    counts = np.zeros((sides[0] * high, wide), dtype=np.int64)
+    row = 0
+    for cells in bands:
+        at = np.arange(row, row + len(cells))
+        block = at // rows * high + at % rows * high // rows
+        first = np.flatnonzero(np.diff(block, prepend=-1))
+        below = np.add.reduceat(cells, first, axis=0, dtype=np.int32)
+        counts[block[first]] += np.add.reduceat(below, begins, axis=1)
+        row += len(cells)
+    heights, widths = (np.diff([*-(-np.arange(new) * old // new), old]) for new, old in ((high, rows), (wide, columns)))
+    return np.asarray(counts.reshape(shape) / np.multiply.outer(heights, widths), dtype=np.float32)
 
 
 def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,13 +235,12 @@ class Tiff:
             if packed.size < height * line:
                 raise ValueError(f"expected {height * line} bytes in strip {number + 1}, got {packed.size}")
             packed = packed[: height * line].reshape(height, line)
-            order = "little" if key.fillorder == 2 else "big"
+            order: Literal["little", "big"] = "little" if key.fillorder == 2 else "big"
             for row, octets in enumerate(packed, start=first):  # row by row: the bits of a whole strip need eight times its bytes
                 one = np.unpackbits(octets, count=width * bits, bitorder=order).reshape(width, bits)
                 page[plane, row] = one @ (1 << np.arange(bits, dtype=np.int64)[::-1])
-        if self.samples == 1:
-            return page[0]
-        return page if planes > 1 else page[0].reshape(rows, columns, self.samples)
+        shape = (rows, columns) if self.samples == 1 else (planes, rows, columns) if planes > 1 else (rows, columns, self.samples)
+        return np.asarray(page.reshape(shape))
 
     def _by_pillow(self, source: Any) -> NDArray[Any] | None:
         """Return a compressed page by Pillow, which knows more compressions, or None if Pillow changes the numbers of the page."""
