@@ -210,3 +210,17 @@ def test_width_has_the_limit_of_scale(tmp_path, monkeypatch):
         small = open_map(path, width=40)
         assert small.shape == (round(height * 40 / width), 40)
         assert small == open_map(path, scale=40 / width)
+
+
+@pytest.mark.parametrize(
+    ("options", "rows", "where"),
+    [([], [20, 39], "picture"), (["--scale", "0.1"], [20, 39], "picture"), (["--width", "20"], [2, 3], "map of --width 20")],
+)
+def test_the_place_of_a_map_names_what_is_counted(tmp_path, capsys, options, rows, where):
+    free = np.zeros((100, 200), dtype=bool)
+    free[20:40, 50:150] = True
+    path = save(free, tmp_path / "block.png")
+    assert cli.run(["maps", str(path), *options, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["place"]["rows"] == rows
+    assert cli.run(["maps", str(path), *options]) == 0
+    assert f"of the {where}, counted from 0" in " ".join(capsys.readouterr().out.split())

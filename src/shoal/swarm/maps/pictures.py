@@ -589,7 +589,7 @@ def _mend_palette_of_bmp(image: Image, file: io.BufferedReader) -> None:
         return
     greys = [0, 255] if image.mode == "1" else range(16)
     codec, box, offset, args = image.tile[0]  # type: ignore[attr-defined]
-    image._mode = "P"  # type: ignore[attr-defined]
+    image._mode = "P"
     image.palette = ImagePalette.raw("RGB", np.repeat(np.array(greys, dtype=np.uint8), 3).tobytes())
     raw = ("P;4" if bits == 4 and codec == "raw" else "P", *args[1:])
     image.tile = [(codec, box, offset, raw)]  # type: ignore[attr-defined]
