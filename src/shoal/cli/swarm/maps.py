@@ -91,7 +91,7 @@ def _show(problem: SwarmProblem, name: str, out: Path | None, seed: int | None, 
 
 
 def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
-    """Return the number of parts of a map, the share of the largest part, and its place: in the file, or with a width in the smaller map."""
+    """Return the number of parts of a map, the share of the largest part, and its place in the file, or with a width in the map."""
     from shoal.swarm.maps.parts import parts_of
 
     found = parts_of(read.free)
