@@ -224,3 +224,15 @@ def test_the_place_of_a_map_names_what_is_counted(tmp_path, capsys, options, row
     assert json.loads(capsys.readouterr().out)["place"]["rows"] == rows
     assert cli.run(["maps", str(path), *options]) == 0
     assert f"of the {where}, counted from 0" in " ".join(capsys.readouterr().out.split())
+
+
+def test_very_large_pictures_are_not_joined(tmp_path, monkeypatch):
+    from shoal.swarm.maps import pictures
+
+    path = save(traced_tree(), tmp_path / "large.png")
+    monkeypatch.setattr(pictures, "MOST_JOINED", traced_tree().size)
+    assert open_map(path, join_diagonals=True, scale=0.5).n_free
+    monkeypatch.setattr(pictures, "MOST_JOINED", traced_tree().size - 1)
+    with pytest.raises(InvalidInputError, match="join-diagonals: expected at most .* pixels before scaling"):
+        open_map(path, join_diagonals=True, scale=0.5)
+    assert open_map(path, scale=0.5).n_free

@@ -47,6 +47,7 @@ PICTURES = {
 
 LARGEST_FILE = 2**31  # bytes
 LARGEST_PHOTOGRAPH = 2**27  # bytes of a decoded photograph, whose filters need many times as much
+MOST_JOINED = 2**26  # pixels whose diagonal contacts are joined, which needs ten bytes a pixel
 ORIENTATION = 0x0112  # EXIF tag
 SHOWN = 8  # channels that a message lists
 MIN_IS_WHITE = "in this file small numbers are white (MinIsWhite), and white is free (--invert takes the large numbers as free)"
@@ -309,6 +310,10 @@ class _Source:
             raise InvalidInputError(f"{name}: expected {sides[0]} pixels as in the first layer, got {sides[1]}")
         layers = max(count, len(self.files))
         check_size(where, layers, *(max(1, round(side * self.options.scale)) for side in found))
+        if self.options.join_diagonals and layers * self.cells > MOST_JOINED:
+            raise InvalidInputError(
+                f"{where}: join-diagonals: expected at most {MOST_JOINED} pixels before scaling, got {layers * self.cells}"
+            )
         check_data(where, layers * found[0] * found[1], most=LARGEST_PICTURE)  # one byte a pixel until the map is scaled
         return found
 
