@@ -233,6 +233,6 @@ def test_very_large_pictures_are_not_joined(tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "MOST_JOINED", traced_tree().size)
     assert open_map(path, join_diagonals=True, scale=0.5).n_free
     monkeypatch.setattr(pictures, "MOST_JOINED", traced_tree().size - 1)
-    with pytest.raises(InvalidInputError, match="join-diagonals: expected at most .* pixels before scaling"):
+    with pytest.raises(InvalidInputError, match=r"join-diagonals: expected at most .* pixels before scaling"):
         open_map(path, join_diagonals=True, scale=0.5)
     assert open_map(path, scale=0.5).n_free
