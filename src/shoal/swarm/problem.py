@@ -406,9 +406,8 @@ class SwarmProblem(Problem):
         parts, dropped = int(workspace.components.max()), workspace.n_free - largest.n_free
         if dropped:
             share = f"{100 * largest.n_free / workspace.n_free:.4g} % of {workspace.n_free} free cells"
-            tell_once(
-                f"shoal: notice: {workspace.name}: the largest of {parts} parts is kept, {share}; {dropped} free cells are dropped"
-            )
+            cells = "1 free cell is dropped" if dropped == 1 else f"{dropped} free cells are dropped"
+            tell_once(f"shoal: notice: {workspace.name}: the largest of {parts} parts is kept, {share}; {cells}")
         return largest
 
     def place_key(self) -> str | None:

@@ -15,6 +15,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.open import fit_width, open_map
+from shoal.swarm.maps.resampling import diagonal_contacts
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def share_of_largest(free):
 
 
 def save(free, path):
-    Image.fromarray(free.astype(np.uint8) * 255).save(path)
+    np.save(path, free) if path.suffix == ".npy" else Image.fromarray(free.astype(np.uint8) * 255).save(path)
     return path
 
 
@@ -125,7 +126,7 @@ def test_the_command_says_what_it_drops(tmp_path, monkeypatch, capfd):
     assert cli.run(["map", str(tmp_path / "steps.txt"), "-n", "1", "--largest-component"]) == 0
     said = capfd.readouterr().err
     assert "1 diagonal contact separates parts of the map" in said
-    assert "the largest of 2 parts is kept, 66.67 % of 3 free cells; 1 free cells are dropped" in said
+    assert "the largest of 2 parts is kept, 66.67 % of 3 free cells; 1 free cell is dropped" in said
 
 
 def test_options_without_effect_are_refused():
@@ -134,3 +135,104 @@ def test_options_without_effect_are_refused():
             open_map(GridWorkspace([[1, 1]]), **options)
         with pytest.raises(InvalidInputError, match="for a finished workspace"):
             assert SwarmProblem(GridWorkspace([[1, 1]]), **options).place
+
+
+@pytest.mark.parametrize("option", [{"scale": 0.5}, {"width": 40}])
+def test_contacts_are_counted_before_scaling(tmp_path, told, option):
+    free = np.zeros((60, 80), dtype=bool)
+    steps = np.arange(50)
+    free[steps + 2, steps + 5] = free[steps + 2, 70 - steps] = True
+    contacts = diagonal_contacts(free)
+    path = save(free, tmp_path / "cross.png")
+    open_map(path, **option)
+    assert [f"before scaling, {contacts} diagonal contacts separate parts of the map" in text for text in told].count(True) == 1
+    told.clear()
+    assert open_map(path, **option, join_diagonals=True).components.max() == 1
+    assert not told
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy"])
+def test_a_map_does_not_vanish(tmp_path, told, suffix):
+    tree = np.zeros((120, 120), dtype=bool)
+    tree[60, 20:100] = tree[30:90, 60] = True
+    path = save(tree, tmp_path / f"tree{suffix}")
+    small = open_map(path, width=3)
+    assert small.shape == (3, 3)
+    assert small.components.max() == 1
+    assert any(f"{path}: the only part is smaller than half a cell" in text and "--width" in text for text in told)
+    told.clear()
+    dust = np.zeros((120, 120), dtype=bool)
+    dust[[5, 5, 60, 110], [5, 110, 60, 5]] = True
+    dust[60, 61] = True
+    open_map(save(dust, tmp_path / f"dust{suffix}"), width=3)
+    assert any("all 4 parts are smaller than half a cell of the scaled map, and the largest is kept" in text for text in told)
+    assert np.argwhere(open_map(tmp_path / f"dust{suffix}", width=3).free).tolist() == [[1, 1]]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize(
+    "option", [{"scale": 0.3}, {"scale": 0.05}, {"width": 17}, {"scale": 0.5, "width": 7}, {"scale": 0.3, "level": 9}]
+)
+def test_large_pictures_become_smaller_while_they_are_read(tmp_path, monkeypatch, suffix, option):
+    """The cells are those of a picture that is in memory as a whole, which a small picture shows."""
+    from shoal.swarm.maps import pictures
+
+    rng = np.random.default_rng(4)
+    free = (rng.random((3 if suffix == ".tif" else 1, 61, 83)) < 0.4) | traced_tree()[:61, :83]
+    pages = [Image.fromarray(page.astype(np.uint8) * 9) for page in free]
+    path = tmp_path / f"large{suffix}"
+    pages[0].save(path, **({"save_all": True, "append_images": pages[1:]} if suffix == ".tif" else {}))
+    whole = open_map(path, **option)
+    packed = []
+    monkeypatch.setattr(pictures, "MOST_COUNTED", 1000)
+    monkeypatch.setattr(pictures, "PIECE", 700)
+    shares = pictures.shares_of_bands
+    monkeypatch.setattr(pictures, "shares_of_bands", lambda *given: packed.append(given) or shares(*given))
+    read = open_map(path, **option)
+    assert packed or ("scale" not in option and suffix == ".tif")
+    if "width" not in option or suffix == ".tif":
+        np.testing.assert_array_equal(read.free, whole.free)
+    else:
+        assert read.shape == whole.shape
+
+
+def test_width_has_the_limit_of_scale(tmp_path, monkeypatch):
+    from shoal.swarm.maps import pictures, reading
+
+    monkeypatch.setattr(reading, "MAX_CELLS", 5000)
+    monkeypatch.setattr(pictures, "MAX_CELLS", 5000)
+    monkeypatch.setattr(pictures, "MOST_COUNTED", 5000)
+    for suffix in (".png", ".tif"):
+        path = save(traced_tree(), tmp_path / f"large{suffix}")
+        with pytest.raises(InvalidInputError, match="expected at most 5000 cells"):
+            open_map(path)
+        height, width = traced_tree().shape
+        small = open_map(path, width=40)
+        assert small.shape == (round(height * 40 / width), 40)
+        assert small == open_map(path, scale=40 / width)
+
+
+@pytest.mark.parametrize(
+    ("options", "rows", "where"),
+    [([], [20, 39], "picture"), (["--scale", "0.1"], [20, 39], "picture"), (["--width", "20"], [2, 3], "map of --width 20")],
+)
+def test_the_place_of_a_map_names_what_is_counted(tmp_path, capsys, options, rows, where):
+    free = np.zeros((100, 200), dtype=bool)
+    free[20:40, 50:150] = True
+    path = save(free, tmp_path / "block.png")
+    assert cli.run(["maps", str(path), *options, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["place"]["rows"] == rows
+    assert cli.run(["maps", str(path), *options]) == 0
+    assert f"of the {where}, counted from 0" in " ".join(capsys.readouterr().out.split())
+
+
+def test_very_large_pictures_are_not_joined(tmp_path, monkeypatch):
+    from shoal.swarm.maps import pictures
+
+    path = save(traced_tree(), tmp_path / "large.png")
+    monkeypatch.setattr(pictures, "MOST_JOINED", traced_tree().size)
+    assert open_map(path, join_diagonals=True, scale=0.5).n_free
+    monkeypatch.setattr(pictures, "MOST_JOINED", traced_tree().size - 1)
+    with pytest.raises(InvalidInputError, match=r"join-diagonals: expected at most .* pixels before scaling"):
+        open_map(path, join_diagonals=True, scale=0.5)
+    assert open_map(path, scale=0.5).n_free

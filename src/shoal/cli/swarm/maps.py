@@ -91,7 +91,7 @@ def _show(problem: SwarmProblem, name: str, out: Path | None, seed: int | None, 
 
 
 def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
-    """Return the number of parts of a map, the share of the largest part, and the place of the map in the file, in pixels."""
+    """Return the number of parts of a map, the share of the largest part, and its place in the file, or with a width in the map."""
     from shoal.swarm.maps.parts import parts_of
 
     found = parts_of(read.free)
@@ -99,7 +99,8 @@ def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
     if found is None:
         return {"parts": None, "largest_share": None, "place": None, **size}
     box = found.largest if problem.largest_component else found.whole
-    scales = (1.0, problem.scale, problem.scale)[3 - read.ndim :]
+    scale = problem.scale if problem.width is None else 1.0  # with a width, the place is that in the smaller map
+    scales = (1.0, scale, scale)[3 - read.ndim :]
     box = tuple((int(first / scale), int((last + 1) / scale - 1e-9)) for (first, last), scale in zip(box, scales, strict=True))
     return {"parts": found.number, "largest_share": found.share, "place": _place(box), **size}
 
@@ -135,7 +136,8 @@ def _place_text(place: dict[str, list[int]], problem: SwarmProblem) -> str:
     ends = ", ".join(f"{side} {first} to {last}" for side, (first, last) in place.items())
     what = "the largest part lies" if problem.largest_component else "the free cells lie"
     picture = Path(problem.map).suffix.lower() in PICTURES or Path(problem.map).is_dir()
-    return f"{what} in {ends} of the {'picture' if picture else 'map'}, counted from 0"
+    where = f"map of --width {problem.width}" if problem.width is not None else "picture" if picture else "map"
+    return f"{what} in {ends} of the {where}, counted from 0"
 
 
 def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:

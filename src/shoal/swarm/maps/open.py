@@ -19,7 +19,7 @@ from shoal.swarm.maps.arrays import free_in_array
 from shoal.swarm.maps.files import named_after, read_map
 from shoal.swarm.maps.generators import generate_cached, is_spec
 from shoal.swarm.maps.parts import MOST_COUNTED
-from shoal.swarm.maps.pictures import read_pixels
+from shoal.swarm.maps.pictures import read_pixels, scale_of_width
 from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
 from shoal.swarm.maps.resampling import diagonal_contacts, factors_of_width, join_diagonals, scale_cells
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -101,7 +101,9 @@ def open_map(
         tell_once(imaging.dropped_text(str(path), mask))
         return named_after(path, imaging.map_of_vessels(mask, width=width))
     check_used(Kind("a map file", frozenset((*chosen.given, "width"))), given, where=text)
-    workspace = fit_width(read_map(path, **options), width)
+    if width is not None and (scale := scale_of_width(path, width, chosen.scale)) is not None:
+        options = options | {"scale": scale}
+    workspace = fit_width(read_map(path, **options), width, where=str(path))
     counted = notices.listeners and workspace.free.size <= MOST_COUNTED
     if counted and (contacts := diagonal_contacts(workspace.free)):
         separate = "1 diagonal contact separates" if contacts == 1 else f"{contacts} diagonal contacts separate"
@@ -112,15 +114,16 @@ def open_map(
     return workspace
 
 
-def fit_width(workspace: GridWorkspace, width: int | None) -> GridWorkspace:
+def fit_width(workspace: GridWorkspace, width: int | None, *, where: str = "map") -> GridWorkspace:
     """Return a workspace with at most ``width`` cells along its larger side, in which connected cells stay connected.
 
     The spacing grows with the cells. If ``width`` is None, or if the workspace is small enough, return the workspace unchanged.
+    Notices name the map by ``where``.
     """
     if width is None:
         return workspace
     factors = factors_of_width(workspace.shape, width, workspace.spacing)
-    free = scale_cells(workspace.free, factors, where=workspace.name)
+    free = scale_cells(workspace.free, factors, where=where)
     if free.shape == workspace.shape:
         return workspace
     spacing = workspace.spacing and tuple(

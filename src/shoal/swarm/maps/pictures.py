@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -18,6 +19,7 @@ from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.notices import tell_once
 from shoal.swarm.maps import tiff
+from shoal.swarm.maps.parts import MOST_COUNTED
 from shoal.swarm.maps.reading import (
     LARGEST_PICTURE,
     MAX_CELLS,
@@ -31,8 +33,8 @@ from shoal.swarm.maps.reading import (
     index_of,
     reading,
 )
-from shoal.swarm.maps.resampling import join_diagonals, scale_cells
-from shoal.swarm.maps.values import Mask, free_by_brightness, free_by_number, in_pieces
+from shoal.swarm.maps.resampling import cells_of_shares, join_diagonals, scale_cells, scaled_shape, shares_of_bands
+from shoal.swarm.maps.values import Extremes, Mask, free_by_brightness, free_by_number, in_pieces
 from shoal.swarm.maps.workspace import GridWorkspace
 
 if TYPE_CHECKING:
@@ -45,9 +47,12 @@ PICTURES = {
 
 LARGEST_FILE = 2**31  # bytes
 LARGEST_PHOTOGRAPH = 2**27  # bytes of a decoded photograph, whose filters need many times as much
+MOST_JOINED = 2**26  # pixels whose diagonal contacts are joined, which needs ten bytes a pixel
 ORIENTATION = 0x0112  # EXIF tag
 SHOWN = 8  # channels that a message lists
 MIN_IS_WHITE = "in this file small numbers are white (MinIsWhite), and white is free (--invert takes the large numbers as free)"
+LABELS_OF_PALETTE = "the labels are the entries of the palette (--level takes its greys)"
+LEVELS_OF_PALETTE = "the levels are the greys of the palette (--label takes its entries)"
 LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue in the brightness, as in Pillow (ITU-R 601)
 COLOURS = {
     "RGB": ["red", "green", "blue"],
@@ -76,6 +81,9 @@ class Page(NamedTuple):
         Red, green, blue and opacity of each number of a picture with a palette.
     reduced : int
         Number of bits in the file if the numbers have fewer, or 0.
+    numbered : bool
+        Whether the entries of a palette are numbers of their own. A GIF file of greys has them only because the format needs a
+        palette, and writers number them as they like.
     first_row : int
         The first row of the band.
     rows : int
@@ -88,6 +96,7 @@ class Page(NamedTuple):
     white_is_zero: bool = False
     palette: NDArray[np.uint8] | None = None
     reduced: int = 0
+    numbered: bool = True
     first_row: int = 0
     rows: int = 0
 
@@ -179,6 +188,29 @@ def _pixels(path: Path, bands: list[Page], ground: float) -> list[NDArray[np.uin
     return [np.asarray(np.rint(np.clip(255 * (grey / white), 0, 255)), dtype=np.uint8) for grey in greys]
 
 
+def scale_of_width(path: Path, width: int, scale: float) -> float | None:
+    """Return the scale with which a picture has at most ``width`` cells along its larger side, for a very large picture.
+
+    A very large picture becomes smaller while it is read. Returns None for all other files, and for TIFF files that are small
+    enough to be maps, which may contain a size of their pixels.
+    """
+    from PIL import Image
+
+    if path.suffix.lower() not in PICTURES or not path.is_file():
+        return None
+    limit = Image.MAX_IMAGE_PIXELS
+    try:
+        Image.MAX_IMAGE_PIXELS = None
+        with warnings.catch_warnings(), Image.open(path, formats=[*set(PICTURES.values())]) as image:
+            warnings.simplefilter("ignore")
+            larger, cells, is_tiff = max(image.size), image.width * image.height * scale**2, image.format == "TIFF"
+    except Exception:  # the reader of the picture says what is wrong with it
+        return None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+    return width / larger if cells > (MAX_CELLS if is_tiff else MOST_COUNTED) and width < larger * scale else None
+
+
 def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
     """Return the bytes of a picture of a map, in which free cells are white. Each layer of the map becomes a page of a TIFF file.
 
@@ -205,20 +237,26 @@ def _free_layers(files: list[Path], options: MapOptions, *, folder: Path | None 
     with reading(folder or files[0], "a picture" if folder is None else "pictures"):
         source = _Source(files, options, folder)
         white = source.white()
+        large = len(files) * source.cells > MOST_COUNTED and options.scale < 1 and not options.join_diagonals
         if options.by_number:
-            bands = free_by_number(source.numbers, options, where=where)
+            bands = free_by_number(source.numbers, options, where=where, packed=large)
         else:
-            bands = free_by_brightness(source.brightness, white, options, where=where)
+            bands = free_by_brightness(source.brightness, white, options, where=where, all_masks=source.all_masks, packed=large)
         source.tell()
-        free = bands[0] if len(bands) == 1 else np.concatenate(bands)
-        del bands
-        free = free.reshape(-1, source.rows, free.shape[1])
-        if options.join_diagonals:  # before scaling: a smaller map no longer shows which pixels touched
-            free = join_diagonals(free)
-        free = scale_cells(free, [1.0, options.scale, options.scale], where=where)
+        factors = [1.0, options.scale, options.scale]
+        if large:  # the pixels are never in memory together
+            sides = bands.size // source.cells, source.rows, source.cells // source.rows
+            free = cells_of_shares(shares_of_bands(bands.unpacked(), sides, scaled_shape(sides, factors)), where=where)
+        else:
+            free = bands[0] if len(bands) == 1 else np.concatenate(bands)
+            del bands
+            free = free.reshape(-1, source.rows, free.shape[1])
+            if options.join_diagonals:  # before scaling: a smaller map no longer shows which pixels touched
+                free = join_diagonals(free)
+            free = scale_cells(free, factors, where=where)
         check_size(where, *free.shape)
-    sides = source.spacing
-    return free, None if sides is None else tuple(side / (options.scale if axis else 1.0) for axis, side in enumerate(sides))
+    size = source.spacing
+    return free, None if size is None else tuple(side / (options.scale if axis else 1.0) for axis, side in enumerate(size))
 
 
 class _Source:
@@ -228,7 +266,9 @@ class _Source:
         self.files, self.options, self.folder = files, options, folder
         self.spacing: tuple[float, float, float] | None = None
         self.ground: float | None = None
-        self.rows = 0
+        self.rows = self.cells = 0  # of a page
+        self._extremes: list[Extremes] = []  # of each page
+        self._lightest: Any = None  # the small number of a mask whose small numbers are white, if the file has no number of white
         self._begun: tuple[tuple[str, Page], Iterator[tuple[str, Page]]] | None = None
         self._notices: dict[str, None] = {}
 
@@ -241,7 +281,7 @@ class _Source:
         else:
             yield from self._walk()
 
-    def _walk(self) -> Iterator[tuple[str, Page]]:
+    def _walk(self) -> Generator[tuple[str, Page], None, None]:
         size: tuple[int, int] | None = None
         count, name = 0, ""
         for file in self.files:
@@ -264,11 +304,16 @@ class _Source:
             raise InvalidInputError(f"{file}: expected a slice, got a picture of several pages")
         self.rows = band.rows or len(band.numbers)
         found = (self.rows, band.numbers.shape[1])
+        self.cells = found[0] * found[1]
         if size is not None and found != size:
             sides = ["x".join(map(str, reversed(one))) for one in (size, found)]
             raise InvalidInputError(f"{name}: expected {sides[0]} pixels as in the first layer, got {sides[1]}")
         layers = max(count, len(self.files))
         check_size(where, layers, *(max(1, round(side * self.options.scale)) for side in found))
+        if self.options.join_diagonals and layers * self.cells > MOST_JOINED:
+            raise InvalidInputError(
+                f"{where}: join-diagonals: expected at most {MOST_JOINED} pixels before scaling, got {layers * self.cells}"
+            )
         check_data(where, layers * found[0] * found[1], most=LARGEST_PICTURE)  # one byte a pixel until the map is scaled
         return found
 
@@ -276,25 +321,61 @@ class _Source:
         """Return the numbers of each page, of pages with one number for each pixel."""
         option = "level" if self.options.level is not None else "label"
         for name, page in self.pages():
+            if page.palette is not None and page.numbered:
+                self._notices[LABELS_OF_PALETTE if option == "label" else LEVELS_OF_PALETTE] = None
             yield _single_numbers(page, name, option)
 
     def white(self) -> float | None:
         """Return the brightness of white, after a look at the first page."""
         pages = self._walk()
         for name, page in pages:
+            if page.palette is None and page.white is None and page.white_is_zero:
+                pages.close()
+                return self._white_of_mask(name)
             self._begun = (name, page), pages  # the first call of `pages` goes on here
             return 255.0 if page.palette is not None else page.white
         raise InvalidInputError(f"{self.folder or self.files[0]}: expected a picture, got no pages")
 
+    def _white_of_mask(self, name: str) -> float:
+        """Return the brightness of white in a mask whose small number is white, for numbers without a white of their own."""
+        extremes = Extremes()
+        for _, page in self._walk():
+            extremes.add(page.numbers if page.numbers.dtype.kind != "f" else page.numbers[~np.isnan(page.numbers)])
+        if not extremes.has_two:
+            raise InvalidInputError(
+                f"{name}: expected a mask of two numbers, or a known number of white, in a picture whose small numbers are white, "
+                f"got numbers from {extremes.low} to {extremes.high} (--level N)"
+            )
+        self._lightest = extremes.low
+        return 1.0
+
+    def all_masks(self) -> bool:
+        """Return whether the pages, of which there are several, are masks of 0 and of one brightness each."""
+        pages = self._extremes
+        return (
+            len(pages) > 1
+            and any(one.has_two for one in pages)
+            and all(one.low == one.high or (one.has_two and one.low == 0) for one in pages)
+        )
+
     def brightness(self) -> Iterator[NDArray[Any]]:
         """Return the brightness of each page. Transparent pixels have one ground on all pages."""
+        self._extremes = []
         for name, page in self.pages():
             if self.ground is None and _opaque(page).transparent:
                 self.ground = self._common_ground()
             if page.white_is_zero:
                 self._notices[MIN_IS_WHITE] = None
             with errors_at(name):
-                yield _brightness(page, 0.0 if self.ground is None else self.ground)
+                if self._lightest is None:
+                    grey = _brightness(page, 0.0 if self.ground is None else self.ground)
+                else:
+                    grey = _lightness_of_mask(page.numbers, self._lightest)
+            if len(self.files) > 1 or self.files[0].suffix.lower() in {".tif", ".tiff"}:
+                if not page.first_row:
+                    self._extremes.append(Extremes())
+                self._extremes[-1].add(grey)
+            yield grey
 
     def _common_ground(self) -> float:
         """Return the brightness from 0 to 1 that stands for transparent pixels on all pages.
@@ -339,11 +420,11 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
             "share of white; a TIFF file keeps all bits)"
         )
     if page.palette is not None:
+        if option == "label" and page.numbered:  # the same on all pages, whatever colours a page shows
+            return page.numbers
         used = page.palette[np.unique(page.numbers)]
         if (used[:, :3] == used[:, :1]).all():
-            return np.asarray(page.palette[page.numbers][..., 0])
-        if option == "label":
-            return page.numbers
+            return np.asarray(page.palette[:, 0][page.numbers])
         raise InvalidInputError(f"{name}: level: expected one number for each pixel, got a palette of colours (--label, --channel)")
     numbers = page.numbers
     if numbers.ndim == 2:
@@ -417,6 +498,12 @@ def _brightness(page: Page, ground: float) -> NDArray[Any]:
     return grey == 0 if grey.dtype == np.bool_ else np.asarray(np.asarray(page.white, grey.dtype) - grey)
 
 
+def _lightness_of_mask(numbers: NDArray[Any], lightest: Any) -> NDArray[Any]:
+    """Return 1 for the white number of a mask and 0 for the other. NaN stays NaN."""
+    light = numbers == lightest
+    return np.where(np.isnan(numbers), np.float32(np.nan), light.astype(np.float32)) if numbers.dtype.kind == "f" else light
+
+
 def _listed(names: list[str]) -> str:
     """Return the names of channels as a text; a channel without a name has its number."""
     return ", ".join(name or str(number) for number, name in enumerate(names[:SHOWN], start=1)) + ", …" * (len(names) > SHOWN)
@@ -477,6 +564,8 @@ def _opened(path: Path, options: MapOptions, *, most: int | None = None) -> Iter
                     with _by_tifffile(path, options) as picture:
                         yield picture
                     return
+                if image.format == "BMP":
+                    _mend_palette_of_bmp(image, file)
                 depth = begin_of_png(file) if image.format == "PNG" else 0
                 yield _Picture(_pages(path, image, options, most, png_depth=depth))
     finally:
@@ -492,10 +581,30 @@ def begin_of_png(file: io.BufferedReader) -> int:
     return depth[0] if depth else 8
 
 
+def _mend_palette_of_bmp(image: Image, file: io.BufferedReader) -> None:
+    """Make Pillow read a BMP file with a palette of greys as what it is: Pillow takes entries of 4 or 8 bits for 1 or 8 bits."""
+    from PIL import ImagePalette
+
+    place = file.tell()
+    file.seek(28)
+    bits = int.from_bytes(file.read(2), "little")
+    file.seek(place)
+    taken = {"1": 1, "L": 8}.get(image.mode, bits)
+    if bits not in {4, 8} or bits == taken:
+        return
+    greys = [0, 255] if image.mode == "1" else range(16)
+    codec, box, offset, args = image.tile[0]  # type: ignore[attr-defined]
+    image._mode = "P"
+    image.palette = ImagePalette.raw("RGB", np.repeat(np.array(greys, dtype=np.uint8), 3).tobytes())
+    raw = ("P;4" if bits == 4 and codec == "raw" else "P", *args[1:])
+    image.tile = [(codec, box, offset, raw)]  # type: ignore[attr-defined]
+
+
 def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, png_depth: int) -> Iterator[Page]:
     """Return the pages of a picture that Pillow reads. The size of a page is checked before the page is decoded."""
-    if image.format == "GIF":
-        image.seek(_frame_of_gif(path, image, options))
+    film = image.format == "GIF" or int(getattr(image, "n_frames", 1) if image.format == "PNG" else 1) > 1
+    if film:
+        image.seek(_frame_of_film(path, image, options))
     elif options.frame is not None:
         raise InvalidInputError(f"{path}: frame: expected no frame for a file without a time axis, got {options.frame}")
     for page in range(MAX_LAYERS + 1):
@@ -505,13 +614,14 @@ def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, p
             except EOFError:
                 return
         _check_pixels(path, image, options, most, page + 1)
-        _check_tiles(path, image)
+        if not film:  # a frame of a film may contain only what changes
+            _check_tiles(path, image)
         yield from _bands(image, png_depth)
         if image.format != "TIFF":
             return
 
 
-def _frame_of_gif(path: Path, image: Image, options: MapOptions) -> int:
+def _frame_of_film(path: Path, image: Image, options: MapOptions) -> int:
     """Return the index of the chosen frame of a film, whose frames are points in time and no layers."""
     count = 1
     while count <= MAX_LAYERS:
@@ -567,31 +677,42 @@ def _bands(image: Image, png_depth: int) -> Iterator[Page]:
     step = max(1, PIECE // max(1, whole.width))
     for first in range(0, whole.height, step):
         band = whole.crop((0, first, whole.width, min(whole.height, first + step)))
-        yield _decoded(band, bits, white_is_zero, palette)._replace(first_row=first, rows=whole.height)
+        yield _decoded(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(first_row=first, rows=whole.height)
 
 
-def _decoded(band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None) -> Page:
+def _decoded(band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None, *, gif: bool) -> Page:
     """Return the numbers of a band of a page."""
     if palette is not None:
-        return Page(np.asarray(band if band.mode == "P" else band.getchannel(0)), [""], 255.0, palette=palette)
+        entries = np.asarray(band if band.mode == "P" else band.getchannel(0))
+        return Page(entries, [""], 255.0, palette=palette, numbered=not gif or bool((palette[:, :3] != palette[:, :1]).any()))
     if band.mode in {"CMYK", "YCbCr", "LAB", "HSV", "RGBX", "RGBa", "La"}:
         band = band.convert({"La": "LA", "RGBa": "RGBA"}.get(band.mode, "RGB"))
-    elif "transparency" in band.info and band.mode in {"1", "L", "RGB"}:  # one colour stands for "nothing here"
-        band = band.convert("RGBA" if band.mode == "RGB" else "LA")
-    numbers = np.asarray(band)
-    if band.mode.startswith("I") and isinstance(nothing := band.info.get("transparency"), int):
+    elif "transparency" in band.info and band.mode == "RGB":  # one colour stands for "nothing here"
+        band = band.convert("RGBA")
+    numbers, nothing = np.asarray(band), band.info.get("transparency")
+    if band.mode.startswith("I") and isinstance(nothing, int):
         opacity = np.where(numbers == nothing, 0, 65535)
         return Page(np.stack([numbers, opacity], axis=-1).astype(np.uint16), COLOURS["LA"], 65535.0)
     if band.mode == "1":
-        return Page(~numbers if white_is_zero else numbers, [""], 1.0, white_is_zero)
+        page = Page(~numbers if white_is_zero else numbers, [""], 1.0, white_is_zero)
+        return page if nothing is None else _with_opacity(page, numbers != bool(nothing))
     white = {"u1": 255.0, "u2": 4095.0 if bits == 12 else 65535.0}.get(numbers.dtype.str[1:])
     if numbers.ndim == 2 and numbers.dtype == np.uint8:
         if bits in {1, 2, 4}:  # Pillow spreads few bits over the range of 8 bits
             white = float(2**bits - 1)
             numbers = numbers // np.uint8(255 // (2**bits - 1))
+        if isinstance(nothing, int):  # in the bits of the file, as the numbers are now
+            return _with_opacity(Page(numbers, [""], white), numbers != nothing)
         if white_is_zero:
             numbers = np.uint8(white or 0) - numbers
     return Page(numbers, COLOURS.get(band.mode, [""]), white, white_is_zero, reduced=16 * (bits == 16 and numbers.ndim == 3))
+
+
+def _with_opacity(page: Page, opaque: Mask) -> Page:
+    """Return a grey page in which some pixels are transparent, with two channels."""
+    white = np.uint8(page.white or 1)
+    numbers = np.stack([page.numbers.astype(np.uint8), opaque * white], axis=-1)
+    return page._replace(numbers=numbers, names=COLOURS["LA"])
 
 
 def _palette_of(image: Image) -> NDArray[np.uint8]:

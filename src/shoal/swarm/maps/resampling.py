@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations, product
 from math import prod
 from typing import Any
@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core import notices
 from shoal.core.notices import tell_once
+from shoal.swarm.maps.parts import MOST_COUNTED
 
 Mask = NDArray[np.bool_]
 Shares = NDArray[np.float32]
@@ -28,7 +30,8 @@ def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map
     a connection needs them, so that a thin vessel becomes a line of cells that is one cell wide.
 
     The result has three properties. Each connected part of ``free`` gives one connected part of the result; only a part that
-    fills less than half of a block vanishes. Every free cell of the result has a free cell in its block, so that two parts stay
+    fills less than half of a block vanishes, and the largest part never does.
+    Every free cell of the result has a free cell in its block, so that two parts stay
     apart if along some axis the distance between them is at least the length of two blocks. Cells are only added where a block is
     less than half free and a connection needs it, so that the result does not swell.
 
@@ -55,7 +58,22 @@ def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map
     shape = scaled_shape(free.shape, factors)
     if shape == free.shape:
         return free
-    return cells_of_shares(block_shares(free, shape), where=where) if min(factors) < 1 else enlarge_cells(free, shape)
+    if min(factors) >= 1:
+        return enlarge_cells(free, shape)
+    _tell_of_contacts(free[0] if free.ndim == 3 and len(free) == 1 else free, where)
+    return cells_of_shares(block_shares(free, shape), where=where)
+
+
+def _tell_of_contacts(free: Mask, where: str) -> None:
+    """Tell how many diagonal contacts a map has before it becomes smaller, after which they cannot be counted."""
+    if not notices.listeners or free.size > MOST_COUNTED:
+        return
+    if contacts := diagonal_contacts(free):
+        separate = "1 diagonal contact separates" if contacts == 1 else f"{contacts} diagonal contacts separate"
+        tell_once(
+            f"shoal: warning: {where}: before scaling, {separate} parts of the map; the smaller map may connect such parts "
+            "(--join-diagonals connects them in any case)"
+        )
 
 
 def scaled_shape(shape: Sequence[int], factors: Sequence[float]) -> tuple[int, ...]:
@@ -92,6 +110,34 @@ def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
     return np.asarray(counts / pixels, dtype=np.float32)
 
 
+def shares_of_bands(bands: Iterable[Mask], sides: tuple[int, int, int], shape: Sequence[int]) -> Shares:
+    """Return what `block_shares` returns for a mask of layers whose rows come in bands, which need not be in memory together.
+
+    Parameters
+    ----------
+    bands : iterable of ndarray of bool, shape (rows, columns)
+        The rows of all layers.
+    sides : tuple of int
+        Numbers of layers, rows and columns of the mask.
+    shape : sequence of int
+        Shape of the result. It has as many layers as the mask, and at most as many rows and columns.
+    """
+    _, rows, columns = sides
+    _, high, wide = shape
+    begins = -(-np.arange(wide) * columns // wide)
+    counts = np.zeros((sides[0] * high, wide), dtype=np.int64)
+    row = 0
+    for cells in bands:
+        at = np.arange(row, row + len(cells))
+        block = at // rows * high + at % rows * high // rows
+        first = np.flatnonzero(np.diff(block, prepend=-1))
+        below = np.add.reduceat(cells, first, axis=0, dtype=np.int32)
+        counts[block[first]] += np.add.reduceat(below, begins, axis=1)
+        row += len(cells)
+    heights, widths = (np.diff([*-(-np.arange(new) * old // new), old]) for new, old in ((high, rows), (wide, columns)))
+    return np.asarray(counts.reshape(shape) / np.multiply.outer(heights, widths), dtype=np.float32)
+
+
 def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
     """Return the free cells of a scaled map, given the share of free pixels in each cell. `scale_cells` states the properties.
 
@@ -103,9 +149,16 @@ def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
     free = share > 0
     parts, count = connected_parts(free)
     large = np.bincount(parts.ravel(), share.ravel()) >= HALF
-    if lost := count - int(np.count_nonzero(large[1:])):
+    if count and not large[1:].any():
+        large[1 + int(np.argmax(np.bincount(parts.ravel(), share.ravel())[1:]))] = True
+        which, kept = ("the only part is smaller", "it") if count == 1 else (f"all {count} parts are smaller", "the largest")
+        tell_once(
+            f"shoal: warning: {where}: {which} than half a cell of the scaled map, and {kept} is kept "
+            "(a larger --scale or --width keeps more)"
+        )
+    elif lost := count - int(np.count_nonzero(large[1:])):
         which = "1 part is smaller" if lost == 1 else f"{lost} parts are smaller"
-        tell_once(f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped")
+        tell_once(f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped (--scale, --width)")
     free &= large[parts]
     _thin(free, np.where(free, share, 0))
     return free

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from shoal.swarm.maps.units import millimetres
 
 LAYERS = "ZQI"
 """Axes of tifffile that count the layers of a map: depth, and pages without a name."""
+
+WHOLE = {8, 16, 32, 64}
+"""Numbers of bits that are whole numbers of NumPy."""
 
 SIMPLE = {1, 2, 4, 8, 12, 16}
 """Numbers of bits of a grey pixel that Pillow reads exactly."""
@@ -188,15 +191,56 @@ class Tiff:
     def _decoded(self, source: Any) -> NDArray[Any]:
         try:
             return np.asarray(source.asarray())
-        except ValueError as error:
+        except (ValueError, ImportError, NotImplementedError) as error:
             if "imagecodecs" not in str(error):
                 raise
-            if (page := self._by_pillow(source)) is not None:
+            if (page := self._unpacked(source)) is not None or (page := self._by_pillow(source)) is not None:
                 return page
             raise InvalidInputError(
                 f"{self.path}: expected a TIFF file without compression or with Deflate or PackBits, got another compression "
                 "together with numbers that need tifffile (save the file without compression)"
             ) from None
+
+    def _unpacked(self, source: Any) -> NDArray[Any] | None:
+        """Return a page of whole numbers of few or odd bits, which follow each other without a gap inside a row.
+
+        Returns None for a page that is not of this kind, or whose compression tifffile does not know.
+        """
+        key = getattr(source, "keyframe", None)
+        bits = self.bits
+        if key is None or self.dtype.kind not in "bu" or bits in WHOLE or bits > 32 or key.is_tiled or key.predictor not in (0, 1):
+            return None
+        if bits == 24 and self._file.byteorder == "<":
+            raise InvalidInputError(
+                f"{self.path}: expected numbers of at most 16 or of 32 bits, got 24 bits in the order of bytes II, which programs "
+                "read in different orders (save the file with 32 bits)"
+            )
+        rows, columns = self.size
+        planes = self.samples if key.planarconfig == 2 else 1
+        width = columns * self.samples // planes
+        line = -(-width * bits // 8)
+        page = np.empty((planes, rows, width), dtype=self.dtype)
+        strip = min(rows, int(key.rowsperstrip) or rows)
+        count = -(-rows // strip)
+        for number, (data, _) in enumerate(self._file.filehandle.read_segments(source.dataoffsets, source.databytecounts)):
+            plane, first = number // count, number % count * strip
+            if plane >= planes or data is None:
+                raise ValueError(f"strip {number + 1} is missing or too much")
+            unfold = _library().TIFF.DECOMPRESSORS[key.compression] if key.compression != 1 else bytes
+            try:
+                packed = np.frombuffer(unfold(data), dtype=np.uint8)
+            except (KeyError, ImportError):
+                return None
+            height = min(strip, rows - first)
+            if packed.size < height * line:
+                raise ValueError(f"expected {height * line} bytes in strip {number + 1}, got {packed.size}")
+            packed = packed[: height * line].reshape(height, line)
+            order: Literal["little", "big"] = "little" if key.fillorder == 2 else "big"
+            for row, octets in enumerate(packed, start=first):  # row by row: the bits of a whole strip need eight times its bytes
+                one = np.unpackbits(octets, count=width * bits, bitorder=order).reshape(width, bits)
+                page[plane, row] = one @ (1 << np.arange(bits, dtype=np.int64)[::-1])
+        shape = (rows, columns) if self.samples == 1 else (planes, rows, columns) if planes > 1 else (rows, columns, self.samples)
+        return np.asarray(page.reshape(shape))
 
     def _by_pillow(self, source: Any) -> NDArray[Any] | None:
         """Return a compressed page by Pillow, which knows more compressions, or None if Pillow changes the numbers of the page."""

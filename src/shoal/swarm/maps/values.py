@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import PIECE, WHITE, MapOptions
@@ -22,7 +23,7 @@ MIDDLE = 0.8  # width of the range of brightness, around 0.5, that counts as nei
 SHOWN = 8  # numbers that an error message lists
 
 
-def free_by_number(pieces: Pieces, options: MapOptions, *, where: str) -> list[Mask]:
+def free_by_number(pieces: Pieces, options: MapOptions, *, where: str, packed: bool = False) -> Bands:
     """Return the free cells of each piece of an array of numbers.
 
     If ``level`` is given, a cell is free if its number is at least ``level``. If ``label`` is given, a cell is free if its number
@@ -35,8 +36,8 @@ def free_by_number(pieces: Pieces, options: MapOptions, *, where: str) -> list[M
         Raised if a number is infinite, or if no cell has the number ``label``. InvalidInputError is raised if neither ``level``
         nor ``label`` is given for an array of more than two different numbers, such as intensities or probabilities.
     """
-    free: list[Mask] = []
-    missing, other = 0, _Extremes()
+    free = Bands(packed=packed)
+    missing, other = 0, Extremes()
     for piece in pieces():
         nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
@@ -54,16 +55,24 @@ def free_by_number(pieces: Pieces, options: MapOptions, *, where: str) -> list[M
                     f"{where}: expected 0 for obstacles and one other number for free cells, got {other.low} and {other.high}"
                     f"{_cell_of(pieces, other.high)} (choose the level from which cells are free, or the label of free cells)"
                 )
-        free.append(_inverted(np.asarray(cells), nan, options))
+        free.add(_inverted(np.asarray(cells), nan, options))
     _tell_of_missing(missing, where)
-    if options.label is not None and not options.invert and not any(cells.any() for cells in free):
-        raise InvalidInputError(f"{where}: expected cells of label {options.label}, got none ({_there(pieces)})")
-    if options.label is not None and options.invert and all(cells.all() for cells in free):
-        raise InvalidInputError(f"{where}: expected cells of label {options.label}, got none ({_there(pieces)})")
+    if options.label is not None and not options.invert and not free.free:
+        raise InvalidInputError(f"{where}: expected cells of label {shortened(options.label)}, got none ({_there(pieces)})")
+    if options.label is not None and options.invert and free.free == free.size:
+        raise InvalidInputError(f"{where}: expected cells of label {shortened(options.label)}, got none ({_there(pieces)})")
     return free
 
 
-def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions, *, where: str) -> list[Mask]:
+def free_by_brightness(
+    pieces: Pieces,
+    white: float | None,
+    options: MapOptions,
+    *,
+    where: str,
+    all_masks: Callable[[], bool] = lambda: False,
+    packed: bool = False,
+) -> Bands:
     """Return the free pixels of each piece of a grey picture.
 
     Parameters
@@ -75,6 +84,10 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     options : MapOptions
     where : str
         Name of the file in error messages and notices.
+    all_masks : callable
+        Function that says, after the last piece, whether each picture of a stack is a mask of 0 and of one brightness of its own.
+    packed : bool
+        Whether each cell takes one bit in memory.
 
     Raises
     ------
@@ -91,8 +104,8 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     threshold = WHITE if options.threshold is None else options.threshold
     # An exactly equal brightness is free: rounded to 32 bits, 100 / 255 of 255 is 100.
     least: Any = np.float32(threshold * white) if threshold * white < 2**23 else threshold * white
-    free: list[Mask] = []
-    extremes, missing, middle, looked_at = _Extremes(), 0, 0, 0
+    free = Bands(packed=packed)
+    extremes, missing, middle, looked_at = Extremes(), 0, 0, 0
     for given in pieces():
         piece = given.view(np.uint8) if given.dtype == np.bool_ else given
         if known and piece.dtype.kind == "u" and not isinstance(least, int):
@@ -100,7 +113,7 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
         nan = _not_a_number(piece, pieces, where)
         missing += 0 if nan is None else int(np.count_nonzero(nan))
         extremes.add(piece if nan is None else piece[~nan])
-        free.append(_inverted(np.asarray(piece >= least), nan, options))
+        free.add(_inverted(np.asarray(piece >= least), nan, options))
         sample = piece[tuple(slice(None, None, max(1, side // 256)) for side in piece.shape)]
         middle += int(np.count_nonzero(np.abs(sample / max(white, 1e-30) - 0.5) < MIDDLE / 2))
         looked_at += sample.size
@@ -111,10 +124,15 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
                 f"shoal: {where}: the picture has two brightnesses, {extremes.low:g} and {extremes.high:g} of {white:g}; it is "
                 f"read as a mask, in which {extremes.low if options.invert else extremes.high:g} is free"
             )
-            free = [
-                _inverted(np.asarray(piece == extremes.high), _not_a_number(piece, pieces, where), options) for piece in pieces()
-            ]
+            free = _of_pieces(pieces, lambda piece: piece == extremes.high, options, where=where, packed=packed)
         return free
+    if options.threshold is None and all_masks():
+        tell_once(
+            f"shoal: {where}: each picture has at most two brightnesses, 0 and one that differs between the pictures; they are "
+            f"read as masks, in which {'0' if options.invert else 'every brightness above 0'} is free (--threshold, --level or "
+            "--label decide otherwise)"
+        )
+        return _of_pieces(pieces, lambda piece: piece > 0, options, where=where, packed=packed)
     if not known and extremes.low != extremes.high:
         if options.threshold is None and piece.dtype.kind in "iu":
             raise InvalidInputError(
@@ -132,7 +150,7 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
             f"{extremes.low:g} to {extremes.high:g} (--threshold takes a smaller share of white, --level N the values from N, and "
             "--label N the value N as free)"
         )
-    share = 100 * sum(int(np.count_nonzero(cells)) for cells in free) / max(1, sum(cells.size for cells in free))
+    share = 100 * free.free / max(1, free.size)
     if middle > 0.5 * looked_at:
         tell_once(
             f"shoal: warning: {where}: most pixels are neither black nor white, as in a photograph; {share:.3g} % of "
@@ -141,7 +159,35 @@ def free_by_brightness(pieces: Pieces, white: float | None, options: MapOptions,
     return free
 
 
-class _Extremes:
+def _of_pieces(pieces: Pieces, chosen: Callable[[Numbers], Any], options: MapOptions, *, where: str, packed: bool) -> Bands:
+    free = Bands(packed=packed)
+    for piece in pieces():
+        free.add(_inverted(np.asarray(chosen(piece)), _not_a_number(piece, pieces, where), options))
+    return free
+
+
+class Bands(list[Numbers]):
+    """Masks of consecutive rows. If ``packed`` is set, each cell takes one bit, and `unpacked` gives the masks one by one."""
+
+    def __init__(self, *, packed: bool = False) -> None:
+        super().__init__()
+        self.packed, self.free, self.size = packed, 0, 0
+        self._width = 0
+
+    def add(self, cells: Mask) -> None:
+        """Add the mask of the next rows."""
+        self.free += int(np.count_nonzero(cells))
+        self.size += cells.size
+        self._width = cells.shape[-1]
+        self.append(np.packbits(cells, axis=-1) if self.packed else cells)
+
+    def unpacked(self) -> Iterator[Mask]:
+        """Return the masks one after the other."""
+        for one in self:
+            yield np.unpackbits(one, axis=-1, count=self._width).view(np.bool_) if self.packed else one
+
+
+class Extremes:
     """The smallest and the largest of all numbers added, and whether there are no others."""
 
     def __init__(self) -> None:
@@ -196,11 +242,12 @@ def _not_a_number(piece: Numbers, pieces: Pieces, where: str) -> Mask | None:
 
 def _tell_of_missing(count: int, where: str) -> None:
     if count:
-        tell_once(f"shoal: {where}: {count} cells have no number (NaN) and count as not free")
+        cells, count_as = ("1 cell has no number", "counts") if count == 1 else (f"{count} cells have no number", "count")
+        tell_once(f"shoal: {where}: {cells} (NaN) and {count_as} as not free")
 
 
 def _largest(pieces: Pieces, where: str) -> float:
-    extremes = _Extremes()
+    extremes = Extremes()
     for piece in pieces():
         nan = _not_a_number(piece, pieces, where)
         extremes.add(piece if nan is None else piece[~nan])
