@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from math import sqrt
+from math import log, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -199,8 +199,9 @@ class NoiseMonitor:
         self.advance, self.variance = np.zeros((self.ndim, self.ndim)), np.zeros((self.ndim, self.ndim))
         self.drift = np.zeros(self.ndim)  # sum of the displacements of single particles across the axis of the command
         self.recent: deque[bool] = deque(maxlen=RECENT)  # whether a particle with a free cell ahead stayed
-        self.since_motion = 0  # commands since a particle was last seen to move
         self._numbers: list[int] = []
+        self._cells = int(np.prod([size + 2 for size in shape]))  # the workspace and its rim
+        self._seen, self._scans = np.zeros(int(np.prod(sizes)), dtype=np.int32), 0  # since motion was last established
 
     @property
     def hit(self) -> float:
@@ -235,7 +236,6 @@ class NoiseMonitor:
         """
         axis, sign = AXES[command]
         axis += self.ndim
-        self.since_motion += 1
         first, second = self._flat(before), self._flat(after)
         for other in range(self.ndim):
             step = sign * self._strides[other]
@@ -276,8 +276,6 @@ class NoiseMonitor:
         self.stayed[0] += int(stayed.sum())
         self.stayed[1] += len(stayed)
         self.recent.extend(stayed.tolist())
-        if not stayed.all():
-            self.since_motion = 0
 
     def _follow(
         self, cells: NDArray[np.int64], after: NDArray[np.int64], ahead: NDArray[np.int64], inside: NDArray[np.float64]
@@ -305,9 +303,42 @@ class NoiseMonitor:
             self.aside[1] += 1
             self.drift += way
 
-    def count(self, detections: int) -> None:
-        """Remember the number of detections in one scan."""
-        self._numbers.append(detections)
+    def count(self, cells: NDArray[np.int64]) -> bool:
+        """Take one scan into account. Return whether the scans since motion was last established show motion again.
+
+        As long as nothing moves, a cell with a particle shows it in each scan with one and the same high probability, and a cell
+        without one, with a low one: the stated rates of misses and misplacements bound both. Where particles move, cells are
+        occupied for a part of the time. The likelihood ratio compares a free probability for each cell (Krichevsky and Trofimov's
+        mixture) with the bounds. It tests scans at any time, whatever commands a policy chooses: the probability that particles at
+        rest ever reach 1 / `CRITICAL` is at most `CRITICAL` (Ville's inequality).
+        """
+        self._numbers.append(len(cells))
+        self._seen[self._flat(cells)] += 1
+        self._scans += 1
+        if self._evidence() < -log(CRITICAL):
+            return False
+        self._seen[:] = 0
+        self._seen[self._flat(cells)] = 1
+        self._scans = 1
+        return True
+
+    def _evidence(self) -> float:
+        """Return the logarithm of the likelihood ratio of motion to rest, for the scans since motion was last established."""
+        from scipy.special import betaln, xlog1py, xlogy
+
+        seen = self._seen[self._seen > 0].astype(float)
+        unseen = self._scans - seen
+        share = min(0.2, max(1.0, seen.sum() / self._scans) / self._cells)  # of the cells that may be occupied for a while
+
+        def likelihood(chance: NDArray[np.float64]) -> NDArray[np.float64]:
+            found: NDArray[np.float64] = xlogy(seen, chance) + xlog1py(unseen, -chance)
+            return found
+
+        often, rarely = (1 - self.noise.miss) * self.hit, self.noise.misplace
+        rest = np.maximum(likelihood(np.maximum(seen / self._scans, often)), likelihood(np.minimum(seen / self._scans, rarely)))
+        motion = betaln(seen + 0.5, unseen + 0.5) - betaln(0.5, 0.5)
+        ratios = np.logaddexp(np.log1p(-share), np.log(share) + motion - rest)
+        return float(ratios.sum() + (self._cells - len(seen)) * np.log1p(-share))
 
     @property
     def change(self) -> tuple[float, float] | None:
@@ -331,8 +362,8 @@ class NoiseMonitor:
         return float(told[:window].mean()), float(told[-window:].mean())
 
     @property
-    def moved(self) -> bool:
-        """Whether it is established that particles moved along the commands."""
+    def along(self) -> bool:
+        """Whether the scans show more motion along the commands than against them. Chance misses may show as much, rarely."""
         along = float(np.trace(self.advance))
         return along > max(0.5, SIGMAS * sqrt(np.trace(self.variance)))
 
@@ -382,7 +413,7 @@ class NoiseMonitor:
             return Alarm("twice", move, f"move {move}: {text}")
         # as long as nothing moves along the commands, the scans are exchangeable, and motion to the sides shows as well
         across = np.abs(self.advance) > np.maximum(SIGMAS * np.sqrt(self.variance), 3.0)
-        if not self.moved and (across & ~np.eye(self.ndim, dtype=bool)).any():
+        if not self.along and (across & ~np.eye(self.ndim, dtype=bool)).any():
             text = "the particles move at a right angle to the commands: the picture or the magnets are turned"
             return Alarm("direction", move, f"move {move}: {text}")
         return None

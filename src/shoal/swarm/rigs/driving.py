@@ -40,6 +40,7 @@ from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
 from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 ROUNDS = 12  # rounds of test moves in all directions, after which a rig with noise is driven without a verdict
+NOISY_CLOSING = 120  # the same on a rig with noise, where several scans establish a motion
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
 
 
@@ -339,8 +340,9 @@ def _explored(
         decider = make_decider(problem, swarm.belief, trial_rng(seed))
     for _ in range(CLOSING):
         _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
-        if status is Status.COMPLETE and test:
-            for _ in range(CLOSING):
+        # under noise no scan proves anything by itself: a map is only complete after commands that must move particles
+        if status is Status.COMPLETE and (test or swarm.doubtful):
+            for _ in range(NOISY_CLOSING if swarm.doubtful else CLOSING):
                 proof = swarm.command_that_moves() if swarm.unproven and recorder.moves < most else None
                 if proof is None:
                     break
@@ -359,7 +361,14 @@ def _nothing_moved(swarm: RigSwarm) -> Alarm:
 
 
 def _judged(status: Status, swarm: RigSwarm, alarms: list[Alarm]) -> Status:
-    """Return the status that the evidence allows: a map drawn from particles that never moved is not complete."""
+    """Return the status that the evidence allows: a map drawn from particles that did not move is not complete."""
+    if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
+        text = (
+            f"{swarm.unproven} {'cell was' if swarm.unproven == 1 else 'cells were'} classified while nothing was seen to move, more than the confidence allows: "
+            "the magnets do nothing any more, the camera shows an old picture, or no particle has room to move"
+        )
+        alarms.append(Alarm("still", swarm.moves, text))
+        return Status.ALARM
     if swarm.moved or status is Status.ALARM or not (status is Status.COMPLETE or swarm.still):
         return status
     alarms.append(_nothing_moved(swarm))
@@ -380,8 +389,9 @@ def _result(
     noisy = swarm if isinstance(swarm, NoisyRigSwarm) else None
     link: LinkCounts | None = getattr(rig, "counts", None)
     doubts = []
-    if swarm.unproven:
-        text = f"{count_text(swarm.unproven, 'cell')} were classified by the last commands, at which nothing was seen to move"
+    if swarm.unproven and (noisy is None or swarm.doubtful):
+        were = "cell was" if swarm.unproven == 1 else "cells were"
+        text = f"{swarm.unproven} {were} classified by the last commands, at which nothing was seen to move"
         doubts.append(text)
     if link is not None and link.doubled:
         text = f"{count_text(link.doubled, 'answer')} came twice: the line doubles lines, or the rig carries out requests twice"

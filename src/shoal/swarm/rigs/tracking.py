@@ -50,7 +50,7 @@ class RigSwarm(ABC):
     moved : bool
         Whether particles were seen to move since the start.
     unproven : int
-        Number of cells classified since particles were last seen to move. If the rig has failed meanwhile, these walls are wrong.
+        Number of cells classified since particles were surely seen to move. If the rig has failed meanwhile, these walls are wrong.
     sending, scanning : float
         Time that the rig spent on commands and on scans, in seconds.
     scans : int
@@ -74,6 +74,11 @@ class RigSwarm(ABC):
     @abstractmethod
     def finished(self) -> bool:
         """Whether no frontier cell is left that the particles can classify."""
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether more cells than the confidence allows were classified while nothing was established to move."""
+        return False
 
     @property
     @abstractmethod
@@ -297,6 +302,9 @@ class NoisyRigSwarm(RigSwarm):
         cells = self.observe()
         self._noisy = NoisyBelief(rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS)
         self.monitor = NoiseMonitor(rig.shape, noise)
+        self.monitor.count(cells)
+        self._confidence, self._shown = confidence, False
+        self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
         self._unseen = 0  # commands since the last scan
         self._take_over()
@@ -308,9 +316,14 @@ class NoisyRigSwarm(RigSwarm):
         return self._noisy.finished and self._noisy.closed
 
     @property
+    def doubtful(self) -> bool:
+        """Whether more cells than the confidence allows were classified while nothing was established to move."""
+        return self.unproven > (1 - self._confidence) * len(self.belief.known)
+
+    @property
     def still(self) -> bool | None:
-        """Whether commands move nothing: false once motion is established, true if enough commands should have shown it."""
-        if self.moved:
+        """Whether commands move nothing: false once scans show motion, true if enough commands should have shown it."""
+        if self.moved or self.monitor.along:
             return False
         noise, rounds = self._noisy.noise, self.moves // (2 * self.layout.ndim)
         expected = rounds * (1 - noise.slip) * ((1 - noise.miss) * (1 - noise.misplace)) ** 2 * self._singles
@@ -349,10 +362,14 @@ class NoisyRigSwarm(RigSwarm):
             self.monitor.compare(command, self.observations[-1], cells, inside, self._once_free.mask)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
-        self.monitor.count(len(cells))
         self._take_over()
-        self.moved = self.moved or self.monitor.moved
-        self.unproven = self.unproven + classified if self.monitor.since_motion else 0
+        shown = self.monitor.count(cells)
+        self._shown = self._shown or shown
+        self.moved = self.moved or (self._shown and self.monitor.along)
+        # a motion somewhere in a series of scans proves the cells classified before the series, but not those after the motion
+        self._recent += classified
+        self.unproven = self._recent if shown else self.unproven + classified
+        self._recent = 0 if shown else self._recent
         return [*rows, (classified, self._noisy.remaining, 0)]
 
     def check(self) -> None:
