@@ -360,11 +360,16 @@ def _nothing_moved(swarm: RigSwarm) -> Alarm:
     return Alarm("still", swarm.moves, text)
 
 
+def _cells_were(number: int) -> str:
+    return "cell was" if number == 1 else "cells were"
+
+
 def _judged(status: Status, swarm: RigSwarm, alarms: list[Alarm]) -> Status:
     """Return the status that the evidence allows: a map drawn from particles that did not move is not complete."""
     if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
         text = (
-            f"{swarm.unproven} {'cell was' if swarm.unproven == 1 else 'cells were'} classified while nothing was seen to move, more than the confidence allows: "
+            f"{swarm.unproven} {_cells_were(swarm.unproven)} classified while nothing was seen to move, more than the confidence "
+            "allows: "
             "the magnets do nothing any more, the camera shows an old picture, or no particle has room to move"
         )
         alarms.append(Alarm("still", swarm.moves, text))
@@ -390,8 +395,7 @@ def _result(
     link: LinkCounts | None = getattr(rig, "counts", None)
     doubts = []
     if swarm.unproven and (noisy is None or swarm.doubtful):
-        were = "cell was" if swarm.unproven == 1 else "cells were"
-        text = f"{swarm.unproven} {were} classified by the last commands, at which nothing was seen to move"
+        text = f"{swarm.unproven} {_cells_were(swarm.unproven)} classified by the last commands, at which nothing was seen to move"
         doubts.append(text)
     if link is not None and link.doubled:
         text = f"{count_text(link.doubled, 'answer')} came twice: the line doubles lines, or the rig carries out requests twice"
