@@ -39,6 +39,8 @@ KINDS = {
 }
 """The kinds of alarms, and what each kind means."""
 CRITICAL = 1e-9  # probability under the stated rates from which on the rates cannot be true
+DEMONSTRATED = 1e-3  # probability of what scans show, if a command moved nothing, from which on the command moves particles
+PLAUSIBLE = 7.0  # logarithm of the likelihood ratio up to which a cell may still hold a particle at rest
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 FEW = 30  # observations from which on a rate is judged
@@ -199,6 +201,10 @@ class NoiseMonitor:
         self.advance, self.variance = np.zeros((self.ndim, self.ndim)), np.zeros((self.ndim, self.ndim))
         self.drift = np.zeros(self.ndim)  # sum of the displacements of single particles across the axis of the command
         self.recent: deque[bool] = deque(maxlen=RECENT)  # whether a particle with a free cell ahead stayed
+        letters = letters_of(self.ndim)
+        self.stays: dict[str, list[bool]] = {letter: [] for letter in letters}  # the same for each command, all of them
+        # pairs ahead minus pairs behind for each command, and the variance of this number if nothing moves
+        self._surplus = {letter: [0.0, 0.0] for letter in letters}
         self._numbers: list[int] = []
         self._cells = int(np.prod([size + 2 for size in shape]))  # the workspace and its rim
         self._seen, self._scans = np.zeros(int(np.prod(sizes)), dtype=np.int32), 0  # since motion was last established
@@ -239,16 +245,21 @@ class NoiseMonitor:
         first, second = self._flat(before), self._flat(after)
         for other in range(self.ndim):
             step = sign * self._strides[other]
-            self.advance[axis, other] += np.isin(first + step, second).sum() - np.isin(first - step, second).sum()
+            surplus = int(np.isin(first + step, second).sum()) - int(np.isin(first - step, second).sum())
+            self.advance[axis, other] += surplus
             touching = np.isin(first + step, first).sum()
-            self.variance[axis, other] += 4 * (self.noise.miss + self.noise.misplace) * touching
-            self.variance[axis, other] += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
+            variance = 4 * (self.noise.miss + self.noise.misplace) * touching
+            variance += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
+            self.variance[axis, other] += variance
+            if other == axis:
+                self._surplus[command][0] += surplus
+                self._surplus[command][1] += variance
         within = ((before >= 0) & (before < self.shape)).all(axis=1)
         cells = before[within & (inside[tuple((before + 3).T)] > SURE)]
         if len(cells):
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
-            self._see_motion(cells, ahead, first, second, inside, free)
+            self.stays[command] += self._see_motion(cells, ahead, first, second, inside, free)
             if len(after):
                 self._follow(cells, after, ahead, inside)
 
@@ -264,8 +275,8 @@ class NoiseMonitor:
         second: NDArray[np.int64],
         inside: NDArray[np.float64],
         free: NDArray[np.bool_],
-    ) -> None:
-        """Count the particles that moved and stayed, of those with a free cell ahead and no other particle in their line."""
+    ) -> list[bool]:
+        """Return which particles stayed, and count them, of those with a free cell ahead and no other particle in their line."""
         able = free[tuple((cells + ahead + 1).T)]
         for distance in (-1, 1, 2):
             able &= inside[tuple((cells + distance * ahead + 3).T)] < EMPTY
@@ -275,7 +286,9 @@ class NoiseMonitor:
         stayed = here[here ^ there]
         self.stayed[0] += int(stayed.sum())
         self.stayed[1] += len(stayed)
-        self.recent.extend(stayed.tolist())
+        found: list[bool] = stayed.tolist()
+        self.recent.extend(found)
+        return found
 
     def _follow(
         self, cells: NDArray[np.int64], after: NDArray[np.int64], ahead: NDArray[np.int64], inside: NDArray[np.float64]
@@ -326,17 +339,22 @@ class NoiseMonitor:
         """Return the logarithm of the likelihood ratio of motion to rest, for the scans since motion was last established."""
         from scipy.special import betaln, xlog1py, xlogy
 
-        seen = self._seen[self._seen > 0].astype(float)
-        unseen = self._scans - seen
-        share = min(0.2, max(1.0, seen.sum() / self._scans) / self._cells)  # of the cells that may be occupied for a while
+        at = np.flatnonzero(self._seen)
+        seen, scans = self._seen[at].astype(float), self._scans
+        share = min(0.2, max(1.0, seen.sum() / scans) / self._cells)  # of the cells that may be occupied for a while
 
-        def likelihood(chance: NDArray[np.float64]) -> NDArray[np.float64]:
-            found: NDArray[np.float64] = xlogy(seen, chance) + xlog1py(unseen, -chance)
+        def likelihood(counts: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.float64]:
+            found: NDArray[np.float64] = xlogy(counts, chance) + xlog1py(scans - counts, -chance)
             return found
 
-        often, rarely = (1 - self.noise.miss) * self.hit, self.noise.misplace
-        rest = np.maximum(likelihood(np.maximum(seen / self._scans, often)), likelihood(np.minimum(seen / self._scans, rarely)))
-        motion = betaln(seen + 0.5, unseen + 0.5) - betaln(0.5, 0.5)
+        often, counts = (1 - self.noise.miss) * self.hit, np.arange(scans + 1.0)
+        held = likelihood(counts, np.maximum(counts / scans, often))  # if a particle rests in the cell
+        bare = likelihood(counts, np.minimum(counts / scans, self.noise.misplace))  # if none does
+        likely = held >= bare - PLAUSIBLE  # a cell that may hold a particle, which scans may show in the cells beside
+        beside = np.sum([likely[self._seen[at + way * step]] for step in self._strides for way in (-1, 1)], axis=0)
+        rarely = np.minimum(self.noise.misplace, self.share * beside + 1e-3)
+        rest = np.maximum(held[self._seen[at]], likelihood(seen, np.minimum(seen / scans, rarely)))
+        motion = betaln(seen + 0.5, scans - seen + 0.5) - betaln(0.5, 0.5)
         ratios = np.logaddexp(np.log1p(-share), np.log(share) + motion - rest)
         return float(ratios.sum() + (self._cells - len(seen)) * np.log1p(-share))
 
@@ -366,6 +384,18 @@ class NoiseMonitor:
         """Whether the scans show more motion along the commands than against them. Chance misses may show as much, rarely."""
         along = float(np.trace(self.advance))
         return along > max(0.5, SIGMAS * sqrt(np.trace(self.variance)))
+
+    def shows_motion(self, letter: str) -> bool:
+        """Return whether the scans before and after this command establish that it moves particles.
+
+        Either more single particles are seen one cell ahead than wrong observations explain, or there are more pairs of detections
+        ahead than behind, by more than wrong observations explain.
+        """
+        stays, (surplus, variance) = self.stays[letter], self._surplus[letter]
+        moves = len(stays) - sum(stays)
+        if moves > 1 and tail(moves, len(stays), self.share / (self.hit + self.share) + 0.02) < DEMONSTRATED:
+            return True
+        return surplus > max(3.0, SIGMAS * sqrt(variance))
 
     @property
     def staying(self) -> float:
@@ -407,6 +437,16 @@ class NoiseMonitor:
                 "magnets do nothing, or the camera shows an old picture"
             )
             return Alarm("still", move, f"move {move}: {text}")
+        for letter, stays in self.stays.items():
+            others = [stayed for other, seen in self.stays.items() if other != letter for stayed in seen]
+            expected = max(self.staying, 0.2, sum(others) / len(others) if len(others) > LEAST else 0.0)
+            run = next((i for i, stayed in enumerate(reversed(stays)) if not stayed), len(stays))
+            if expected**run < CRITICAL or tail(sum(stays), len(stays), expected) < CRITICAL:
+                text = (
+                    f"command {letter!r}: of {count_text(len(stays), 'particle')} with a free cell ahead, {sum(stays)} stayed, "
+                    f"the last {run} in a row, which slips do not explain: this direction of the magnets does nothing"
+                )
+                return Alarm("still", move, f"move {move}: {text}")
         leaps, trials = self.leapt
         if leaps > 3 and tail(leaps, trials, 2 * self.share + 1e-3) < CRITICAL:
             text = f"{leaps} of {count_text(trials, 'single particle')} moved by two cells: commands are carried out twice"

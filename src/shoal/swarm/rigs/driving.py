@@ -343,7 +343,8 @@ def _explored(
         # under noise no scan proves anything by itself: a map is only complete after commands that must move particles
         if status is Status.COMPLETE and (test or swarm.doubtful):
             for _ in range(NOISY_CLOSING if swarm.doubtful else CLOSING):
-                proof = swarm.command_that_moves() if swarm.unproven and recorder.moves < most else None
+                open_question = swarm.doubtful if isinstance(swarm, NoisyRigSwarm) else swarm.unproven
+                proof = swarm.command_that_moves() if open_question and recorder.moves < most else None
                 if proof is None:
                     break
                 send(proof)
@@ -360,6 +361,17 @@ def _nothing_moved(swarm: RigSwarm) -> Alarm:
     return Alarm("still", swarm.moves, text)
 
 
+def _doubt(swarm: RigSwarm) -> str:
+    """Return why the evidence for the walls is not enough."""
+    unshown = swarm.unshown if isinstance(swarm, NoisyRigSwarm) else []
+    if unshown:
+        return f"no particle was surely seen to move at command {' or '.join(map(repr, unshown))}, from which walls were inferred"
+    return (
+        f"{swarm.unproven} {_cells_were(swarm.unproven)} classified while nothing was seen to move, more than the confidence "
+        "allows: the magnets do nothing any more, the camera shows an old picture, or no particle has room to move"
+    )
+
+
 def _cells_were(number: int) -> str:
     return "cell was" if number == 1 else "cells were"
 
@@ -367,12 +379,7 @@ def _cells_were(number: int) -> str:
 def _judged(status: Status, swarm: RigSwarm, alarms: list[Alarm]) -> Status:
     """Return the status that the evidence allows: a map drawn from particles that did not move is not complete."""
     if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
-        text = (
-            f"{swarm.unproven} {_cells_were(swarm.unproven)} classified while nothing was seen to move, more than the confidence "
-            "allows: "
-            "the magnets do nothing any more, the camera shows an old picture, or no particle has room to move"
-        )
-        alarms.append(Alarm("still", swarm.moves, text))
+        alarms.append(Alarm("still", swarm.moves, _doubt(swarm)))
         return Status.ALARM
     if swarm.moved or status is Status.ALARM or not (status is Status.COMPLETE or swarm.still):
         return status
@@ -394,7 +401,9 @@ def _result(
     noisy = swarm if isinstance(swarm, NoisyRigSwarm) else None
     link: LinkCounts | None = getattr(rig, "counts", None)
     doubts = []
-    if swarm.unproven and (noisy is None or swarm.doubtful):
+    if noisy is not None and swarm.moved and (swarm.doubtful or noisy.unshown):
+        doubts.append(_doubt(swarm))
+    elif noisy is None and swarm.unproven:
         text = f"{swarm.unproven} {_cells_were(swarm.unproven)} classified by the last commands, at which nothing was seen to move"
         doubts.append(text)
     if link is not None and link.doubled:

@@ -14,7 +14,7 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import encode, letters_of
 from shoal.swarm.grid.fields import pushed
-from shoal.swarm.grid.scans import states_of_run
+from shoal.swarm.grid.scans import AXES, states_of_run
 from shoal.swarm.grid.state import SwarmState, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.trace import Row
@@ -304,6 +304,7 @@ class NoisyRigSwarm(RigSwarm):
         self.monitor = NoiseMonitor(rig.shape, noise)
         self.monitor.count(cells)
         self._confidence, self._shown = confidence, False
+        self._classified = dict.fromkeys(letters_of(self.layout.ndim), 0)  # cells, by command
         self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
         self._unseen = 0  # commands since the last scan
@@ -317,8 +318,22 @@ class NoisyRigSwarm(RigSwarm):
 
     @property
     def doubtful(self) -> bool:
-        """Whether more cells than the confidence allows were classified while nothing was established to move."""
-        return self.unproven > (1 - self._confidence) * len(self.belief.known)
+        """Whether more cells than the confidence allows were classified while nothing was established to move.
+
+        Or by a command that was never seen to move a particle, although the map has room for it.
+        """
+        return self.unproven > self._allowed or any(self.belief.open.shifted(one) & self.belief.open for one in self.unshown)
+
+    @property
+    def _allowed(self) -> float:
+        """Number of cells that may be wrong according to the confidence."""
+        return (1 - self._confidence) * len(self.belief.known)
+
+    @property
+    def unshown(self) -> list[str]:
+        """Commands that classified more cells than the confidence allows, but were never seen to move a particle."""
+        told = self._classified.items()
+        return [letter for letter, cells in told if cells > self._allowed and not self.monitor.shows_motion(letter)]
 
     @property
     def still(self) -> bool | None:
@@ -342,7 +357,17 @@ class NoisyRigSwarm(RigSwarm):
         return max(1, len(seen - crowded))
 
     def command_that_moves(self) -> str | None:
-        """Return the command that must move most particles, because the cells ahead of them are known to be free, or None."""
+        """Return the command that must move most particles, because the cells ahead of them are known to be free, or None.
+
+        A command that was not seen to move particles comes first. If no particle has room for it, other commands make room.
+        """
+        letters = letters_of(self.layout.ndim)
+        room = {letter: (self.state.occupied.shifted(letter) & self.belief.open) - self.state.occupied for letter in letters}
+        for letter in self.unshown:
+            back = next(other for other in letters if AXES[other] == (AXES[letter][0], -AXES[letter][1]))
+            for choice in (letter, back, letters[self.moves % len(letters)]):
+                if room[choice]:
+                    return choice
         return self._ahead(self.state.occupied, self.belief.open)
 
     def predict(self, command: str, steps: int) -> list[Row]:
@@ -367,6 +392,7 @@ class NoisyRigSwarm(RigSwarm):
         self._shown = self._shown or shown
         self.moved = self.moved or (self._shown and self.monitor.along)
         # a motion somewhere in a series of scans proves the cells classified before the series, but not those after the motion
+        self._classified[command] += classified
         self._recent += classified
         self.unproven = self._recent if shown else self.unproven + classified
         self._recent = 0 if shown else self._recent
