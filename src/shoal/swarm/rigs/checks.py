@@ -41,6 +41,7 @@ KINDS = {
 CRITICAL = 1e-9  # probability under the stated rates from which on the rates cannot be true
 DEMONSTRATED = 1e-3  # probability of what scans show, if a command moved nothing, from which on the command moves particles
 PLAUSIBLE = 7.0  # logarithm of the likelihood ratio up to which a cell may still hold a particle at rest
+MARKED = 1e-5  # probability under the stated rates from which on an event marks the result, but does not stop the drive
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 FEW = 30  # observations from which on a rate is judged
@@ -277,12 +278,17 @@ class NoiseMonitor:
         free: NDArray[np.bool_],
     ) -> list[bool]:
         """Return which particles stayed, and count them, of those with a free cell ahead and no other particle in their line."""
-        able = free[tuple((cells + ahead + 1).T)]
+        able = np.ones(len(cells), dtype=bool)
         for distance in (-1, 1, 2):
             able &= inside[tuple((cells + distance * ahead + 3).T)] < EMPTY
             able &= ~np.isin(self._flat(cells + distance * ahead), first)
-        there = np.isin(self._flat(cells[able] + ahead), second)
-        here = np.isin(self._flat(cells[able]), second)
+        there = np.isin(self._flat(cells + ahead), second)
+        far = np.isin(self._flat(cells + 2 * ahead), second)
+        leapt = far[able & (there ^ far) & ~np.isin(self._flat(cells), second)]
+        self.leapt[0] += int(leapt.sum())
+        self.leapt[1] += len(leapt)
+        able &= free[tuple((cells + ahead + 1).T)]
+        there, here = there[able], np.isin(self._flat(cells[able]), second)
         stayed = here[here ^ there]
         self.stayed[0] += int(stayed.sum())
         self.stayed[1] += len(stayed)
@@ -293,7 +299,7 @@ class NoiseMonitor:
     def _follow(
         self, cells: NDArray[np.int64], after: NDArray[np.int64], ahead: NDArray[np.int64], inside: NDArray[np.float64]
     ) -> None:
-        """Count the single particles that were missed, that were seen to one side of their line, and that moved by two cells."""
+        """Count the single particles that were missed, and that were seen to one side of their line."""
         from scipy.spatial import KDTree
 
         boxes = np.lib.stride_tricks.sliding_window_view(inside, (2 * NEAR + 1,) * self.ndim)
@@ -309,8 +315,6 @@ class NoiseMonitor:
                 self.missed[0] += 1
                 continue
             way = after[near[0]] - cell
-            self.leapt[0] += int(way @ ahead == NEAR)
-            self.leapt[1] += 1
             way[ahead != 0] = 0
             self.aside[0] += int(way.any())
             self.aside[1] += 1
@@ -424,6 +428,17 @@ class NoiseMonitor:
                 found[name] = Rate(getattr(self.noise, name), observed, low, high, trials)
         return found
 
+    @property
+    def _leaping(self) -> float:
+        """Probability under the stated noise of as many motions by two cells as scans show."""
+        leaps, trials = self.leapt
+        return tail(leaps, trials, 2 * self.share + 1e-3) if leaps > 2 else 1.0
+
+    @property
+    def _leaps(self) -> str:
+        leaps, trials = self.leapt
+        return f"{leaps} of {count_text(trials, 'particle')} that moved alone moved by two cells: commands are carried out twice"
+
     def contradiction(self, move: int) -> Alarm | None:
         """Return the alarm that must stop the drive, or None."""
         for axis in range(self.ndim):
@@ -447,10 +462,8 @@ class NoiseMonitor:
                     f"the last {run} in a row, which slips do not explain: this direction of the magnets does nothing"
                 )
                 return Alarm("still", move, f"move {move}: {text}")
-        leaps, trials = self.leapt
-        if leaps > 3 and tail(leaps, trials, 2 * self.share + 1e-3) < CRITICAL:
-            text = f"{leaps} of {count_text(trials, 'single particle')} moved by two cells: commands are carried out twice"
-            return Alarm("twice", move, f"move {move}: {text}")
+        if self._leaping < CRITICAL:
+            return Alarm("twice", move, f"move {move}: {self._leaps}")
         # as long as nothing moves along the commands, the scans are exchangeable, and motion to the sides shows as well
         across = np.abs(self.advance) > np.maximum(SIGMAS * np.sqrt(self.variance), 3.0)
         if not self.along and (across & ~np.eye(self.ndim, dtype=bool)).any():
@@ -468,6 +481,8 @@ class NoiseMonitor:
                     f"{rate.high:.3f}, {count_text(rate.trials, 'observation')}): the confidence of the map does not hold"
                 )
                 alarms.append(Alarm("rates", move, text))
+        if self._leaping < MARKED:
+            alarms.append(Alarm("twice", move, self._leaps))
         trials = max(1, self.aside[1])
         axis = int(np.argmax(np.abs(self.drift)))
         if abs(self.drift[axis]) > (SIGMAS + 1) * sqrt(self.noise.misplace * trials + 1) and abs(self.drift[axis]) > 0.02 * trials:
