@@ -42,6 +42,7 @@ CRITICAL = 1e-9  # probability under the stated rates from which on the rates ca
 DEMONSTRATED = 1e-3  # probability of what scans show, if a command moved nothing, from which on the command moves particles
 PLAUSIBLE = 7.0  # logarithm of the likelihood ratio up to which a cell may still hold a particle at rest
 MARKED = 1e-5  # probability under the stated rates from which on an event marks the result, but does not stop the drive
+GONE = 1e-4  # probability that all particles are there, but no scan shows all of them, from which on one is gone
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 FEW = 30  # observations from which on a rate is judged
@@ -379,9 +380,21 @@ class NoiseMonitor:
         errors = np.sqrt(np.maximum(spread, 0.1) / len(told) * (1 / before + 1 / after))
         best = int(np.argmax(np.abs(left - right) / errors))
         if abs(left[best] - right[best]) < max(0.5, CHANGE * errors[best]):
-            return None
+            return self._fewer
         window = min(WINDOW, int(before[best]), int(after[best]))
         return float(told[:window].mean()), float(told[-window:].mean())
+
+    @property
+    def _fewer(self) -> tuple[float, float] | None:
+        """Largest number of detections and the number now, if no scan for long showed as many, or None.
+
+        A scan never shows more detections than there are particles. It shows every particle with a known probability.
+        """
+        most, numbers = max(self._numbers), np.array(self._numbers)
+        since = len(numbers) - 1 - int(np.flatnonzero(numbers == most)[-1])
+        if since * np.log1p(-(((1 - self.noise.miss) * self.hit) ** most) + 1e-12) > log(GONE):
+            return None
+        return most, min(most - 1, round(float(numbers[-since:].mean()) / (1 - self.noise.miss)))
 
     @property
     def along(self) -> bool:

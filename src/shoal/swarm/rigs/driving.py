@@ -197,6 +197,9 @@ def drive(
         check_choice(name, what="drive", choices=DRIVEN)
     if not isinstance(rig, Rig):
         raise InvalidInputError(f"rig: expected an object with name, shape, rule, send, observe and stop, got {rig!r}")
+    sides = rig.shape if isinstance(rig.shape, tuple | list | np.ndarray) else ()
+    if len(sides) not in (2, 3) or not all(isinstance(side, int | np.integer) and side > 0 for side in sides):
+        raise RigError(f"{rig.name}: expected as shape two or three positive integers, got {rig.shape!r}")
     if int(np.prod(rig.shape, dtype=object)) > LARGEST_VIEW:
         raise RigError(f"{rig.name}: expected a field of view of at most {LARGEST_VIEW} cells, got {tuple(rig.shape)}")
     problem = SwarmProblem("rig", rule=rig.rule, **fields)
@@ -265,15 +268,15 @@ def _driven(
             rig.stop()
     except KeyboardInterrupt as error:
         failure = failure or error
-    except Exception as error:  # whatever a rig of others raises: the map must not be lost
-        alarms.append(Alarm("stop", recorder.moves, f"the rig may still move, as its stop failed: {error}"))
+    except (Exception, SystemExit) as error:  # whatever a rig of others raises: the map must not be lost
+        alarms.append(Alarm("stop", recorder.moves, f"the rig may still move, as its stop failed: {_told(error)}"))
     if swarm is None:
         assert failure is not None
         raise failure
     if failure is None:
         status = _judged(status, swarm, alarms)
     elif isinstance(failure, Exception):
-        alarms.insert(0, Alarm("outside" if isinstance(failure, PositionError) else "failure", swarm.moves, str(failure)))
+        alarms.insert(0, Alarm("outside" if isinstance(failure, PositionError) else "failure", swarm.moves, _told(failure)))
     alarms += swarm.marks()
     trace = recorder.trace
     if log is not None:  # even if the rig did not confirm the stop
@@ -359,6 +362,11 @@ def _nothing_moved(swarm: RigSwarm) -> Alarm:
         "no particle has room to move"
     )
     return Alarm("still", swarm.moves, text)
+
+
+def _told(error: BaseException) -> str:
+    """Return the text of an error; of an error that is not Shoal's also the type, because its text may say nothing alone."""
+    return str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
 
 
 def _doubt(swarm: RigSwarm) -> str:
