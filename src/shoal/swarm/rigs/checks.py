@@ -443,9 +443,11 @@ class NoiseMonitor:
 
     @property
     def _leaping(self) -> float:
-        """Probability under the stated noise of as many motions by two cells as scans show."""
+        """Probability of as many motions by two cells as scans show, if particles are misplaced as stated or as seen aside."""
         leaps, trials = self.leapt
-        return tail(leaps, trials, 2 * self.share + 1e-3) if leaps > 2 else 1.0
+        seen = self.rates().get("misplace")
+        share = self.share if seen is None else max(self.share, seen.observed / (2 * self.ndim))
+        return tail(leaps, trials, 2 * share + 1e-3) if leaps > 2 else 1.0
 
     @property
     def _leaps(self) -> str:

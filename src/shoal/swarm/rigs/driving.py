@@ -161,7 +161,8 @@ def drive(
     on_moves : callable, optional
         Function that `drive` calls during the run, with the number of moves made and the number of remaining frontier cells.
     test_move : bool
-        Whether test moves may be sent. Without them, the commands of the policy show whether particles move.
+        Whether test moves may be sent. Without them, the commands of the policy show whether particles move. On a rig with noise,
+        closing moves follow in any case if the policy's commands do not prove the map.
     spacing : tuple of float, optional
         Size of a cell along each axis in mm, for scale bars.
     **fields
