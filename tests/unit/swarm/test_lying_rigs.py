@@ -18,6 +18,7 @@ from shoal.core.errors import RigError
 from shoal.swarm.grid.placements import place
 from shoal.swarm.noise.model import Noise
 from shoal.swarm.rigs import DriveError, DriveInterrupted, DriveLog, NoisyRig, SimulatedRig, drive, replay_log
+from shoal.swarm.rigs.checks import NoiseMonitor
 
 OPPOSITE = dict(zip("lurdio", "rdluoi", strict=True))
 NOISE = Noise(0.05, 0.01, 0.02)
@@ -510,3 +511,91 @@ def test_ctrl_c_writes_the_map_and_says_how_to_go_on(tmp_path):
     assert f"the map so far is in {out}" in said
     assert "to go on, start the drive again" in said
     assert "Traceback" not in said
+
+
+# ------------------------------------------------------------------------------------------- small liars under noise
+
+ROOM = GridWorkspace(np.ones((5, 7)))
+SMALL = [(ROOM, 3), (open_map("maze:9x7"), 4)]
+NOISES = [Noise(0.1, 0, 0.3), Noise(0.05, 0, 0.02), Noise(0.02, 0.05, 0)]
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=str)
+@pytest.mark.parametrize("since", [0, 1, 25])
+@pytest.mark.parametrize("lie", ["dead", "frozen"])
+def test_no_map_is_complete_whose_walls_rest_on_particles_at_rest(noise, since, lie):
+    for workspace, particles in SMALL:
+        for seed in range(4):
+            change = {"command": lambda _letter: ""} if lie == "dead" else {"seen": frozen()}
+            rig = Lying(noisy(workspace, particles, seed, noise), since=since, **change)
+            driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=400, test_move=bool(seed % 2))
+            assert driven.status != "complete" or len(rig.sent) <= since, (seed, driven.trust)
+            assert not driven
+            assert driven.trust.level != "high"
+
+
+def test_neighbours_of_which_scans_miss_one_each_are_no_motion():
+    """Two particles at rest side by side, the first missed in one scan and the second in the next."""
+    monitor = NoiseMonitor((5, 7), Noise(0.1, 0, 0.3))
+    rng = np.random.default_rng(3)
+    cells = np.array([(2, 2), (2, 3), (2, 4), (3, 2)])
+    assert not any(monitor.count(cells[rng.random(4) > 0.3]) for _ in range(300))
+    rows = [np.array([(2, 2 + turn % 4), (3, 5 - turn % 4)]) for turn in range(40)]
+    assert any(monitor.count(row[rng.random(2) > 0.3]) for row in rows)
+
+
+@pytest.mark.parametrize("noise", [Noise(0.4, 0, 0), Noise(0.02, 0.05, 0), Noise(0.1, 0, 0.3)], ids=str)
+def test_one_direction_that_does_nothing_is_noticed(noise):
+    for workspace, particles in SMALL:
+        for seed in range(3):
+            rig = Lying(noisy(workspace, particles, seed, noise), command=lambda letter: "" if letter == "u" else letter)
+            driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=500)
+            assert not driven, (seed, driven.trust)
+            assert driven.trust.level != "high"
+
+
+@pytest.mark.parametrize("noise", [Noise(0.1, 0.02, 0.1), Noise(0.05, 0, 0.02)], ids=str)
+def test_commands_carried_out_twice_now_and_then_mark_the_result(noise):
+    for seed in range(4):
+        rig = Lying(noisy(open_map("cave:20x13:2"), 12, seed, noise))
+        rig.command = lambda letter, rig=rig: letter * (2 if len(rig.sent) % 5 == 0 else 1)
+        driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=800)
+        assert "twice" in {alarm.kind for alarm in driven.alarms}, (seed, driven.trust)
+        assert driven.trust.level != "high"
+
+
+def test_honest_rigs_with_few_particles_finish_without_alarms():
+    for noise in (*NOISES, Noise(0.4, 0, 0), Noise(0.1, 0.02, 0.1)):
+        for workspace, particles in SMALL:
+            for seed in range(2):
+                driven = drive(noisy(workspace, particles, seed, noise), **vars(noise), policy="closest-frontier", max_moves=900)
+                assert (driven.status, driven.trust.level, driven.alarms) == ("complete", "high", ()), (noise, seed)
+
+
+def test_a_particle_that_no_scan_shows_any_more_is_said():
+    rng = np.random.default_rng(1)
+    for noise, lost in ((Noise(0.1, 0, 0.1), 1), (Noise(0.1, 0, 0.1), 0)):
+        monitor = NoiseMonitor((13, 20), noise)
+        cells = np.argwhere(np.ones((4, 5)))
+        for turn in range(120):
+            left = cells[lost if turn > 25 else 0 :]
+            monitor.count(left[rng.random(len(left)) > noise.miss])
+        texts = [alarm.text for alarm in monitor.marks(120) if alarm.kind == "number"]
+        assert [text.startswith("about 20 particles at the start, about 19 now") for text in texts] == [True] * lost
+
+
+@pytest.mark.parametrize("shape", ["abc", (14.0, 20.0), (0, 3), (4,)], ids=str)
+def test_a_shape_that_is_none_is_an_error_of_the_rig(shape):
+    rig = Lying(exact(MAZE))
+    rig.shape = shape
+    with pytest.raises(RigError, match="expected as shape two or three positive integers, got"):
+        drive(rig)
+
+
+@pytest.mark.parametrize(("error", "told"), [(SystemExit(3), "SystemExit: 3"), (KeyError("x"), "KeyError: 'x'")])
+def test_a_stop_that_raises_anything_names_its_type(error, told):
+    rig = Lying(exact(MAZE))
+    rig.stop = lambda: (_ for _ in ()).throw(error)
+    driven = drive(rig, policy="closest-frontier")
+    assert (driven.status, [alarm.kind for alarm in driven.alarms]) == ("complete", ["stop"])
+    assert driven.alarms[0].text.endswith(told)

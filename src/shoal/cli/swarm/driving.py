@@ -75,7 +75,8 @@ def drive(
         typer.Option(
             "--test-move/--no-test-move",
             help="Before the policy begins, send commands until a particle moves, and at the end show once more that the rig acts. "
-            "With --no-test-move, Shoal sends only the commands of the policy.",
+            "With --no-test-move, Shoal sends only the commands of the policy; with noise, "
+            "also the moves that show the rig still acts.",
         ),
     ] = True,
     log: Annotated[

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from math import sqrt
+from math import log, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -39,6 +39,10 @@ KINDS = {
 }
 """The kinds of alarms, and what each kind means."""
 CRITICAL = 1e-9  # probability under the stated rates from which on the rates cannot be true
+DEMONSTRATED = 1e-3  # probability of what scans show, if a command moved nothing, from which on the command moves particles
+PLAUSIBLE = 7.0  # logarithm of the likelihood ratio up to which a cell may still hold a particle at rest
+MARKED = 1e-5  # probability under the stated rates from which on an event marks the result, but does not stop the drive
+GONE = 1e-4  # probability that all particles are there, but no scan shows all of them, from which on one is gone
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 FEW = 30  # observations from which on a rate is judged
@@ -199,8 +203,13 @@ class NoiseMonitor:
         self.advance, self.variance = np.zeros((self.ndim, self.ndim)), np.zeros((self.ndim, self.ndim))
         self.drift = np.zeros(self.ndim)  # sum of the displacements of single particles across the axis of the command
         self.recent: deque[bool] = deque(maxlen=RECENT)  # whether a particle with a free cell ahead stayed
-        self.since_motion = 0  # commands since a particle was last seen to move
+        letters = letters_of(self.ndim)
+        self.stays: dict[str, list[bool]] = {letter: [] for letter in letters}  # the same for each command, all of them
+        # pairs ahead minus pairs behind for each command, and the variance of this number if nothing moves
+        self._surplus = {letter: [0.0, 0.0] for letter in letters}
         self._numbers: list[int] = []
+        self._cells = int(np.prod([size + 2 for size in shape]))  # the workspace and its rim
+        self._seen, self._scans = np.zeros(int(np.prod(sizes)), dtype=np.int32), 0  # since motion was last established
 
     @property
     def hit(self) -> float:
@@ -235,20 +244,24 @@ class NoiseMonitor:
         """
         axis, sign = AXES[command]
         axis += self.ndim
-        self.since_motion += 1
         first, second = self._flat(before), self._flat(after)
         for other in range(self.ndim):
             step = sign * self._strides[other]
-            self.advance[axis, other] += np.isin(first + step, second).sum() - np.isin(first - step, second).sum()
+            surplus = int(np.isin(first + step, second).sum()) - int(np.isin(first - step, second).sum())
+            self.advance[axis, other] += surplus
             touching = np.isin(first + step, first).sum()
-            self.variance[axis, other] += 4 * (self.noise.miss + self.noise.misplace) * touching
-            self.variance[axis, other] += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
+            variance = 4 * (self.noise.miss + self.noise.misplace) * touching
+            variance += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
+            self.variance[axis, other] += variance
+            if other == axis:
+                self._surplus[command][0] += surplus
+                self._surplus[command][1] += variance
         within = ((before >= 0) & (before < self.shape)).all(axis=1)
         cells = before[within & (inside[tuple((before + 3).T)] > SURE)]
         if len(cells):
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
-            self._see_motion(cells, ahead, first, second, inside, free)
+            self.stays[command] += self._see_motion(cells, ahead, first, second, inside, free)
             if len(after):
                 self._follow(cells, after, ahead, inside)
 
@@ -264,25 +277,30 @@ class NoiseMonitor:
         second: NDArray[np.int64],
         inside: NDArray[np.float64],
         free: NDArray[np.bool_],
-    ) -> None:
-        """Count the particles that moved and stayed, of those with a free cell ahead and no other particle in their line."""
-        able = free[tuple((cells + ahead + 1).T)]
+    ) -> list[bool]:
+        """Return which particles stayed, and count them, of those with a free cell ahead and no other particle in their line."""
+        able = np.ones(len(cells), dtype=bool)
         for distance in (-1, 1, 2):
             able &= inside[tuple((cells + distance * ahead + 3).T)] < EMPTY
             able &= ~np.isin(self._flat(cells + distance * ahead), first)
-        there = np.isin(self._flat(cells[able] + ahead), second)
-        here = np.isin(self._flat(cells[able]), second)
+        there = np.isin(self._flat(cells + ahead), second)
+        far = np.isin(self._flat(cells + 2 * ahead), second)
+        leapt = far[able & (there ^ far) & ~np.isin(self._flat(cells), second)]
+        self.leapt[0] += int(leapt.sum())
+        self.leapt[1] += len(leapt)
+        able &= free[tuple((cells + ahead + 1).T)]
+        there, here = there[able], np.isin(self._flat(cells[able]), second)
         stayed = here[here ^ there]
         self.stayed[0] += int(stayed.sum())
         self.stayed[1] += len(stayed)
-        self.recent.extend(stayed.tolist())
-        if not stayed.all():
-            self.since_motion = 0
+        found: list[bool] = stayed.tolist()
+        self.recent.extend(found)
+        return found
 
     def _follow(
         self, cells: NDArray[np.int64], after: NDArray[np.int64], ahead: NDArray[np.int64], inside: NDArray[np.float64]
     ) -> None:
-        """Count the single particles that were missed, that were seen to one side of their line, and that moved by two cells."""
+        """Count the single particles that were missed, and that were seen to one side of their line."""
         from scipy.spatial import KDTree
 
         boxes = np.lib.stride_tricks.sliding_window_view(inside, (2 * NEAR + 1,) * self.ndim)
@@ -298,16 +316,52 @@ class NoiseMonitor:
                 self.missed[0] += 1
                 continue
             way = after[near[0]] - cell
-            self.leapt[0] += int(way @ ahead == NEAR)
-            self.leapt[1] += 1
             way[ahead != 0] = 0
             self.aside[0] += int(way.any())
             self.aside[1] += 1
             self.drift += way
 
-    def count(self, detections: int) -> None:
-        """Remember the number of detections in one scan."""
-        self._numbers.append(detections)
+    def count(self, cells: NDArray[np.int64]) -> bool:
+        """Take one scan into account. Return whether the scans since motion was last established show motion again.
+
+        As long as nothing moves, a cell with a particle shows it in each scan with one and the same high probability, and a cell
+        without one, with a low one: the stated rates of misses and misplacements bound both. Where particles move, cells are
+        occupied for a part of the time. The likelihood ratio compares a free probability for each cell (Krichevsky and Trofimov's
+        mixture) with the bounds. It tests scans at any time, whatever commands a policy chooses: the probability that particles at
+        rest ever reach 1 / `CRITICAL` is at most `CRITICAL` (Ville's inequality).
+        """
+        self._numbers.append(len(cells))
+        self._seen[self._flat(cells)] += 1
+        self._scans += 1
+        if self._evidence() < -log(CRITICAL):
+            return False
+        self._seen[:] = 0
+        self._seen[self._flat(cells)] = 1
+        self._scans = 1
+        return True
+
+    def _evidence(self) -> float:
+        """Return the logarithm of the likelihood ratio of motion to rest, for the scans since motion was last established."""
+        from scipy.special import betaln, xlog1py, xlogy
+
+        at = np.flatnonzero(self._seen)
+        seen, scans = self._seen[at].astype(float), self._scans
+        share = min(0.2, max(1.0, seen.sum() / scans) / self._cells)  # of the cells that may be occupied for a while
+
+        def likelihood(counts: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.float64]:
+            found: NDArray[np.float64] = xlogy(counts, chance) + xlog1py(scans - counts, -chance)
+            return found
+
+        often, counts = (1 - self.noise.miss) * self.hit, np.arange(scans + 1.0)
+        held = likelihood(counts, np.maximum(counts / scans, often))  # if a particle rests in the cell
+        bare = likelihood(counts, np.minimum(counts / scans, self.noise.misplace))  # if none does
+        likely = held >= bare - PLAUSIBLE  # a cell that may hold a particle, which scans may show in the cells beside
+        beside = np.sum([likely[self._seen[at + way * step]] for step in self._strides for way in (-1, 1)], axis=0)
+        rarely = np.minimum(self.noise.misplace, self.share * beside + 1e-3)
+        rest = np.maximum(held[self._seen[at]], likelihood(seen, np.minimum(seen / scans, rarely)))
+        motion = betaln(seen + 0.5, scans - seen + 0.5) - betaln(0.5, 0.5)
+        ratios = np.logaddexp(np.log1p(-share), np.log(share) + motion - rest)
+        return float(ratios.sum() + (self._cells - len(seen)) * np.log1p(-share))
 
     @property
     def change(self) -> tuple[float, float] | None:
@@ -326,15 +380,39 @@ class NoiseMonitor:
         errors = np.sqrt(np.maximum(spread, 0.1) / len(told) * (1 / before + 1 / after))
         best = int(np.argmax(np.abs(left - right) / errors))
         if abs(left[best] - right[best]) < max(0.5, CHANGE * errors[best]):
-            return None
+            return self._fewer
         window = min(WINDOW, int(before[best]), int(after[best]))
         return float(told[:window].mean()), float(told[-window:].mean())
 
     @property
-    def moved(self) -> bool:
-        """Whether it is established that particles moved along the commands."""
+    def _fewer(self) -> tuple[float, float] | None:
+        """Largest number of detections and the number now, if no scan for long showed as many, or None.
+
+        A scan never shows more detections than there are particles. It shows every particle with a known probability.
+        """
+        most, numbers = max(self._numbers), np.array(self._numbers)
+        since = len(numbers) - 1 - int(np.flatnonzero(numbers == most)[-1])
+        if since * np.log1p(-(((1 - self.noise.miss) * self.hit) ** most) + 1e-12) > log(GONE):
+            return None
+        return most, min(most - 1, round(float(numbers[-since:].mean()) / (1 - self.noise.miss)))
+
+    @property
+    def along(self) -> bool:
+        """Whether the scans show more motion along the commands than against them. Chance misses may show as much, rarely."""
         along = float(np.trace(self.advance))
         return along > max(0.5, SIGMAS * sqrt(np.trace(self.variance)))
+
+    def shows_motion(self, letter: str) -> bool:
+        """Return whether the scans before and after this command establish that it moves particles.
+
+        Either more single particles are seen one cell ahead than wrong observations explain, or there are more pairs of detections
+        ahead than behind, by more than wrong observations explain.
+        """
+        stays, (surplus, variance) = self.stays[letter], self._surplus[letter]
+        moves = len(stays) - sum(stays)
+        if moves > 1 and tail(moves, len(stays), self.share / (self.hit + self.share) + 0.02) < DEMONSTRATED:
+            return True
+        return surplus > max(3.0, SIGMAS * sqrt(variance))
 
     @property
     def staying(self) -> float:
@@ -363,6 +441,19 @@ class NoiseMonitor:
                 found[name] = Rate(getattr(self.noise, name), observed, low, high, trials)
         return found
 
+    @property
+    def _leaping(self) -> float:
+        """Probability of as many motions by two cells as scans show, if particles are misplaced as stated or as seen aside."""
+        leaps, trials = self.leapt
+        seen = self.rates().get("misplace")
+        share = self.share if seen is None else max(self.share, seen.observed / (2 * self.ndim))
+        return tail(leaps, trials, 2 * share + 1e-3) if leaps > 2 else 1.0
+
+    @property
+    def _leaps(self) -> str:
+        leaps, trials = self.leapt
+        return f"{leaps} of {count_text(trials, 'particle')} that moved alone moved by two cells: commands are carried out twice"
+
     def contradiction(self, move: int) -> Alarm | None:
         """Return the alarm that must stop the drive, or None."""
         for axis in range(self.ndim):
@@ -376,13 +467,21 @@ class NoiseMonitor:
                 "magnets do nothing, or the camera shows an old picture"
             )
             return Alarm("still", move, f"move {move}: {text}")
-        leaps, trials = self.leapt
-        if leaps > 3 and tail(leaps, trials, 2 * self.share + 1e-3) < CRITICAL:
-            text = f"{leaps} of {count_text(trials, 'single particle')} moved by two cells: commands are carried out twice"
-            return Alarm("twice", move, f"move {move}: {text}")
+        for letter, stays in self.stays.items():
+            others = [stayed for other, seen in self.stays.items() if other != letter for stayed in seen]
+            expected = max(self.staying, 0.2, sum(others) / len(others) if len(others) > LEAST else 0.0)
+            run = next((i for i, stayed in enumerate(reversed(stays)) if not stayed), len(stays))
+            if expected**run < CRITICAL or tail(sum(stays), len(stays), expected) < CRITICAL:
+                text = (
+                    f"command {letter!r}: of {count_text(len(stays), 'particle')} with a free cell ahead, {sum(stays)} stayed, "
+                    f"the last {run} in a row, which slips do not explain: this direction of the magnets does nothing"
+                )
+                return Alarm("still", move, f"move {move}: {text}")
+        if self._leaping < CRITICAL:
+            return Alarm("twice", move, f"move {move}: {self._leaps}")
         # as long as nothing moves along the commands, the scans are exchangeable, and motion to the sides shows as well
         across = np.abs(self.advance) > np.maximum(SIGMAS * np.sqrt(self.variance), 3.0)
-        if not self.moved and (across & ~np.eye(self.ndim, dtype=bool)).any():
+        if not self.along and (across & ~np.eye(self.ndim, dtype=bool)).any():
             text = "the particles move at a right angle to the commands: the picture or the magnets are turned"
             return Alarm("direction", move, f"move {move}: {text}")
         return None
@@ -397,6 +496,8 @@ class NoiseMonitor:
                     f"{rate.high:.3f}, {count_text(rate.trials, 'observation')}): the confidence of the map does not hold"
                 )
                 alarms.append(Alarm("rates", move, text))
+        if self._leaping < MARKED:
+            alarms.append(Alarm("twice", move, self._leaps))
         trials = max(1, self.aside[1])
         axis = int(np.argmax(np.abs(self.drift)))
         if abs(self.drift[axis]) > (SIGMAS + 1) * sqrt(self.noise.misplace * trials + 1) and abs(self.drift[axis]) > 0.02 * trials:

@@ -39,6 +39,7 @@ from shoal.swarm.simulation.deciders import make_decider
 from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 ROUNDS = 12  # rounds of test moves in all directions, after which a rig with noise is driven without a verdict
+NOISY_CLOSING = 120  # the same on a rig with noise, where several scans establish a motion
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
 
 
@@ -159,7 +160,8 @@ def drive(
     on_moves : callable, optional
         Function that `drive` calls during the run, with the number of moves made and the number of remaining frontier cells.
     test_move : bool
-        Whether test moves may be sent. Without them, the commands of the policy show whether particles move.
+        Whether test moves may be sent. Without them, the commands of the policy show whether particles move. On a rig with noise,
+        closing moves follow in any case if the policy's commands do not prove the map.
     spacing : tuple of float, optional
         Size of a cell along each axis in mm, for scale bars.
     **fields
@@ -195,6 +197,9 @@ def drive(
         check_choice(name, what="drive", choices=DRIVEN)
     if not isinstance(rig, Rig):
         raise InvalidInputError(f"rig: expected an object with name, shape, rule, send, observe and stop, got {rig!r}")
+    sides = rig.shape if isinstance(rig.shape, tuple | list | np.ndarray) else ()
+    if len(sides) not in (2, 3) or not all(isinstance(side, int | np.integer) and side > 0 for side in sides):
+        raise RigError(f"{rig.name}: expected as shape two or three positive integers, got {rig.shape!r}")
     if int(np.prod(rig.shape, dtype=object)) > LARGEST_VIEW:
         raise RigError(f"{rig.name}: expected a field of view of at most {LARGEST_VIEW} cells, got {tuple(rig.shape)}")
     problem = SwarmProblem("rig", rule=rig.rule, **fields)
@@ -263,15 +268,15 @@ def _driven(
             rig.stop()
     except KeyboardInterrupt as error:
         failure = failure or error
-    except Exception as error:  # whatever a rig of others raises: the map must not be lost
-        alarms.append(Alarm("stop", recorder.moves, f"the rig may still move, as its stop failed: {error}"))
+    except (Exception, SystemExit) as error:  # whatever a rig of others raises: the map must not be lost
+        alarms.append(Alarm("stop", recorder.moves, f"the rig may still move, as its stop failed: {_told(error)}"))
     if swarm is None:
         assert failure is not None
         raise failure
     if failure is None:
         status = _judged(status, swarm, alarms)
     elif isinstance(failure, Exception):
-        alarms.insert(0, Alarm("outside" if isinstance(failure, PositionError) else "failure", swarm.moves, str(failure)))
+        alarms.insert(0, Alarm("outside" if isinstance(failure, PositionError) else "failure", swarm.moves, _told(failure)))
     alarms += swarm.marks()
     trace = recorder.trace
     if log is not None:  # even if the rig did not confirm the stop
@@ -334,9 +339,11 @@ def _explored(
     decider = make_decider(problem, swarm.belief, trial_rng(seed), lambda: swarm.finished)
     for _ in range(CLOSING):
         _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
-        if status is Status.COMPLETE and test:
-            for _ in range(CLOSING):
-                proof = swarm.command_that_moves() if swarm.unproven and recorder.moves < most else None
+        # under noise no scan proves anything by itself: a map is only complete after commands that must move particles
+        if status is Status.COMPLETE and (test or swarm.doubtful):
+            for _ in range(NOISY_CLOSING if swarm.doubtful else CLOSING):
+                open_question = swarm.doubtful if isinstance(swarm, NoisyRigSwarm) else swarm.unproven
+                proof = swarm.command_that_moves() if open_question and recorder.moves < most else None
                 if proof is None:
                     break
                 send(proof)
@@ -353,8 +360,31 @@ def _nothing_moved(swarm: RigSwarm) -> Alarm:
     return Alarm("still", swarm.moves, text)
 
 
+def _told(error: BaseException) -> str:
+    """Return the text of an error; of an error that is not Shoal's also the type, because its text may say nothing alone."""
+    return str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
+
+
+def _doubt(swarm: RigSwarm) -> str:
+    """Return why the evidence for the walls is not enough."""
+    unshown = swarm.unshown if isinstance(swarm, NoisyRigSwarm) else []
+    if unshown:
+        return f"no particle was surely seen to move at command {' or '.join(map(repr, unshown))}, from which walls were inferred"
+    return (
+        f"{swarm.unproven} {_cells_were(swarm.unproven)} classified while nothing was seen to move, more than the confidence "
+        "allows: the magnets do nothing any more, the camera shows an old picture, or no particle has room to move"
+    )
+
+
+def _cells_were(number: int) -> str:
+    return "cell was" if number == 1 else "cells were"
+
+
 def _judged(status: Status, swarm: RigSwarm, alarms: list[Alarm]) -> Status:
-    """Return the status that the evidence allows: a map drawn from particles that never moved is not complete."""
+    """Return the status that the evidence allows: a map drawn from particles that did not move is not complete."""
+    if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
+        alarms.append(Alarm("still", swarm.moves, _doubt(swarm)))
+        return Status.ALARM
     if swarm.moved or status is Status.ALARM or not (status is Status.COMPLETE or swarm.still):
         return status
     alarms.append(_nothing_moved(swarm))
@@ -375,8 +405,10 @@ def _result(
     noisy = swarm if isinstance(swarm, NoisyRigSwarm) else None
     link: LinkCounts | None = getattr(rig, "counts", None)
     doubts = []
-    if swarm.unproven:
-        text = f"{count_text(swarm.unproven, 'cell')} were classified by the last commands, at which nothing was seen to move"
+    if noisy is not None and swarm.moved and (swarm.doubtful or noisy.unshown):
+        doubts.append(_doubt(swarm))
+    elif noisy is None and swarm.unproven:
+        text = f"{swarm.unproven} {_cells_were(swarm.unproven)} classified by the last commands, at which nothing was seen to move"
         doubts.append(text)
     if link is not None and link.doubled:
         text = f"{count_text(link.doubled, 'answer')} came twice: the line doubles lines, or the rig carries out requests twice"

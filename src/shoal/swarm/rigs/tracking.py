@@ -14,7 +14,7 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import encode, letters_of
 from shoal.swarm.grid.fields import pushed
-from shoal.swarm.grid.scans import states_of_run
+from shoal.swarm.grid.scans import AXES, states_of_run
 from shoal.swarm.grid.state import SwarmState, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.trace import Row
@@ -50,7 +50,7 @@ class RigSwarm(ABC):
     moved : bool
         Whether particles were seen to move since the start.
     unproven : int
-        Number of cells classified since particles were last seen to move. If the rig has failed meanwhile, these walls are wrong.
+        Number of cells classified since particles were surely seen to move. If the rig has failed meanwhile, these walls are wrong.
     sending, scanning : float
         Time that the rig spent on commands and on scans, in seconds.
     scans : int
@@ -74,6 +74,11 @@ class RigSwarm(ABC):
     @abstractmethod
     def finished(self) -> bool:
         """Whether no frontier cell is left that the particles can classify."""
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether more cells than the confidence allows were classified while nothing was established to move."""
+        return False
 
     @property
     @abstractmethod
@@ -297,6 +302,10 @@ class NoisyRigSwarm(RigSwarm):
         cells = self.observe()
         self._noisy = NoisyBelief(rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS)
         self.monitor = NoiseMonitor(rig.shape, noise)
+        self.monitor.count(cells)
+        self._confidence, self._shown = confidence, False
+        self._classified = dict.fromkeys(letters_of(self.layout.ndim), 0)  # cells, by command
+        self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
         self._unseen = 0  # commands since the last scan
         self._take_over()
@@ -308,9 +317,28 @@ class NoisyRigSwarm(RigSwarm):
         return self._noisy.finished
 
     @property
+    def doubtful(self) -> bool:
+        """Whether more cells than the confidence allows were classified while nothing was established to move.
+
+        Or by a command that was never seen to move a particle, although the map has room for it.
+        """
+        return self.unproven > self._allowed or any(self.belief.open.shifted(one) & self.belief.open for one in self.unshown)
+
+    @property
+    def _allowed(self) -> float:
+        """Number of cells that may be wrong according to the confidence."""
+        return (1 - self._confidence) * len(self.belief.known)
+
+    @property
+    def unshown(self) -> list[str]:
+        """Commands that classified more cells than the confidence allows, but were never seen to move a particle."""
+        told = self._classified.items()
+        return [letter for letter, cells in told if cells > self._allowed and not self.monitor.shows_motion(letter)]
+
+    @property
     def still(self) -> bool | None:
-        """Whether commands move nothing: false once motion is established, true if enough commands should have shown it."""
-        if self.moved:
+        """Whether commands move nothing: false once scans show motion, true if enough commands should have shown it."""
+        if self.moved or self.monitor.along:
             return False
         noise, rounds = self._noisy.noise, self.moves // (2 * self.layout.ndim)
         expected = rounds * (1 - noise.slip) * ((1 - noise.miss) * (1 - noise.misplace)) ** 2 * self._singles
@@ -329,7 +357,17 @@ class NoisyRigSwarm(RigSwarm):
         return max(1, len(seen - crowded))
 
     def command_that_moves(self) -> str | None:
-        """Return the command that must move most particles, because the cells ahead of them are known to be free, or None."""
+        """Return the command that must move most particles, because the cells ahead of them are known to be free, or None.
+
+        A command that was not seen to move particles comes first. If no particle has room for it, other commands make room.
+        """
+        letters = letters_of(self.layout.ndim)
+        room = {letter: (self.state.occupied.shifted(letter) & self.belief.open) - self.state.occupied for letter in letters}
+        for letter in self.unshown:
+            back = next(other for other in letters if AXES[other] == (AXES[letter][0], -AXES[letter][1]))
+            for choice in (letter, back, letters[self.moves % len(letters)]):
+                if room[choice]:
+                    return choice
         return self._ahead(self.state.occupied, self.belief.open)
 
     def predict(self, command: str, steps: int) -> list[Row]:
@@ -349,10 +387,15 @@ class NoisyRigSwarm(RigSwarm):
             self.monitor.compare(command, self.observations[-1], cells, inside, self._once_free.mask)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
-        self.monitor.count(len(cells))
         self._take_over()
-        self.moved = self.moved or self.monitor.moved
-        self.unproven = self.unproven + classified if self.monitor.since_motion else 0
+        shown = self.monitor.count(cells)
+        self._shown = self._shown or shown
+        self.moved = self.moved or (self._shown and self.monitor.along)
+        # a motion somewhere in a series of scans proves the cells classified before the series, but not those after the motion
+        self._classified[command] += classified
+        self._recent += classified
+        self.unproven = self._recent if shown else self.unproven + classified
+        self._recent = 0 if shown else self._recent
         return [*rows, (classified, self._noisy.remaining, 0)]
 
     def check(self) -> None:
