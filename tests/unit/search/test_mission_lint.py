@@ -530,3 +530,62 @@ def test_a_check_takes_a_region_as_a_search_does(tmp_path):
     assert len({one.coverage.covered_fraction for one in seen}) == 1
     write_missions([Mission([(5.0, 5.0), (15.0, 5.0)], (0.0, 0.0), geographic=False)], tmp_path / "p")
     assert check_missions(tmp_path / "p", "rectangle:20x10", 10.0, vehicle="multirotor").coverage.covered_fraction == 1.0
+
+
+def one_place(longitude, latitude, after=8):
+    """Change the second waypoint of a file in any format."""
+    old = (LANES[1][0], LANES[1][1])
+    new = [f"{value:.{after}f}" for value in (longitude, latitude)]
+
+    def change(before):
+        pairs = [
+            (f"{old[0]:.8f},{old[1]:.8f}", f"{new[0]},{new[1]}"),
+            (f"[{old[0]:.8f},{old[1]:.8f}]", f"[{new[0]},{new[1]}]"),
+            (f'lat="{old[1]:.8f}" lon="{old[0]:.8f}"', f'lat="{new[1]}" lon="{new[0]}"'),
+            (f"{old[1]:.8f}\t{old[0]:.8f}", f"{new[1]}\t{new[0]}"),
+        ]
+        for one, other in pairs:
+            before = before.replace(one, other, 1)
+        spaced = re.compile(rf"{old[0]:.8f}(,\s+){old[1]:.8f}")
+        before = spaced.sub(lambda found: f"{new[0]}{found[1]}{new[1]}", before, count=1)
+        spaced = re.compile(rf"{old[1]:.8f}(,\s+){old[0]:.8f}")
+        return spaced.sub(lambda found: f"{new[1]}{found[1]}{new[0]}", before, count=1)
+
+    return text(change)
+
+
+@pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".geojson", ".kml", ".gpx", ".csv"])
+@pytest.mark.parametrize("place", [(47.4006, 8.5008), (8.50370017, 8.5015914)], ids=["swapped", "latitude"])
+def test_one_waypoint_on_another_continent_is_a_row_beside_the_others(suffix, place, tmp_path, capsys):
+    (tmp_path / "field.json").write_text(json.dumps(FIELD))
+    folder = tmp_path / "m"
+    write_missions([mission(waypoints=OUTSIDE), mission(robot=2, home=(8.5005, 47.4))], folder)
+    one_place(*place)(folder, suffix)
+    (name,) = [name for name in FORMATS if FORMATS.get(name).suffix == suffix]
+    base = ["missions", "check", str(folder), str(tmp_path / "field.json"), "--footprint", "40", "--format", name, "--json"]
+    for more in ([], ["--vehicle", "multirotor"]):
+        assert run([*base, *more]) == 1
+        rows = json.loads(capsys.readouterr().out)["diagnostics"]
+        ours = [row["sentence"] for row in rows if row["file"] == f"robot-01{suffix}" and row["rule"] == "outside-region"]
+        assert len(ours) == 2  # the planted waypoint, and the one that was outside before
+        assert ("swapped" in ours[0]) == (place[0] > 40)
+    assert len({row["file"] for row in rows}) > 1
+    assert [one.rule for one in lint(folder / f"robot-01{suffix}") if one.severity == "error"]
+
+
+def test_a_waypoint_on_another_continent_adds_no_view_between_its_neighbours(tmp_path, region):
+    write_missions([mission(waypoints=[LANES[0], LANES[1], LANES[2]])], tmp_path, formats=["csv"])
+    one_place(47.4006, 8.5008)(tmp_path, ".csv")
+    away = check_missions(tmp_path, region, 40).coverage
+    assert away.length_m == 0.0
+
+
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
+@pytest.mark.parametrize("index", [1, 3])
+def test_a_waypoint_on_another_continent_is_a_row_for_each_kind_and_place(kind, index, tmp_path, region):
+    way = [*LANES]
+    way[index] = way[index][::-1]
+    write_missions([mission(kind=kind, waypoints=way)], tmp_path, formats=["plan"])
+    found = [one for one in lint(tmp_path, region) if one.rule == "outside-region"]
+    assert [one.place for one in found] == [f"item {index + 3}"]
+    assert check_missions(tmp_path, region, 40, vehicle=kind, separation=Separation()).flights == ()

@@ -23,7 +23,7 @@ from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import FORMATS, footprint_angle, format_of, mission_of
 from shoal.search.missions.lint import examine
 from shoal.search.missions.mission import Mission
-from shoal.search.missions.rules import ROUNDING, inside_of, metres_of, searching
+from shoal.search.missions.rules import ROUNDING, inside_of, metres_of, searching, way_of
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
 from shoal.search.regions.margin import visible_region
@@ -231,9 +231,8 @@ def check_missions(
     coverages: tuple[AreaCoverage, ...] = ()
     if footprint is not None:
         ways = [_searching_way(sheet, region) for sheet in flown]
-        ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region and listed in the diagnostics
         planned = footprint_angle(folder) if angle is None else angle
-        turned_by = angle_of([way[:, :2] for way in ways]) if planned is None else planned
+        turned_by = angle_of([run[:, :2] for way in ways for run in _runs(way)]) if planned is None else planned
         image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
         sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
         least = float(np.min(sides if flown else footprint))
@@ -243,7 +242,7 @@ def check_missions(
             coverage_check(region, stretches, widths if stretches else least, tolerance=ROUNDING, angle=turned_by, image=image)
             for stretches, widths in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
         )
-    found = [mission for sheet in flown if (mission := _mission(sheet)) is not None]
+    found = [mission for sheet in flown if (mission := _mission(sheet, region)) is not None]
     missions = tuple(sorted(found, key=lambda one: (one.robot, one.sortie)))
     low = None if terrain is None else clearance_of(missions, terrain, region.frame)
     missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
@@ -265,12 +264,23 @@ def check_missions(
     )
 
 
-def _mission(sheet: Sheet) -> Mission | None:
-    """Return the mission of a sheet, or None if a value is impossible, such as a speed of 0. Diagnostics report such values."""
+def _mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
+    """Return the mission of a sheet, or None if a value is impossible, such as a speed of 0 or a waypoint on another continent.
+
+    Diagnostics report such values.
+    """
+    if way_of(sheet) is None or not np.isfinite(metres_of(sheet, region)).all():
+        return None
     try:
         return mission_of(sheet, sheet.file)
     except InvalidInputError:
         return None
+
+
+def _runs(way: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the sections of a path between its points that are too far from the region to be in its frame; at least one."""
+    near = np.isfinite(way).all(axis=1)
+    return [run[np.isfinite(run).all(axis=1)] for run in np.split(way, np.flatnonzero(~near))]
 
 
 def _by_band(
@@ -285,16 +295,16 @@ def _by_band(
     For a band without paths, the footprint is ``least``. Without bands, the function yields all paths together.
     """
     if not bands:
-        near = [k for k, way in enumerate(ways) if len(way)]
-        yield [ways[k][:, :2] for k in near], sides[near].tolist()
+        runs = [(run[:, :2], side) for way, side in zip(ways, sides.tolist(), strict=True) for run in _runs(way) if len(run)]
+        yield [run for run, _ in runs], [side for _, side in runs]
         return
     found: list[tuple[list[NDArray[np.float64]], list[float]]] = [([], []) for _ in bands]
-    for way, side in zip(ways, sides.tolist(), strict=True):
-        band = np.searchsorted(bands, way[:, 2] + _RAISED, side="right") - 1
-        borders = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(way)]
+    for run, side in ((run, side) for way, side in zip(ways, sides.tolist(), strict=True) for run in _runs(way)):
+        band = np.searchsorted(bands, run[:, 2] + _RAISED, side="right") - 1
+        borders = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(run)]
         for begin, end in pairwise(borders):
             if begin < end and band[begin] >= 0:
-                found[band[begin]][0].append(way[begin:end, :2])
+                found[band[begin]][0].append(run[begin:end, :2])
                 found[band[begin]][1].append(side * float(spread[band[begin]]))
     for flown, footprints in found:
         yield flown, footprints if flown else least

@@ -190,10 +190,37 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
         simple = _simplified(outer, [*zones, *beyond, *holes], [], flown, most)
     if most is not None and corners_of(simple) > most:
         simple = _largest(outer, [*zones, *beyond], holes, flown, most)
-    rings = [shapely.get_coordinates(part.exterior)[:-1] for part in simple]
-    if region.frame is not None:
-        rings = [np.round(region.frame.to_degrees(ring), DECIMALS) for ring in rings]
-    return Fence(rings[0], tuple(rings[1:]))
+    (outline, *_), *others = (_written(part, region.frame, whole=not number) for number, part in enumerate(simple))
+    return Fence(outline, tuple(ring for rings in others for ring in rings))
+
+
+def _written(shape: Any, frame: LocalFrame | None, *, whole: bool) -> list[Points]:
+    """Return the rounded rings of a polygon without holes for a mission file, which neither touch nor cross themselves.
+
+    Rounding can make two corners equal, and lays thin parts of a polygon onto themselves: these parts have no area and are left
+    out. If a polygon falls into several parts, each of them is a ring. With ``whole``, the polygon is widened until it is one part.
+    """
+    import shapely
+
+    rings: list[Points] = []
+    for width in (0.0, ROUNDED, 10 * ROUNDED):
+        grown_by = shape.buffer(width, join_style="mitre") if width else shape
+        ring = shapely.get_coordinates(grown_by.exterior)[:-1]
+        if frame is None:
+            made = shapely.make_valid(shapely.Polygon(ring), method="structure")
+        else:
+            corners = shapely.Polygon(np.round(frame.to_degrees(ring), DECIMALS))
+            if corners.is_valid:
+                return [shapely.get_coordinates(corners.exterior)[:-1]]
+            made = shapely.set_precision(shapely.make_valid(corners, method="structure"), 10.0**-DECIMALS)
+        parts = sorted((one for one in shapely.get_parts(made) if one.geom_type == "Polygon"), key=lambda one: -one.area)
+        found = [shapely.get_coordinates(part.exterior)[:-1] for part in parts]
+        if frame is not None:
+            found = [np.round(one, DECIMALS) for one in found]
+        rings = rings or found
+        if len(found) == 1 or (found and not whole):
+            return found
+    return rings
 
 
 def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: int) -> list[Any]:

@@ -156,6 +156,9 @@ def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
 
     The function reads each text as an autopilot would: it compares rounded coordinates of paths with rounded corners of polygons.
     """
+    from shapely import Polygon
+    from shapely.validation import explain_validity
+
     suffixes = _formats_by_suffix()
     fences = {mission.name: mission.fence for mission in missions}
     for path, text in texts.items():
@@ -170,6 +173,13 @@ def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
             sheet.rally = read_rally(texts[path.parent / RALLY], RALLY) if path.parent / RALLY in texts else ()
         if sheet.home is None or not len(sheet.points) or fence is None:
             continue  # the file of a third-party format
+        for number, ring in enumerate(fence.rings):
+            if not Polygon(ring).is_valid:
+                raise InvalidInputError(
+                    f"{path.name}: expected fence polygons that neither touch nor cross themselves as the file contains them, got "
+                    f"{f'exclusion polygon {number}' if number else 'the outline'}: {explain_validity(Polygon(ring))}; "
+                    "no file was written"
+                )
         for name, away in zip(*fence_clearances(sheet, fence), strict=True):
             if away < -ROUNDING:
                 raise InvalidInputError(

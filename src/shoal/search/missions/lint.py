@@ -119,7 +119,6 @@ def examine(
     for sheet in sheets:
         if sheet.readable:
             check_sense(sheet, cap=cap, autopilot=autopilot, fence_distance=fence_distance)
-            _check_whole(sheet)
             _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
             if vehicle is not None:
                 _check_duration(sheet, vehicle)
@@ -127,6 +126,7 @@ def examine(
                 _check_climbs(sheet, vehicle)
             if region is not None:
                 check_place(sheet, region, airspace)
+            _check_whole(sheet)
     if folder:
         _check_homes(sheets)
         _check_autopilots(sheets)
@@ -141,6 +141,8 @@ def _check_whole(sheet: Sheet) -> None:
     """Add a diagnostic for a mission that cannot be flown for a reason that no other rule has reported."""
     try:
         mission_of(sheet, sheet.file)
+        if sheet.geographic and sheet.home is not None:
+            LocalFrame(*sheet.home).to_metres(np.vstack([sheet.points, sheet.landing or sheet.home]))
     except InvalidInputError as error:
         if not any(RULES[one.rule].severity == "error" for one in sheet.diagnostics):
             _, _, said = str(error).partition(": expected ")

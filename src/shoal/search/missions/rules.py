@@ -372,14 +372,26 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     passed = _between_parts(sheet, region, way)
     stray = ~inside[1:-1]
     stray[: here.start] = stray[here.stop :] = False
-    for index in np.flatnonzero(stray | barred[1:-1]).tolist():
+    gaps = shapely.distance(region.free, shapely.points(np.where(near[:, None], way, 0.0)))
+    elsewhere = ~near | (gaps > _ELSEWHERE)
+    if elsewhere[-1] and sheet.landing is not None:
+        said = f"expected an end of the mission near the region {region.name!r}, got {text_of(sheet.landing)}, far outside"
+        sheet.add("outside-region", "end", said)
+    for index in np.flatnonzero(stray | barred[1:-1] | elsewhere[1:-1]).tolist():
         point, place = text_of(sheet.points[index]), sheet.places[index]
-        if barred[index + 1]:
+        if elsewhere[index + 1]:
+            said = f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, far outside"
+            x, y = sheet.points[index].tolist()
+            other = _in_plane((y, x), region)
+            swapped = region.frame is not None and max(other) < math.inf
+            swapped = swapped and region.free.distance(shapely.Point(other)) < _ELSEWHERE
+            sheet.add("outside-region", place, f"{said}{': latitude and longitude swapped are near it' * swapped}")
+        elif barred[index + 1]:
             sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
         else:
             if sheet.kind == "fixed-wing" or passed[index]:
                 continue  # the vehicle turns there, or flies from part to part: its legs are reported instead
-            where = region.outside_text(way[index + 1]) if near[index + 1] else "far outside"
+            where = region.outside_text(way[index + 1])
             said = f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, {where}"
             sheet.add("outside-region", place, said)
     outside = _check_legs(sheet, way, here, allowed, forbidden)
