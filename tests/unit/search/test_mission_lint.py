@@ -589,3 +589,42 @@ def test_a_waypoint_on_another_continent_is_a_row_for_each_kind_and_place(kind, 
     found = [one for one in lint(tmp_path, region) if one.rule == "outside-region"]
     assert [one.place for one in found] == [f"item {index + 3}"]
     assert check_missions(tmp_path, region, 40, vehicle=kind, separation=Separation()).flights == ()
+
+
+def wing_rows():
+    """A fixed wing that searches a narrow field across: both ends of each row are outside it."""
+    field = {**FIELD, "features": [json.loads(json.dumps(FIELD["features"][0]))]}
+    field["features"][0]["geometry"]["coordinates"] = [
+        [[8.5, 47.4], [8.5004, 47.4], [8.5004, 47.4004], [8.5, 47.4004], [8.5, 47.4]]
+    ]
+    rows = [47.40003, 47.40013, 47.40023, 47.40033]
+    way = [(8.4985 if (k + side) % 2 else 8.5019, row) for k, row in enumerate(rows) for side in (0, 1)]
+    return field, [(8.5021, 47.4), *way, (8.5001, 47.40038)]
+
+
+@pytest.mark.parametrize("listed", [True, False])
+def test_rows_of_a_fixed_wing_from_outside_to_outside_count_in_each_format(listed, tmp_path):
+    field, way = wing_rows()
+    (tmp_path / "field.json").write_text(json.dumps(field))
+    flown = Mission(way, (8.5021, 47.3999), kind="fixed-wing", waypoints_out=1, waypoints_home=1)
+    write_missions([flown], tmp_path / "m", formats=["plan", "wpl", "csv"])
+    assert ("ways" in json.loads((tmp_path / "m" / "missions.json").read_text())) is True
+    if not listed:
+        (tmp_path / "m" / "missions.json").unlink()
+    found = [check_missions(tmp_path / "m", tmp_path / "field.json", 16, format=name) for name in ("csv", "plan", "wpl")]
+    assert [one.coverage.covered_fraction for one in found] == [pytest.approx(1.0)] * 3
+    outside = [one.coverage.outside_m for one in found]
+    assert not listed or outside[1:] == pytest.approx(outside[:1] * 2, abs=1.0)
+
+
+def test_a_list_of_missions_about_another_file_is_not_believed(tmp_path):
+    field, way = wing_rows()
+    (tmp_path / "field.json").write_text(json.dumps(field))
+    write_missions(
+        [Mission(way, (8.5021, 47.3999), kind="fixed-wing", waypoints_out=5, waypoints_home=1)], tmp_path, formats=["plan"]
+    )
+    drop(2)(tmp_path, ".plan")
+    assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
+    for ways in (3, {"robot-01": 5}, {"robot-01": {"waypoints": 9, "waypoints_out": -1, "waypoints_home": 0}}):
+        (tmp_path / "missions.json").write_text(json.dumps({"ways": ways}))
+        assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None

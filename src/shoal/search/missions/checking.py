@@ -230,11 +230,11 @@ def check_missions(
     flown = [sheet for sheet, name in zip(sheets, present, strict=True) if name == chosen and sheet.readable]
     coverages: tuple[AreaCoverage, ...] = ()
     if footprint is not None:
-        ways = [_searching_way(sheet, region) for sheet in flown]
-        planned = footprint_angle(folder) if angle is None else angle
-        turned_by = angle_of([run[:, :2] for way in ways for run in _runs(way)]) if planned is None else planned
         image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
         sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
+        ways = [_searching_way(sheet, region, side) for sheet, side in zip(flown, sides.tolist(), strict=True)]
+        planned = footprint_angle(folder) if angle is None else angle
+        turned_by = angle_of([run[:, :2] for way in ways for run in _runs(way)]) if planned is None else planned
         least = float(np.min(sides if flown else footprint))
         region = visible_region(region, least, turned_by)
         bands = region.layer_altitudes(least) if bands is None and region.height else bands
@@ -318,13 +318,17 @@ def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[n
     return np.asarray(seen / seen[:1])
 
 
-def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
+def _searching_way(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
     The result leaves out waypoints outside the region on the paths from home and back (see `searching`). In their place,
     the result contains the points where these paths cross the region's border. If the sheet gives the numbers of waypoints on these
-    paths, the result leaves out only these waypoints.
+    paths, the result leaves out only these waypoints. Fixed wings turn outside the region, so that both ends of a leg that searches
+    can be outside: their result is the path from the first to the last leg that sees any of the region with a footprint ``side``
+    metres wide.
     """
+    import shapely
+
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
     inside = inside_of(region, way)
@@ -333,6 +337,12 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     way = np.column_stack([way, ups[np.clip(np.arange(len(way)) - 1, 0, len(ups) - 1)]])
     if sheet.waypoints_out is not None:
         return way[1 + sheet.waypoints_out : len(way) - 1 - (sheet.waypoints_home or 0)]
+    if sheet.kind == "fixed-wing":
+        usable = near[1:-2] & near[2:-1]
+        legs = np.where(usable[:, None, None], np.stack([way[1:-2, :2], way[2:-1, :2]], axis=1), 0.0)
+        seeing = np.flatnonzero(usable & shapely.dwithin(region.free, shapely.linestrings(legs), side / 2 + ROUNDING))
+        if len(seeing):
+            return way[1:-1][seeing[0] : seeing[-1] + 2]
     kept = [way[1:-1][here]]
     if here.start > 0 and inside[here.start + 1] and near[here.start]:
         kept.insert(0, _inner(region, way[here.start + 1], way[here.start])[::-1])

@@ -30,6 +30,8 @@ from shoal.search.regions.limits import LARGEST_FILE
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
 MANIFEST = "missions.json"  # the manifest: the names of the written files
 ANGLE = "footprint_angle_degrees"  # a key of the manifest
+_WAYS = "ways"  # a key of the manifest: for each mission, the numbers of waypoints that `_COUNTS` names
+_COUNTS = ("waypoints", "waypoints_out", "waypoints_home")
 STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
 
 _HOW_TO_START = """\
@@ -144,7 +146,10 @@ def write_missions(
     with ExitStack() as stack:
         for path, text in texts.items():
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
-    told = {} if angle is None else {ANGLE: angle}
+    told: dict[str, Any] = {} if angle is None else {ANGLE: angle}
+    counts = {mission.name: (len(mission.waypoints), mission.waypoints_out, mission.waypoints_home) for mission in missions}
+    ways = {name: dict(zip(_COUNTS, count, strict=True)) for name, count in counts.items() if None not in count}
+    told |= {_WAYS: ways} if ways else {}
     for name in _listed(folder) - {path.name for path in texts}:
         (Path(folder) / name).unlink(missing_ok=True)
     write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | told | _times(missions, vehicle))
@@ -226,11 +231,18 @@ def _beside(missions: Sequence[Mission]) -> dict[str, str]:
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
     """Add data from other files of a folder to the sheets of the folder's mission files.
 
-    All sheets get start times from the manifest ``missions.json``. Sheets of WPL files get the fence and the rally points. Mistakes
-    in the files of the fence and of the rally points become diagnostics.
+    All sheets get start times from the manifest ``missions.json``. Sheets without the numbers of waypoints on the ways out and home
+    get them from there too, if their number of waypoints is the one in the manifest. Sheets of WPL files get the fence and the
+    rally points. Mistakes in the files of the fence and of the rally points become diagnostics.
     """
-    starts = _manifest(folder).get("starts_s")
+    manifest = _manifest(folder)
+    starts, ways = manifest.get("starts_s"), manifest.get(_WAYS)
     for sheet in sheets:
+        way = ways.get(Path(sheet.file).stem) if isinstance(ways, dict) else None
+        count, out, home = (way.get(name) for name in _COUNTS) if isinstance(way, dict) else (None,) * 3
+        whole = type(out) is type(home) is int and count == len(sheet.points)
+        if sheet.waypoints_out is None and whole and out >= 0 <= home and out + home < count:
+            sheet.waypoints_out, sheet.waypoints_home = out, home
         start = starts.get(Path(sheet.file).stem) if isinstance(starts, dict) else None
         if isinstance(start, int | float) and not isinstance(start, bool) and 0 <= start < inf:
             sheet.start = float(start)
