@@ -151,6 +151,28 @@ def cut_fence(folder, suffix):
     edit(folder / "fence.txt", lambda before: before.rsplit("\n", 2)[0])
 
 
+def fence_circle(*, inclusion, radius, polygons=None, center=(47.4003, 8.502)):
+    """Add a circle to the fence, over the first leg of the search."""
+    circle = {"inclusion": inclusion, "version": 1, "circle": {"center": list(center), "radius": radius}}
+
+    def change(data):
+        data["geoFence"]["circles"] = [circle]
+        if polygons is not None:
+            data["geoFence"]["polygons"] = polygons
+
+    return instead(plan(change), fence=Fence(np.array(AROUND)))
+
+
+def fence_row(command, first):
+    """Add a circle to the fence beside `.waypoints` files, over the first leg of the search."""
+
+    def plant(folder, suffix):
+        instead(fence=Fence(np.array(AROUND)))(folder, suffix)
+        edit(folder / "fence.txt", lambda rows: rows + f"4\t0\t0\t{command}\t{first}\t0\t0\t0\t47.4003\t8.502\t0\t1\n")
+
+    return plant
+
+
 def other_speed(folder, _suffix):
     write_missions([mission()], folder, formats=["plan", "gpx"])
     edit(folder / "robot-01.gpx", lambda before: before.replace('speed_m_s="5"', 'speed_m_s="6"'))
@@ -306,6 +328,14 @@ PLANTS = [
     ("leg-outside", ".plan", rover(waypoints=[LANES[0], (8.4999, 47.4001), *LANES[1:]]), "item 3", ("outside-region",)),
     ("fence", ".plan", instead(fence=Fence(np.add(AROUND, [-0.0002, 0.0]))), "item 4", ()),
     ("fence", ".waypoints", instead(fence=Fence(np.array(AROUND), (np.add(AROUND, [0.002, 0.0001]),))), "line 6", ()),
+    ("fence", ".plan", fence_circle(inclusion=False, radius=30), "item 4", ()),
+    ("fence", ".plan", fence_circle(inclusion=True, radius=3), "item 3", ()),
+    ("fence", ".plan", fence_circle(inclusion=False, radius=30, polygons=[]), "item 4", ()),
+    ("fence", ".plan", fence_circle(inclusion=True, radius=3, polygons=[]), "item 3", ()),
+    ("wrong-value", ".plan", fence_circle(inclusion=True, radius=-3), "geoFence, circles", ()),
+    ("fence", ".waypoints", fence_row(5004, 30), "line 6", ()),
+    ("fence", ".waypoints", fence_row(5003, 3), "line 5", ()),
+    ("beside", ".waypoints", fence_row(5003, 0), "fence.txt", ()),
     ("beside", ".waypoints", cut_fence, "fence.txt", ()),
     ("formats-differ", ".plan", other_speed, "", ()),
     ("formats-differ", ".plan", other_place, "", ()),
@@ -628,3 +658,22 @@ def test_a_list_of_missions_about_another_file_is_not_believed(tmp_path):
     for ways in (3, {"robot-01": 5}, {"robot-01": {"waypoints": 9, "waypoints_out": -1, "waypoints_home": 0}}):
         (tmp_path / "missions.json").write_text(json.dumps({"ways": ways}))
         assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
+
+
+@pytest.mark.parametrize(("inclusion", "radius"), [(False, 10), (True, 900)])
+def test_a_circle_of_the_fence_that_bars_no_path_is_no_mistake(inclusion, radius, tmp_path, region):
+    write_good(tmp_path, ".plan")
+    fence_circle(inclusion=inclusion, radius=radius, center=(47.40045, 8.502))(tmp_path, ".plan")
+    assert [one.rule for one in lint(tmp_path, region)] == []
+    near = lint(tmp_path, region, fence_distance=7.2)  # the rows are 16.7 m from its middle
+    assert {one.rule for one in near} == (set() if inclusion else {"fence-near"})
+
+
+def test_inclusion_polygons_apart_are_alternatives(tmp_path, region):
+    write_good(tmp_path, ".plan")
+    beyond = (np.add(AROUND, [0.1, 0.0]),)
+    instead(fence=Fence(np.array(AROUND), more=beyond))(tmp_path, ".plan")
+    assert lint(tmp_path, region) == []
+    assert len(read_mission(tmp_path / "robot-01.plan").fence.outlines) == 2
+    instead(fence=Fence(np.array(AROUND), more=(np.add(AROUND, [0.002, 0.0]),)))(tmp_path, ".plan")
+    assert {one.rule for one in lint(tmp_path, region)} == {"fence"}

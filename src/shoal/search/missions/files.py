@@ -180,10 +180,10 @@ def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
             continue  # the file of a third-party format
         for number, ring in enumerate(fence.rings):
             if not Polygon(ring).is_valid:
+                which = "the outline" if number < len(fence.outlines) else f"exclusion polygon {number}"
                 raise InvalidInputError(
-                    f"{path.name}: expected fence polygons that neither touch nor cross themselves as the file contains them, got "
-                    f"{f'exclusion polygon {number}' if number else 'the outline'}: {explain_validity(Polygon(ring))}; "
-                    "no file was written"
+                    f"{path.name}: expected fence polygons that neither touch nor cross themselves as the file contains them, "
+                    f"got {which}: {explain_validity(Polygon(ring))}; no file was written"
                 )
         for name, away in zip(*fence_clearances(sheet, fence), strict=True):
             if away < -ROUNDING:
