@@ -261,6 +261,12 @@ PLANTS = [
     ("take-off", ".plan", rover(items(lambda rows: rows.insert(0, take_off()) or numbered(rows))), "item 1", ()),
     ("armed-wait", ".plan", items(lambda rows: rows.insert(0, wait()) or numbered(rows)), "item 1", ()),
     ("armed-wait", ".waypoints", wpl(2, 3, "93"), "line 3", ("take-off", "frame")),
+    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, wait() | {"command": 112}) or numbered(rows)), "item 1", ()),
+    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, take_off() | {"command": 19}) or numbered(rows)), "item 1", ()),
+    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, take_off() | {"command": 18}) or numbered(rows)), "item 1", ()),
+    ("take-off", ".plan", items(lambda rows: rows[0]["params"].__setitem__(6, 0)), "item 1", ()),
+    ("take-off", ".plan", items(lambda rows: rows[0]["params"].__setitem__(6, -3)), "item 1", ()),
+    ("take-off", ".waypoints", wpl(2, 10, "0"), "line 3", ()),
     ("no-return", ".plan", drop(-1), "item 6", ()),
     ("no-return", ".waypoints", lines(lambda rows: rows[:-1]), "line 8", ()),
     ("no-return", ".csv", lines(lambda rows: rows[:-1]), "line 6", ()),
@@ -677,3 +683,14 @@ def test_inclusion_polygons_apart_are_alternatives(tmp_path, region):
     assert len(read_mission(tmp_path / "robot-01.plan").fence.outlines) == 2
     instead(fence=Fence(np.array(AROUND), more=(np.add(AROUND, [0.002, 0.0]),)))(tmp_path, ".plan")
     assert {one.rule for one in lint(tmp_path, region)} == {"fence"}
+
+
+@pytest.mark.parametrize("ending", [b"\n", b"\r\n"])
+def test_comments_of_mission_planner_may_have_any_encoding(ending, tmp_path):
+    rows = [b"#saved by M\xfcller", b"47.4 8.5", b"  # Stra\xdfe", b"47.4 8.504", b"47.402 8.504", b"47.402 8.5"]
+    (tmp_path / "a.poly").write_bytes(ending.join(rows))
+    (tmp_path / "b.poly").write_bytes(ending.join(row for row in rows if b"#" not in row))
+    assert open_region(tmp_path / "a.poly").area_m2 == open_region(tmp_path / "b.poly").area_m2 > 60_000
+    (tmp_path / "a.poly").write_bytes(ending.join([*rows, b"47,4\xb0 8,5"]))
+    with pytest.raises(InvalidInputError, match="UTF-8, got byte 0xb0 in line 7"):
+        open_region(tmp_path / "a.poly")

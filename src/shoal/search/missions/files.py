@@ -239,7 +239,8 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
     starts, ways = manifest.get("starts_s"), manifest.get(_WAYS)
     for sheet in sheets:
         way = ways.get(Path(sheet.file).stem) if isinstance(ways, dict) else None
-        count, out, home = (way.get(name) for name in _COUNTS) if isinstance(way, dict) else (None,) * 3
+        told: list[Any] = [way.get(name) if isinstance(way, dict) else None for name in _COUNTS]
+        count, out, home = told
         whole = type(out) is type(home) is int and count == len(sheet.points)
         if sheet.waypoints_out is None and whole and out >= 0 <= home and out + home < count:
             sheet.waypoints_out, sheet.waypoints_home = out, home

@@ -12,6 +12,7 @@ from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import SAME_LEVEL, Mission
 
 WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, SPLINE, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 20, 21, 22, 82, 93, 178, 205, 206  # MAV_CMD
+_WAITS = {DELAY: "a wait", HOLD: "an endless loiter", 18: "loiter turns", 19: "a loiter for a time", 112: "a delay"}  # MAV_CMD
 WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
 _PASSED = (WAYPOINT, SPLINE)
 _PLACED = {*_PASSED, HOLD, LAND, TAKE_OFF}
@@ -124,10 +125,11 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     aloft = next((k for k, item in enumerate(items) if item.command in (TAKE_OFF, *_PASSED)), len(items))
     for number, item in enumerate(items):
         _check_frame(sheet, item)
-        if item.command == DELAY and number < aloft:
+        if item.command in _WAITS and number < aloft < len(items):
             (lasting,) = _number(item.params[0])
-            said = f"expected no wait before the take-off, but a start at its time, got a wait (93) of {lasting:g} s"
-            sheet.add("armed-wait", item.place, said)
+            what = f"{_WAITS[item.command]} ({item.command})"
+            what += f" of {lasting:g} s" if item.command in (DELAY, 19, 112) else ""
+            sheet.add("armed-wait", item.place, f"expected no wait before the take-off, but a start at its time, got {what}")
         elif item.command == SPLINE:
             sheet.add("spline", item.place, "expected a waypoint (16), got a spline waypoint (82): the check uses straight legs")
         elif item.command not in _KNOWN:
@@ -191,7 +193,16 @@ def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
         if TAKE_OFF in commands:
             place = next(item.place for item in items if item.command == TAKE_OFF)
             sheet.add("take-off", place, "expected no take-off in a rover's mission, got command 22")
-    elif WAYPOINT in commands and commands[0] != TAKE_OFF:
+        return
+    first = next((item for item in items if item.command == TAKE_OFF), None)
+    if first is not None and sheet.altitudes:
+        base = sheet.elevation or 0.0 if _frames(sheet).get(first.frame) == "sea" else 0.0
+        above = sheet.altitudes[0] - (sheet.elevation or 0.0 if sheet.altitude_frame == "sea" else 0.0)
+        (up,) = _number(first.params[6])
+        if up <= base < base + above:
+            said = f"expected a take-off to a height above 0, got {up - base:g} m above home before a waypoint at {above:g} m"
+            sheet.add("take-off", first.place, said)
+    if WAYPOINT in commands and commands[0] != TAKE_OFF:
         place = next(item.place for item in items if item.command in _PASSED)
         said = f"expected a take-off (22) before the first waypoint of a {sheet.kind or 'multirotor'}, got none"
         sheet.add("take-off", place, said)
