@@ -17,6 +17,7 @@ from shoal.search.flight.staggering import Separation
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import FORMATS, RULES, Mission, check_missions, lint, missions_of, read_mission, write_missions
 from shoal.search.missions.fence import Fence
+from shoal.search.regions.projection import LocalFrame
 
 FIELD = {
     "type": "FeatureCollection",
@@ -173,6 +174,13 @@ def fence_row(command, first):
     return plant
 
 
+def later_speed(value, at=3):
+    """Add an item that changes the speed to the other items, which already have one."""
+    return items(
+        lambda rows: rows.insert(at, json.loads(json.dumps(rows[1]))) or rows[at]["params"].__setitem__(1, value) or numbered(rows)
+    )
+
+
 def other_speed(folder, _suffix):
     write_missions([mission()], folder, formats=["plan", "gpx"])
     edit(folder / "robot-01.gpx", lambda before: before.replace('speed_m_s="5"', 'speed_m_s="6"'))
@@ -321,6 +329,18 @@ PLANTS = [
         ("turn-radius", "few-decimals", "climb"),
     ),
     ("speed", ".plan", items(lambda rows: rows[1]["params"].__setitem__(1, 0)), "", ()),
+    ("speed", ".plan", later_speed(0), "item 4", ()),
+    ("speed", ".plan", later_speed(-5), "item 4", ()),
+    ("speed", ".plan", later_speed(500), "item 4", ()),
+    ("not-a-number", ".plan", later_speed(float("nan")), "item 4", ()),
+    (
+        "speed",
+        ".waypoints",
+        lines(lambda rows: [*rows[:5], rows[3].replace("\t5\t", "\t0\t", 1), *rows[5:]]),
+        "line 6",
+        ("sequence",),
+    ),
+    ("endurance", ".plan", later_speed(0.01), "", ()),
     ("speed", ".csv", swap(",5\n", ",500\n", -1), "", ()),
     ("home-far", ".plan", instead(home=(8.6, 47.4)), "home", ()),
     ("homes-near", ".plan", beside(mission(robot=2)), "", ()),
@@ -694,3 +714,47 @@ def test_comments_of_mission_planner_may_have_any_encoding(ending, tmp_path):
     (tmp_path / "a.poly").write_bytes(ending.join([*rows, b"47,4\xb0 8,5"]))
     with pytest.raises(InvalidInputError, match="UTF-8, got byte 0xb0 in line 7"):
         open_region(tmp_path / "a.poly")
+
+
+def test_each_leg_has_the_speed_of_the_item_before_it(tmp_path, region):
+    ideal = vehicle_of("ideal,climb_speed=2,sink_speed=2")
+    write_good(tmp_path, ".plan")
+    before = read_mission(tmp_path / "robot-01.plan")
+    later_speed(1.0)(tmp_path, ".plan")
+    after = read_mission(tmp_path / "robot-01.plan")
+    assert before.speeds is None
+    assert after.speeds.tolist() == [5.0, 1.0, 1.0, 1.0, 1.0]
+    way = after.way_in(LocalFrame(*HOME))
+    legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
+    slow = legs[2:].sum()
+    assert after.duration(ideal) - before.duration(ideal) == pytest.approx(slow / 1.0 - slow / 5.0, rel=1e-6)
+    told = check_missions(tmp_path, region, None, vehicle=ideal).flights[0]["duration_s"]
+    assert told == pytest.approx(after.duration(ideal))
+    for value, same in ((-1.0, True), (5.0, True), (-2.0, True), (4.0, False)):  # no change, the same, the usual one, another one
+        write_good(tmp_path, ".plan")
+        later_speed(value)(tmp_path, ".plan")
+        assert (read_mission(tmp_path / "robot-01.plan").speeds is None) == same
+        assert lint(tmp_path, region) == []
+
+
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
+def test_missions_with_several_speeds_are_written_and_read(kind, tmp_path):
+    speeds = [12.0, 12.0, 9.0, 9.0, 15.0]
+    made = mission(kind=kind, speed=12.0, speeds=np.array(speeds), waypoints_out=1, waypoints_home=1, trigger_distance=8.0)
+    write_missions([made], tmp_path, formats=["plan", "wpl"])
+    for suffix in (".plan", ".waypoints"):
+        found = read_mission(tmp_path / f"robot-01{suffix}")
+        assert (found.speeds.tolist(), found.speed, found.waypoints_out, found.n_items) == (speeds, 12.0, 1, made.n_items)
+    assert [one.rule for one in lint(tmp_path) if one.rule != "turn-radius"] == []
+    with pytest.raises(InvalidInputError, match="robot-01: expected one speed in the formats"):
+        write_missions([made], tmp_path, formats=["csv"])
+    with pytest.raises(InvalidInputError, match="speeds: expected numbers above 0"):
+        mission(speeds=np.zeros(5))
+
+
+def test_a_mission_too_slow_for_the_wind_is_a_row_and_no_refusal(tmp_path, region):
+    write_good(tmp_path, ".plan")
+    later_speed(1.0)(tmp_path, ".plan")
+    result = check_missions(tmp_path, region, 40, vehicle="multirotor,wind_speed=3", separation=Separation())
+    assert [one.rule for one in result.diagnostics] == ["speed"]
+    assert result.flights == ()

@@ -246,13 +246,15 @@ def check_missions(
     missions = tuple(sorted(found, key=lambda one: (one.robot, one.sortie)))
     low = None if terrain is None else clearance_of(missions, terrain, region.frame)
     missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
+    flights = {one: None if vehicle is None else _flight(one, vehicle) for one in missions}
+    missions = tuple(one for one, told in flights.items() if vehicle is None or told is not None)
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
         missions=missions,
         separation=separation,
         approach=near,
         clearance=low,
-        flights=() if vehicle is None else tuple(one.flight_report(vehicle) for one in missions),
+        flights=tuple(told for told in flights.values() if told is not None),
         region=region,
         format=chosen,
         files=tuple(sheet.file for sheet in flown),
@@ -273,6 +275,14 @@ def _mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
         return None
     try:
         return mission_of(sheet, sheet.file)
+    except InvalidInputError:
+        return None
+
+
+def _flight(mission: Mission, vehicle: Vehicle) -> dict[str, Any] | None:
+    """Return the duration of a mission, or None if it is too slow for the wind, as diagnostics report."""
+    try:
+        return mission.flight_report(vehicle)
     except InvalidInputError:
         return None
 

@@ -173,6 +173,7 @@ class Sheet:
     yaw: float | None = None
     acceptance_radius: float | None = None
     speed: float | None = None
+    speeds: list[float] | None = None
     geographic: bool = True
     waypoints_out: int | None = None
     waypoints_home: int | None = None

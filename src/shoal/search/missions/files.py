@@ -402,6 +402,7 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
         "altitude": sheet.altitudes[0] if sheet.altitudes else usual.height,
         "speed": usual.cruise if sheet.speed is None else sheet.speed,
         "altitude_frame": sheet.altitude_frame or "home",
+        "speeds": None if sheet.speeds is None else np.array(sheet.speeds),
         "heights": np.array(sheet.altitudes) - base if varied and not above_ground else None,
         "altitudes": np.array(sheet.altitudes) if varied and above_ground else None,
     }

@@ -177,8 +177,10 @@ def _check_duration(sheet: Sheet, vehicle: Vehicle) -> None:
     """Add a diagnostic for a mission that takes longer than the vehicle's endurance without its reserve."""
     try:
         lasting = mission_of(sheet, sheet.file).duration(vehicle)
-    except InvalidInputError:
-        return  # other rules report what is invalid, and heights above ground give no climbs
+    except InvalidInputError as error:
+        if str(error).startswith("wind_speed"):  # too slow a flight for the wind
+            sheet.add("speed", "", f"expected{str(error).partition('expected')[2]}")
+        return  # other rules report what else is invalid, and heights above ground give no climbs
     if lasting > vehicle.usable_seconds:
         said = (
             f"expected a mission of at most {vehicle.usable_seconds / 60:.4g} min, the endurance without the reserve, "
@@ -196,7 +198,9 @@ def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
     glides = sheet.landing is not None and sheet.loiter is None
     ups = np.diff(np.array([base, *sheet.altitudes, *[base] * glides]))
     level = np.column_stack([way[: len(ups) + 1], np.zeros(len(ups) + 1)])
-    lasting = leg_seconds(level, vehicle, rate=1.0 if sheet.speed is None else sheet.speed / vehicle.cruise)
+    usual = vehicle.cruise if sheet.speed is None else sheet.speed
+    speeds = np.array(sheet.speeds or [usual] * (len(ups) + 1))[: len(ups)]
+    lasting = leg_seconds(level, vehicle, rate=speeds / vehicle.cruise)
     extra = vehicle.vertical_seconds(np.sign(ups) * np.maximum(np.abs(ups) - ROUNDING, 0.0)) - lasting * (1 + _ROUGH)
     worst = int(np.argmax(extra))
     if extra[worst] > 0:
@@ -293,6 +297,8 @@ def _difference(one: Sheet, other: Sheet) -> str:
         mine, theirs = getattr(one, name), getattr(other, name)
         if None not in (mine, theirs) and mine != theirs:
             return f"{theirs!r} as {name} instead of {mine!r}"
+    if one.speeds != other.speeds and None not in (one.speed, other.speed):
+        return "other speeds on some legs"
     same_frame = (one.altitude_frame or "home") == (other.altitude_frame or "home")
     if same_frame and one.altitudes and len(one.altitudes) == len(other.altitudes):
         for mine, theirs in zip(one.altitudes, other.altitudes, strict=True):
