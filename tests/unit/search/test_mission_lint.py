@@ -758,3 +758,34 @@ def test_a_mission_too_slow_for_the_wind_is_a_row_and_no_refusal(tmp_path, regio
     result = check_missions(tmp_path, region, 40, vehicle="multirotor,wind_speed=3", separation=Separation())
     assert [one.rule for one in result.diagnostics] == ["speed"]
     assert result.flights == ()
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        items(lambda rows: rows[3]["params"].__setitem__(4, None)),
+        plan(lambda data: data["rallyPoints"].update(points="x")),
+        plan(lambda data: data["geoFence"].update(circles=[3])),
+        one_place(8.52, 47.4003),
+    ],
+    ids=["null", "rally", "circle", "outside"],
+)
+def test_no_option_hides_a_mistake(plant, tmp_path, capsys):
+    (tmp_path / "field.json").write_text(json.dumps(FIELD))
+    corner = "ncols 12\nnrows 12\nxllcorner 8.499\nyllcorner 47.399\ncellsize 0.0005\n"
+    (tmp_path / "flat.asc").write_text(corner + "\n".join([" ".join(["400"] * 12)] * 12))
+    flown = [mission(fence=Fence(np.array(AROUND))), mission(robot=2, home=(8.5005, 47.4002))]
+    write_missions(flown, tmp_path / "m", formats=["plan"])
+    plant(tmp_path / "m", ".plan")
+    options = ["--terrain", "flat.asc"], ["--fence-distance", "1"], ["--vehicle", "multirotor"], ["--bands", "30"], ["--cap", "99"]
+    for one in options:
+        given = [str(tmp_path / word) if word == "flat.asc" else word for word in one]
+        assert (
+            run(["missions", "check", str(tmp_path / "m"), str(tmp_path / "field.json"), "--footprint", "40", "--json", *given])
+            == 1
+        )
+        rows = json.loads(capsys.readouterr().out)["diagnostics"]
+        assert [row["file"] for row in rows if row["severity"] == "error"][:1] == ["robot-01.plan"]
+    assert (
+        run(["missions", "check", str(tmp_path / "m"), str(tmp_path / "field.json"), "--terrain", str(tmp_path / "none.asc")]) == 2
+    )

@@ -154,7 +154,7 @@ def check_missions(
     autopilot: str | None = None,
     separation: Separation | None = None,
     vehicle: Vehicle | str | None = None,
-    bands: Sequence[float] | None = None,
+    bands: float | Sequence[float] | None = None,
     airspace: float | None = None,
     terrain: Terrain | None = None,
     fence_distance: float | None = None,
@@ -188,7 +188,7 @@ def check_missions(
     vehicle : Vehicle, optional
         Vehicle that gives the speeds of climb and descent, and the duration of turns, for the nearest approach. By default,
         vehicles fly and climb at the speed in the file, and turn in no time.
-    bands : sequence of float, optional
+    bands : float or sequence of float, optional
         Altitudes in metres, ascending, from each of which vehicles must see the whole region. A section of a flight belongs to the
         highest band that is not above this section. The argument ``footprint`` applies to the lowest band. In higher bands, the
         footprint grows like the view of the vehicle's camera. By default, the bands of a volume are the altitudes of its layers.
@@ -207,6 +207,7 @@ def check_missions(
         )
     region = region if isinstance(region, SearchRegion) else SearchProblem(region).place
     vehicle = None if vehicle is None else vehicle_of(vehicle)
+    bands = (bands,) if isinstance(bands, int | float) else bands
     apart = None if separation is None else separation.horizontal
     sheets = examine(
         folder,
@@ -244,7 +245,7 @@ def check_missions(
         )
     found = [mission for sheet in flown if (mission := _mission(sheet, region)) is not None]
     missions = tuple(sorted(found, key=lambda one: (one.robot, one.sortie)))
-    low = None if terrain is None else clearance_of(missions, terrain, region.frame)
+    low = None if terrain is None else _clearance(missions, terrain, region, wrong={one.file for one in _errors(sheets)})
     missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
     flights = {one: None if vehicle is None else _flight(one, vehicle) for one in missions}
     missions = tuple(one for one, told in flights.items() if vehicle is None or told is not None)
@@ -277,6 +278,22 @@ def _mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
         return mission_of(sheet, sheet.file)
     except InvalidInputError:
         return None
+
+
+def _errors(sheets: Sequence[Sheet]) -> Iterator[Diagnostic]:
+    return (one for sheet in sheets for one in sheet.diagnostics if one.severity == "error")
+
+
+def _clearance(missions: Sequence[Mission], terrain: Terrain, region: SearchRegion, *, wrong: set[str]) -> Clearance | None:
+    """Return the clearance of missions above a terrain. A mission of the files ``wrong`` need not be above it."""
+    try:
+        return clearance_of(missions, terrain, region.frame)
+    except InvalidInputError:
+        names = {Path(name).stem for name in wrong}
+        right = [mission for mission in missions if mission.name not in names]
+        if len(right) == len(missions):
+            raise
+        return clearance_of(right, terrain, region.frame)
 
 
 def _flight(mission: Mission, vehicle: Vehicle) -> dict[str, Any] | None:

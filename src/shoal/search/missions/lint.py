@@ -112,7 +112,8 @@ def examine(
         take_beside(source, sheets)
     if fence_distance is not None:
         check_number(fence_distance, what="fence_distance", least=0)
-        if not any(sheet.fence is not None for sheet in sheets):
+        hidden = any(not sheet.readable or any(one.rule == "beside" for one in sheet.diagnostics) for sheet in sheets)
+        if not hidden and not any(sheet.fence is not None for sheet in sheets):
             raise InvalidInputError(
                 f"fence_distance: expected missions with a fence (.plan, or .waypoints beside a {FENCE}), got none in {source}"
             )
