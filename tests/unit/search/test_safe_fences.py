@@ -253,7 +253,8 @@ def test_long_sides_of_a_fence_are_straight_in_degrees_and_the_margin_has_room_f
     assert SearchProblem(region, vehicle="multirotor").kept_margin(region, fenced=True).margin == pytest.approx(3 + sag, abs=0.03)
 
 
-def test_missions_without_a_margin_say_so(tmp_path, capsys):
+def test_missions_without_a_margin_say_so(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("shoal.core.notices._told", set())
     words = ["search", "rectangle:200x100", "--footprint", "20", "--vehicle", "multirotor", "--format", "csv", "--missions"]
     assert command([*words, str(tmp_path / "a"), "--json"]) == 0
     out = capsys.readouterr()
