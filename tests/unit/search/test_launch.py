@@ -37,6 +37,8 @@ def test_transits_lead_round_no_go_zones_outside_and_inside(margin):
         assert np.hypot(*np.diff(way, axis=0).T).sum() > min(shortest, 140)
     with pytest.raises(InvalidInputError, match="launch: expected places outside of no-go zones"):
         Transits(region, [(-40, 50)])
+    with pytest.raises(InvalidInputError, match=r"^land: expected places outside of no-go zones"):
+        Transits(region, [(-100, 50)], [(-40, 50)])
 
 
 def test_a_launch_point_in_a_hole_may_leave_it_and_others_go_round_it():

@@ -17,6 +17,7 @@ from shoal.search.flight.staggering import Separation
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import FORMATS, RULES, Mission, check_missions, lint, missions_of, read_mission, write_missions
 from shoal.search.missions.fence import Fence
+from shoal.search.regions.projection import LocalFrame
 
 FIELD = {
     "type": "FeatureCollection",
@@ -151,6 +152,35 @@ def cut_fence(folder, suffix):
     edit(folder / "fence.txt", lambda before: before.rsplit("\n", 2)[0])
 
 
+def fence_circle(*, inclusion, radius, polygons=None, center=(47.4003, 8.502)):
+    """Add a circle to the fence, over the first leg of the search."""
+    circle = {"inclusion": inclusion, "version": 1, "circle": {"center": list(center), "radius": radius}}
+
+    def change(data):
+        data["geoFence"]["circles"] = [circle]
+        if polygons is not None:
+            data["geoFence"]["polygons"] = polygons
+
+    return instead(plan(change), fence=Fence(np.array(AROUND)))
+
+
+def fence_row(command, first):
+    """Add a circle to the fence beside `.waypoints` files, over the first leg of the search."""
+
+    def plant(folder, suffix):
+        instead(fence=Fence(np.array(AROUND)))(folder, suffix)
+        edit(folder / "fence.txt", lambda rows: rows + f"4\t0\t0\t{command}\t{first}\t0\t0\t0\t47.4003\t8.502\t0\t1\n")
+
+    return plant
+
+
+def later_speed(value, at=3):
+    """Add an item that changes the speed to the other items, which already have one."""
+    return items(
+        lambda rows: rows.insert(at, json.loads(json.dumps(rows[1]))) or rows[at]["params"].__setitem__(1, value) or numbered(rows)
+    )
+
+
 def other_speed(folder, _suffix):
     write_missions([mission()], folder, formats=["plan", "gpx"])
     edit(folder / "robot-01.gpx", lambda before: before.replace('speed_m_s="5"', 'speed_m_s="6"'))
@@ -239,6 +269,12 @@ PLANTS = [
     ("take-off", ".plan", rover(items(lambda rows: rows.insert(0, take_off()) or numbered(rows))), "item 1", ()),
     ("armed-wait", ".plan", items(lambda rows: rows.insert(0, wait()) or numbered(rows)), "item 1", ()),
     ("armed-wait", ".waypoints", wpl(2, 3, "93"), "line 3", ("take-off", "frame")),
+    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, wait() | {"command": 112}) or numbered(rows)), "item 1", ()),
+    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, take_off() | {"command": 19}) or numbered(rows)), "item 1", ()),
+    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, take_off() | {"command": 18}) or numbered(rows)), "item 1", ()),
+    ("take-off", ".plan", items(lambda rows: rows[0]["params"].__setitem__(6, 0)), "item 1", ()),
+    ("take-off", ".plan", items(lambda rows: rows[0]["params"].__setitem__(6, -3)), "item 1", ()),
+    ("take-off", ".waypoints", wpl(2, 10, "0"), "line 3", ()),
     ("no-return", ".plan", drop(-1), "item 6", ()),
     ("no-return", ".waypoints", lines(lambda rows: rows[:-1]), "line 8", ()),
     ("no-return", ".csv", lines(lambda rows: rows[:-1]), "line 6", ()),
@@ -293,6 +329,18 @@ PLANTS = [
         ("turn-radius", "few-decimals", "climb"),
     ),
     ("speed", ".plan", items(lambda rows: rows[1]["params"].__setitem__(1, 0)), "", ()),
+    ("speed", ".plan", later_speed(0), "item 4", ()),
+    ("speed", ".plan", later_speed(-5), "item 4", ()),
+    ("speed", ".plan", later_speed(500), "item 4", ()),
+    ("not-a-number", ".plan", later_speed(float("nan")), "item 4", ()),
+    (
+        "speed",
+        ".waypoints",
+        lines(lambda rows: [*rows[:5], rows[3].replace("\t5\t", "\t0\t", 1), *rows[5:]]),
+        "line 6",
+        ("sequence",),
+    ),
+    ("endurance", ".plan", later_speed(0.01), "", ()),
     ("speed", ".csv", swap(",5\n", ",500\n", -1), "", ()),
     ("home-far", ".plan", instead(home=(8.6, 47.4)), "home", ()),
     ("homes-near", ".plan", beside(mission(robot=2)), "", ()),
@@ -306,6 +354,14 @@ PLANTS = [
     ("leg-outside", ".plan", rover(waypoints=[LANES[0], (8.4999, 47.4001), *LANES[1:]]), "item 3", ("outside-region",)),
     ("fence", ".plan", instead(fence=Fence(np.add(AROUND, [-0.0002, 0.0]))), "item 4", ()),
     ("fence", ".waypoints", instead(fence=Fence(np.array(AROUND), (np.add(AROUND, [0.002, 0.0001]),))), "line 6", ()),
+    ("fence", ".plan", fence_circle(inclusion=False, radius=30), "item 4", ()),
+    ("fence", ".plan", fence_circle(inclusion=True, radius=3), "item 3", ()),
+    ("fence", ".plan", fence_circle(inclusion=False, radius=30, polygons=[]), "item 4", ()),
+    ("fence", ".plan", fence_circle(inclusion=True, radius=3, polygons=[]), "item 3", ()),
+    ("wrong-value", ".plan", fence_circle(inclusion=True, radius=-3), "geoFence, circles", ()),
+    ("fence", ".waypoints", fence_row(5004, 30), "line 6", ()),
+    ("fence", ".waypoints", fence_row(5003, 3), "line 5", ()),
+    ("beside", ".waypoints", fence_row(5003, 0), "fence.txt", ()),
     ("beside", ".waypoints", cut_fence, "fence.txt", ()),
     ("formats-differ", ".plan", other_speed, "", ()),
     ("formats-differ", ".plan", other_place, "", ()),
@@ -530,3 +586,206 @@ def test_a_check_takes_a_region_as_a_search_does(tmp_path):
     assert len({one.coverage.covered_fraction for one in seen}) == 1
     write_missions([Mission([(5.0, 5.0), (15.0, 5.0)], (0.0, 0.0), geographic=False)], tmp_path / "p")
     assert check_missions(tmp_path / "p", "rectangle:20x10", 10.0, vehicle="multirotor").coverage.covered_fraction == 1.0
+
+
+def one_place(longitude, latitude, after=8):
+    """Change the second waypoint of a file in any format."""
+    old = (LANES[1][0], LANES[1][1])
+    new = [f"{value:.{after}f}" for value in (longitude, latitude)]
+
+    def change(before):
+        pairs = [
+            (f"{old[0]:.8f},{old[1]:.8f}", f"{new[0]},{new[1]}"),
+            (f"[{old[0]:.8f},{old[1]:.8f}]", f"[{new[0]},{new[1]}]"),
+            (f'lat="{old[1]:.8f}" lon="{old[0]:.8f}"', f'lat="{new[1]}" lon="{new[0]}"'),
+            (f"{old[1]:.8f}\t{old[0]:.8f}", f"{new[1]}\t{new[0]}"),
+        ]
+        for one, other in pairs:
+            before = before.replace(one, other, 1)
+        spaced = re.compile(rf"{old[0]:.8f}(,\s+){old[1]:.8f}")
+        before = spaced.sub(lambda found: f"{new[0]}{found[1]}{new[1]}", before, count=1)
+        spaced = re.compile(rf"{old[1]:.8f}(,\s+){old[0]:.8f}")
+        return spaced.sub(lambda found: f"{new[1]}{found[1]}{new[0]}", before, count=1)
+
+    return text(change)
+
+
+@pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".geojson", ".kml", ".gpx", ".csv"])
+@pytest.mark.parametrize("place", [(47.4006, 8.5008), (8.50370017, 8.5015914)], ids=["swapped", "latitude"])
+def test_one_waypoint_on_another_continent_is_a_row_beside_the_others(suffix, place, tmp_path, capsys):
+    (tmp_path / "field.json").write_text(json.dumps(FIELD))
+    folder = tmp_path / "m"
+    write_missions([mission(waypoints=OUTSIDE), mission(robot=2, home=(8.5005, 47.4))], folder)
+    one_place(*place)(folder, suffix)
+    (name,) = [name for name in FORMATS if FORMATS.get(name).suffix == suffix]
+    base = ["missions", "check", str(folder), str(tmp_path / "field.json"), "--footprint", "40", "--format", name, "--json"]
+    for more in ([], ["--vehicle", "multirotor"]):
+        assert run([*base, *more]) == 1
+        rows = json.loads(capsys.readouterr().out)["diagnostics"]
+        ours = [row["sentence"] for row in rows if row["file"] == f"robot-01{suffix}" and row["rule"] == "outside-region"]
+        assert len(ours) == 2  # the planted waypoint, and the one that was outside before
+        assert ("swapped" in ours[0]) == (place[0] > 40)
+    assert len({row["file"] for row in rows}) > 1
+    assert [one.rule for one in lint(folder / f"robot-01{suffix}") if one.severity == "error"]
+
+
+def test_a_waypoint_on_another_continent_adds_no_view_between_its_neighbours(tmp_path, region):
+    write_missions([mission(waypoints=[LANES[0], LANES[1], LANES[2]])], tmp_path, formats=["csv"])
+    one_place(47.4006, 8.5008)(tmp_path, ".csv")
+    away = check_missions(tmp_path, region, 40).coverage
+    assert away.length_m == 0.0
+
+
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
+@pytest.mark.parametrize("index", [1, 3])
+def test_a_waypoint_on_another_continent_is_a_row_for_each_kind_and_place(kind, index, tmp_path, region):
+    way = [*LANES]
+    way[index] = way[index][::-1]
+    write_missions([mission(kind=kind, waypoints=way)], tmp_path, formats=["plan"])
+    found = [one for one in lint(tmp_path, region) if one.rule == "outside-region"]
+    assert [one.place for one in found] == [f"item {index + 3}"]
+    assert check_missions(tmp_path, region, 40, vehicle=kind, separation=Separation()).flights == ()
+
+
+def wing_rows():
+    """A fixed wing that searches a narrow field across: both ends of each row are outside it."""
+    field = {**FIELD, "features": [json.loads(json.dumps(FIELD["features"][0]))]}
+    field["features"][0]["geometry"]["coordinates"] = [
+        [[8.5, 47.4], [8.5004, 47.4], [8.5004, 47.4004], [8.5, 47.4004], [8.5, 47.4]]
+    ]
+    rows = [47.40003, 47.40013, 47.40023, 47.40033]
+    way = [(8.4985 if (k + side) % 2 else 8.5019, row) for k, row in enumerate(rows) for side in (0, 1)]
+    return field, [(8.5021, 47.4), *way, (8.5001, 47.40038)]
+
+
+@pytest.mark.parametrize("listed", [True, False])
+def test_rows_of_a_fixed_wing_from_outside_to_outside_count_in_each_format(listed, tmp_path):
+    field, way = wing_rows()
+    (tmp_path / "field.json").write_text(json.dumps(field))
+    flown = Mission(way, (8.5021, 47.3999), kind="fixed-wing", waypoints_out=1, waypoints_home=1)
+    write_missions([flown], tmp_path / "m", formats=["plan", "wpl", "csv"])
+    assert ("ways" in json.loads((tmp_path / "m" / "missions.json").read_text())) is True
+    if not listed:
+        (tmp_path / "m" / "missions.json").unlink()
+    found = [check_missions(tmp_path / "m", tmp_path / "field.json", 16, format=name) for name in ("csv", "plan", "wpl")]
+    assert [one.coverage.covered_fraction for one in found] == [pytest.approx(1.0)] * 3
+    outside = [one.coverage.outside_m for one in found]
+    assert not listed or outside[1:] == pytest.approx(outside[:1] * 2, abs=1.0)
+
+
+def test_a_list_of_missions_about_another_file_is_not_believed(tmp_path):
+    field, way = wing_rows()
+    (tmp_path / "field.json").write_text(json.dumps(field))
+    write_missions(
+        [Mission(way, (8.5021, 47.3999), kind="fixed-wing", waypoints_out=5, waypoints_home=1)], tmp_path, formats=["plan"]
+    )
+    drop(2)(tmp_path, ".plan")
+    assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
+    for ways in (3, {"robot-01": 5}, {"robot-01": {"waypoints": 9, "waypoints_out": -1, "waypoints_home": 0}}):
+        (tmp_path / "missions.json").write_text(json.dumps({"ways": ways}))
+        assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
+
+
+@pytest.mark.parametrize(("inclusion", "radius"), [(False, 10), (True, 900)])
+def test_a_circle_of_the_fence_that_bars_no_path_is_no_mistake(inclusion, radius, tmp_path, region):
+    write_good(tmp_path, ".plan")
+    fence_circle(inclusion=inclusion, radius=radius, center=(47.40045, 8.502))(tmp_path, ".plan")
+    assert [one.rule for one in lint(tmp_path, region)] == []
+    near = lint(tmp_path, region, fence_distance=7.2)  # the rows are 16.7 m from its middle
+    assert {one.rule for one in near} == (set() if inclusion else {"fence-near"})
+
+
+def test_inclusion_polygons_apart_are_alternatives(tmp_path, region):
+    write_good(tmp_path, ".plan")
+    beyond = (np.add(AROUND, [0.1, 0.0]),)
+    instead(fence=Fence(np.array(AROUND), more=beyond))(tmp_path, ".plan")
+    assert lint(tmp_path, region) == []
+    assert len(read_mission(tmp_path / "robot-01.plan").fence.outlines) == 2
+    instead(fence=Fence(np.array(AROUND), more=(np.add(AROUND, [0.002, 0.0]),)))(tmp_path, ".plan")
+    assert {one.rule for one in lint(tmp_path, region)} == {"fence"}
+
+
+@pytest.mark.parametrize("ending", [b"\n", b"\r\n"])
+def test_comments_of_mission_planner_may_have_any_encoding(ending, tmp_path):
+    rows = [b"#saved by M\xfcller", b"47.4 8.5", b"  # Stra\xdfe", b"47.4 8.504", b"47.402 8.504", b"47.402 8.5"]
+    (tmp_path / "a.poly").write_bytes(ending.join(rows))
+    (tmp_path / "b.poly").write_bytes(ending.join(row for row in rows if b"#" not in row))
+    assert open_region(tmp_path / "a.poly").area_m2 == open_region(tmp_path / "b.poly").area_m2 > 60_000
+    (tmp_path / "a.poly").write_bytes(ending.join([*rows, b"47,4\xb0 8,5"]))
+    with pytest.raises(InvalidInputError, match="UTF-8, got byte 0xb0 in line 7"):
+        open_region(tmp_path / "a.poly")
+
+
+def test_each_leg_has_the_speed_of_the_item_before_it(tmp_path, region):
+    ideal = vehicle_of("ideal,climb_speed=2,sink_speed=2")
+    write_good(tmp_path, ".plan")
+    before = read_mission(tmp_path / "robot-01.plan")
+    later_speed(1.0)(tmp_path, ".plan")
+    after = read_mission(tmp_path / "robot-01.plan")
+    assert before.speeds is None
+    assert after.speeds.tolist() == [5.0, 1.0, 1.0, 1.0, 1.0]
+    way = after.way_in(LocalFrame(*HOME))
+    legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
+    slow = legs[2:].sum()
+    assert after.duration(ideal) - before.duration(ideal) == pytest.approx(slow / 1.0 - slow / 5.0, rel=1e-6)
+    told = check_missions(tmp_path, region, None, vehicle=ideal).flights[0]["duration_s"]
+    assert told == pytest.approx(after.duration(ideal))
+    for value, same in ((-1.0, True), (5.0, True), (-2.0, True), (4.0, False)):  # no change, the same, the usual one, another one
+        write_good(tmp_path, ".plan")
+        later_speed(value)(tmp_path, ".plan")
+        assert (read_mission(tmp_path / "robot-01.plan").speeds is None) == same
+        assert lint(tmp_path, region) == []
+
+
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
+def test_missions_with_several_speeds_are_written_and_read(kind, tmp_path):
+    speeds = [12.0, 12.0, 9.0, 9.0, 15.0]
+    made = mission(kind=kind, speed=12.0, speeds=np.array(speeds), waypoints_out=1, waypoints_home=1, trigger_distance=8.0)
+    write_missions([made], tmp_path, formats=["plan", "wpl"])
+    for suffix in (".plan", ".waypoints"):
+        found = read_mission(tmp_path / f"robot-01{suffix}")
+        assert (found.speeds.tolist(), found.speed, found.waypoints_out, found.n_items) == (speeds, 12.0, 1, made.n_items)
+    assert [one.rule for one in lint(tmp_path) if one.rule != "turn-radius"] == []
+    with pytest.raises(InvalidInputError, match="robot-01: expected one speed in the formats"):
+        write_missions([made], tmp_path, formats=["csv"])
+    with pytest.raises(InvalidInputError, match="speeds: expected numbers above 0"):
+        mission(speeds=np.zeros(5))
+
+
+def test_a_mission_too_slow_for_the_wind_is_a_row_and_no_refusal(tmp_path, region):
+    write_good(tmp_path, ".plan")
+    later_speed(1.0)(tmp_path, ".plan")
+    result = check_missions(tmp_path, region, 40, vehicle="multirotor,wind_speed=3", separation=Separation())
+    assert [one.rule for one in result.diagnostics] == ["speed"]
+    assert result.flights == ()
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        items(lambda rows: rows[3]["params"].__setitem__(4, None)),
+        plan(lambda data: data["rallyPoints"].update(points="x")),
+        plan(lambda data: data["geoFence"].update(circles=[3])),
+        one_place(8.52, 47.4003),
+    ],
+    ids=["null", "rally", "circle", "outside"],
+)
+def test_no_option_hides_a_mistake(plant, tmp_path, capsys):
+    (tmp_path / "field.json").write_text(json.dumps(FIELD))
+    corner = "ncols 12\nnrows 12\nxllcorner 8.499\nyllcorner 47.399\ncellsize 0.0005\n"
+    (tmp_path / "flat.asc").write_text(corner + "\n".join([" ".join(["400"] * 12)] * 12))
+    flown = [mission(fence=Fence(np.array(AROUND))), mission(robot=2, home=(8.5005, 47.4002))]
+    write_missions(flown, tmp_path / "m", formats=["plan"])
+    plant(tmp_path / "m", ".plan")
+    options = ["--terrain", "flat.asc"], ["--fence-distance", "1"], ["--vehicle", "multirotor"], ["--bands", "30"], ["--cap", "99"]
+    for one in options:
+        given = [str(tmp_path / word) if word == "flat.asc" else word for word in one]
+        assert (
+            run(["missions", "check", str(tmp_path / "m"), str(tmp_path / "field.json"), "--footprint", "40", "--json", *given])
+            == 1
+        )
+        rows = json.loads(capsys.readouterr().out)["diagnostics"]
+        assert [row["file"] for row in rows if row["severity"] == "error"][:1] == ["robot-01.plan"]
+    assert (
+        run(["missions", "check", str(tmp_path / "m"), str(tmp_path / "field.json"), "--terrain", str(tmp_path / "none.asc")]) == 2
+    )

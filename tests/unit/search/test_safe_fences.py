@@ -15,7 +15,7 @@ from shoal.search.allocation.plan import plan_search
 from shoal.search.cells.grid import cells_of
 from shoal.search.cells.routing import RegionPaths
 from shoal.search.flight.staggering import Separation
-from shoal.search.missions import check_missions, lint, write_missions
+from shoal.search.missions import Mission, check_missions, fence, lint, write_missions
 from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.missions.fence import Fence
 from shoal.search.missions.polygons import corners_of, enclosing_polygons
@@ -196,7 +196,7 @@ def test_vehicles_that_loiter_are_timed_by_flights_and_not_by_their_circles():
     plan = plan_search(SearchProblem("rectangle:300x200", robots=3, footprint=40.0, vehicle="fixed-wing"))
     missions = plan_missions(plan, separation=Separation())
     assert all(mission.loiter for mission in missions)
-    assert max(mission.delay for mission in missions) < 600
+    assert max(mission.start or 0.0 for mission in missions) < 600
 
 
 def test_a_path_outside_the_written_fence_is_refused_before_a_file_exists(tmp_path):
@@ -253,7 +253,8 @@ def test_long_sides_of_a_fence_are_straight_in_degrees_and_the_margin_has_room_f
     assert SearchProblem(region, vehicle="multirotor").kept_margin(region, fenced=True).margin == pytest.approx(3 + sag, abs=0.03)
 
 
-def test_missions_without_a_margin_say_so(tmp_path, capsys):
+def test_missions_without_a_margin_say_so(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("shoal.core.notices._told", set())
     words = ["search", "rectangle:200x100", "--footprint", "20", "--vehicle", "multirotor", "--format", "csv", "--missions"]
     assert command([*words, str(tmp_path / "a"), "--json"]) == 0
     out = capsys.readouterr()
@@ -306,3 +307,33 @@ def test_stay_inside_without_a_point_outside_is_refused(launch, capsys):
     words = ["search", "rectangle:100x50", "--stay-inside", *(["--launch", launch] if launch else [])]
     assert command(words) == 2
     assert "stay_inside: expected launch or landing points outside the region" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("corners", "left"),
+    [
+        ([(0, 0), (100, 0), (100, 50), (140, 50), (100, 50.0001), (100, 100), (0, 100)], 5),  # a spur of no width
+        ([(0, 0), (100, 0), (100, 50), (140, 50), (100, 50.003), (100, 100), (0, 100)], 7),
+        ([(0, 0), (100, 0), (99, 50), (60, 50), (30, 60), (60, 50.0000001), (100, 100), (0, 100)], 6),
+        ([(0, 0), (50, 49.9999999), (100, 0), (100, 100), (50, 50.0000001), (0, 100)], None),  # two parts that meet at a corner
+    ],
+)
+@pytest.mark.parametrize("whole", [True, False])
+def test_rings_are_simple_in_the_rounded_coordinates(corners, left, whole):
+    shape = shapely.Polygon(corners)
+    rings = fence._written(shape, FRAME, whole=whole)
+    assert all(shapely.Polygon(ring).is_valid and (ring == np.round(ring, 8)).all() for ring in rings)
+    assert len(rings) == (1 if whole or left else 2)
+    assert left is None or len(rings[0]) <= left
+    there = shapely.union_all([shapely.Polygon(FRAME.to_metres(ring)) for ring in rings])
+    assert there.buffer(0.01).covers(shape.buffer(-0.01))
+    assert shape.buffer(0.2).covers(there)
+
+
+def test_a_fence_that_crosses_itself_is_refused_before_a_file_exists(tmp_path):
+    ring = FRAME.to_degrees(np.array([(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (140.0, 50.0), (100.0, 50.0), (0.0, 100.0)]))
+    way = FRAME.to_degrees(np.array([(10.0, 10.0), (40.0, 10.0)]))
+    flown = Mission(way, tuple(way[0].tolist()), fence=Fence(ring))
+    with pytest.raises(InvalidInputError, match="neither touch nor cross themselves"):
+        write_missions([flown], tmp_path / "m", formats=["plan"])
+    assert not (tmp_path / "m").exists()

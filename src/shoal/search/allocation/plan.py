@@ -289,7 +289,7 @@ class SearchPlan:
 
     @cached_property
     def _transits(self) -> Transits:
-        return Transits(self.grid.region, np.vstack([self.places, self.places if self.landing is None else self.landing]))
+        return Transits(self.grid.region, self.places, self.landing)
 
     @cached_property
     def ways_out(self) -> WaysOut | None:

@@ -29,7 +29,9 @@ class Transits:
     ----------
     region : SearchRegion
     points : array_like of float, shape (n, 2)
-        Launch and landing points in metres.
+        Launch points in metres, where vehicles also land without ``landing``.
+    landing : array_like of float, shape (m, 2), optional
+        Landing points in metres.
 
     Raises
     ------
@@ -44,10 +46,12 @@ class Transits:
     [[-60.0, 0.0], [-45.0, 0.0]]
     """
 
-    def __init__(self, region: SearchRegion, points: ArrayLike) -> None:
+    def __init__(self, region: SearchRegion, points: ArrayLike, landing: ArrayLike | None = None) -> None:
         import shapely
 
-        places = check_plane_points(points, what="launch and landing points")
+        launches = check_plane_points(points, what="launch points")
+        landings = np.zeros((0, 2)) if landing is None else check_plane_points(landing, what="landing points")
+        places = np.vstack([launches, landings])
         holes = [shapely.Polygon(hole) for part in shapely.get_parts(region.outline) for hole in part.interiors]
         there = shapely.multipoints(places)
         barred = shapely.union_all([region.barred, *(hole for hole in holes if not hole.intersects(there))])
@@ -59,9 +63,10 @@ class Transits:
         )
         bends = polygons_in(around.difference(coarse(barred, region.margin)))
         self._space = replace(region, area=space, free=space, outline=space, bends=bends)
-        for place in places[~self._space.contains(places)]:
+        for number in np.flatnonzero(~self._space.contains(places)).tolist():
+            name, place = "launch" if number < len(launches) else "land", places[number]
             raise InvalidInputError(
-                f"launch: expected places outside of no-go zones and holes{region.margin_text}, got {text_of(place)} m"
+                f"{name}: expected places outside of no-go zones and holes{region.margin_text}, got {text_of(place)} m"
             )
 
     @cached_property

@@ -52,7 +52,7 @@ class Trajectory:
         return np.stack([np.interp(asked, self.times, self.points[:, axis]) for axis in range(3)], axis=-1)
 
 
-def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajectory:
+def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) -> Trajectory:
     """Return the trajectory of a vehicle that follows a path.
 
     The duration of a leg is max(l / v, t), where l is the horizontal length of the leg, v is the ground speed in the wind, and
@@ -66,8 +66,8 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
     way : array_like of float, shape (k, 3), k >= 1
         Points of the path as metres east, metres north and metres up.
     vehicle : Vehicle
-    rate : float
-        Airspeed of the vehicle, divided by its cruise speed.
+    rate : float, or ndarray of float64 of shape (k - 1,)
+        Airspeed of the vehicle, divided by its cruise speed: one number, or one for each leg.
 
     Raises
     ------
@@ -95,14 +95,17 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
     return Trajectory(times.ravel()[kept], np.repeat(points, 2, axis=0)[kept])
 
 
-def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Floats:
+def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float | Floats = 1.0) -> Floats:
     """Return the duration of each leg of a path in seconds, without the time for turns; float64, shape (k - 1,)."""
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     moving = lengths > 0
     along = np.zeros(len(legs))
-    faster = vehicle if rate == 1.0 else vehicle.replaced(cruise_speed=vehicle.cruise * rate)
-    along[moving] = lengths[moving] / faster.ground_speed(legs[moving, :2])
+    rates = np.broadcast_to(rate, lengths.shape)
+    for one in np.unique(rates[moving]).tolist():
+        faster = vehicle if one == 1.0 else vehicle.replaced(cruise_speed=vehicle.cruise * one)
+        alike = moving & (rates == one)
+        along[alike] = lengths[alike] / faster.ground_speed(legs[alike, :2])
     return np.maximum(along, vehicle.vertical_seconds(legs[:, 2]))
 
 

@@ -22,14 +22,14 @@ from shoal.search.regions.region import SearchRegion
 _FINE = 0.1  # metres: an eighth of this is the deviation of the ground from a straight line between two heights
 
 
-def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: float, stay: float) -> Trajectory:
+def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: float | Floats, stay: float) -> Trajectory:
     """Return the trajectory of a vehicle that follows its mission.
 
     If the mission ends with loitering, the vehicle circles for ``stay`` seconds at the end of the trajectory.
     """
     if mission.loiter is None:
         return trajectory(way, vehicle, rate=rate)
-    before = trajectory(way[:-1], vehicle, rate=rate)
+    before = trajectory(way[:-1], vehicle, rate=rate if isinstance(rate, float) else rate[:-1])
     times = np.append(before.times, before.times[-1] + stay)
     return Trajectory(times, np.vstack([before.points, before.points[-1:]]), mission.loiter)
 
@@ -161,7 +161,7 @@ class _Flights:
 
     def _flown(self, key: tuple[int, int], stay: float) -> Trajectory:
         mission, vehicle = self.missions[key], self.vehicles[key]
-        return mission_trajectory(mission, self.ways[key], vehicle, mission.speed / vehicle.cruise, stay)
+        return mission_trajectory(mission, self.ways[key], vehicle, mission.rates(vehicle), stay)
 
     def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
         """Return the nearest approach on two missions, or None if the vehicles always keep the vertical separation."""

@@ -23,7 +23,7 @@ from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import FORMATS, footprint_angle, format_of, mission_of
 from shoal.search.missions.lint import examine
 from shoal.search.missions.mission import Mission
-from shoal.search.missions.rules import ROUNDING, inside_of, metres_of, searching
+from shoal.search.missions.rules import ROUNDING, inside_of, metres_of, searching, way_of
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
 from shoal.search.regions.margin import visible_region
@@ -154,7 +154,7 @@ def check_missions(
     autopilot: str | None = None,
     separation: Separation | None = None,
     vehicle: Vehicle | str | None = None,
-    bands: Sequence[float] | None = None,
+    bands: float | Sequence[float] | None = None,
     airspace: float | None = None,
     terrain: Terrain | None = None,
     fence_distance: float | None = None,
@@ -188,7 +188,7 @@ def check_missions(
     vehicle : Vehicle, optional
         Vehicle that gives the speeds of climb and descent, and the duration of turns, for the nearest approach. By default,
         vehicles fly and climb at the speed in the file, and turn in no time.
-    bands : sequence of float, optional
+    bands : float or sequence of float, optional
         Altitudes in metres, ascending, from each of which vehicles must see the whole region. A section of a flight belongs to the
         highest band that is not above this section. The argument ``footprint`` applies to the lowest band. In higher bands, the
         footprint grows like the view of the vehicle's camera. By default, the bands of a volume are the altitudes of its layers.
@@ -207,6 +207,7 @@ def check_missions(
         )
     region = region if isinstance(region, SearchRegion) else SearchProblem(region).place
     vehicle = None if vehicle is None else vehicle_of(vehicle)
+    bands = (bands,) if isinstance(bands, int | float) else bands
     apart = None if separation is None else separation.horizontal
     sheets = examine(
         folder,
@@ -230,12 +231,11 @@ def check_missions(
     flown = [sheet for sheet, name in zip(sheets, present, strict=True) if name == chosen and sheet.readable]
     coverages: tuple[AreaCoverage, ...] = ()
     if footprint is not None:
-        ways = [_searching_way(sheet, region) for sheet in flown]
-        ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region and listed in the diagnostics
-        planned = footprint_angle(folder) if angle is None else angle
-        turned_by = angle_of([way[:, :2] for way in ways]) if planned is None else planned
         image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
         sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
+        ways = [_searching_way(sheet, region, side) for sheet, side in zip(flown, sides.tolist(), strict=True)]
+        planned = footprint_angle(folder) if angle is None else angle
+        turned_by = angle_of([run[:, :2] for way in ways for run in _runs(way)]) if planned is None else planned
         least = float(np.min(sides if flown else footprint))
         region = visible_region(region, least, turned_by)
         bands = region.layer_altitudes(least) if bands is None and region.height else bands
@@ -243,17 +243,19 @@ def check_missions(
             coverage_check(region, stretches, widths if stretches else least, tolerance=ROUNDING, angle=turned_by, image=image)
             for stretches, widths in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
         )
-    found = [mission for sheet in flown if (mission := _mission(sheet)) is not None]
+    found = [mission for sheet in flown if (mission := _mission(sheet, region)) is not None]
     missions = tuple(sorted(found, key=lambda one: (one.robot, one.sortie)))
-    low = None if terrain is None else clearance_of(missions, terrain, region.frame)
+    low = None if terrain is None else _clearance(missions, terrain, region, wrong={one.file for one in _errors(sheets)})
     missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
+    flights = {one: None if vehicle is None else _flight(one, vehicle) for one in missions}
+    missions = tuple(one for one, told in flights.items() if vehicle is None or told is not None)
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
         missions=missions,
         separation=separation,
         approach=near,
         clearance=low,
-        flights=() if vehicle is None else tuple(one.flight_report(vehicle) for one in missions),
+        flights=tuple(told for told in flights.values() if told is not None),
         region=region,
         format=chosen,
         files=tuple(sheet.file for sheet in flown),
@@ -265,12 +267,47 @@ def check_missions(
     )
 
 
-def _mission(sheet: Sheet) -> Mission | None:
-    """Return the mission of a sheet, or None if a value is impossible, such as a speed of 0. Diagnostics report such values."""
+def _mission(sheet: Sheet, region: SearchRegion) -> Mission | None:
+    """Return the mission of a sheet, or None if a value is impossible, such as a speed of 0 or a waypoint on another continent.
+
+    Diagnostics report such values.
+    """
+    if way_of(sheet) is None or not np.isfinite(metres_of(sheet, region)).all():
+        return None
     try:
         return mission_of(sheet, sheet.file)
     except InvalidInputError:
         return None
+
+
+def _errors(sheets: Sequence[Sheet]) -> Iterator[Diagnostic]:
+    return (one for sheet in sheets for one in sheet.diagnostics if one.severity == "error")
+
+
+def _clearance(missions: Sequence[Mission], terrain: Terrain, region: SearchRegion, *, wrong: set[str]) -> Clearance | None:
+    """Return the clearance of missions above a terrain. A mission of the files ``wrong`` need not be above it."""
+    try:
+        return clearance_of(missions, terrain, region.frame)
+    except InvalidInputError:
+        names = {Path(name).stem for name in wrong}
+        right = [mission for mission in missions if mission.name not in names]
+        if len(right) == len(missions):
+            raise
+        return clearance_of(right, terrain, region.frame)
+
+
+def _flight(mission: Mission, vehicle: Vehicle) -> dict[str, Any] | None:
+    """Return the duration of a mission, or None if it is too slow for the wind, as diagnostics report."""
+    try:
+        return mission.flight_report(vehicle)
+    except InvalidInputError:
+        return None
+
+
+def _runs(way: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the sections of a path between its points that are too far from the region to be in its frame; at least one."""
+    near = np.isfinite(way).all(axis=1)
+    return [run[np.isfinite(run).all(axis=1)] for run in np.split(way, np.flatnonzero(~near))]
 
 
 def _by_band(
@@ -285,16 +322,16 @@ def _by_band(
     For a band without paths, the footprint is ``least``. Without bands, the function yields all paths together.
     """
     if not bands:
-        near = [k for k, way in enumerate(ways) if len(way)]
-        yield [ways[k][:, :2] for k in near], sides[near].tolist()
+        runs = [(run[:, :2], side) for way, side in zip(ways, sides.tolist(), strict=True) for run in _runs(way) if len(run)]
+        yield [run for run, _ in runs], [side for _, side in runs]
         return
     found: list[tuple[list[NDArray[np.float64]], list[float]]] = [([], []) for _ in bands]
-    for way, side in zip(ways, sides.tolist(), strict=True):
-        band = np.searchsorted(bands, way[:, 2] + _RAISED, side="right") - 1
-        borders = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(way)]
+    for run, side in ((run, side) for way, side in zip(ways, sides.tolist(), strict=True) for run in _runs(way)):
+        band = np.searchsorted(bands, run[:, 2] + _RAISED, side="right") - 1
+        borders = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(run)]
         for begin, end in pairwise(borders):
             if begin < end and band[begin] >= 0:
-                found[band[begin]][0].append(way[begin:end, :2])
+                found[band[begin]][0].append(run[begin:end, :2])
                 found[band[begin]][1].append(side * float(spread[band[begin]]))
     for flown, footprints in found:
         yield flown, footprints if flown else least
@@ -308,13 +345,17 @@ def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[n
     return np.asarray(seen / seen[:1])
 
 
-def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
+def _searching_way(sheet: Sheet, region: SearchRegion, side: float) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
     The result leaves out waypoints outside the region on the paths from home and back (see `searching`). In their place,
     the result contains the points where these paths cross the region's border. If the sheet gives the numbers of waypoints on these
-    paths, the result leaves out only these waypoints.
+    paths, the result leaves out only these waypoints. Fixed wings turn outside the region, so that both ends of a leg that searches
+    can be outside: their result is the path from the first to the last leg that sees any of the region with a footprint ``side``
+    metres wide.
     """
+    import shapely
+
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
     inside = inside_of(region, way)
@@ -323,6 +364,12 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     way = np.column_stack([way, ups[np.clip(np.arange(len(way)) - 1, 0, len(ups) - 1)]])
     if sheet.waypoints_out is not None:
         return way[1 + sheet.waypoints_out : len(way) - 1 - (sheet.waypoints_home or 0)]
+    if sheet.kind == "fixed-wing":
+        usable = near[1:-2] & near[2:-1]
+        legs = np.where(usable[:, None, None], np.stack([way[1:-2, :2], way[2:-1, :2]], axis=1), 0.0)
+        seeing = np.flatnonzero(usable & shapely.dwithin(region.free, shapely.linestrings(legs), side / 2 + ROUNDING))
+        if len(seeing):
+            return way[1:-1][seeing[0] : seeing[-1] + 2]
     kept = [way[1:-1][here]]
     if here.start > 0 and inside[here.start + 1] and near[here.start]:
         kept.insert(0, _inner(region, way[here.start + 1], way[here.start])[::-1])

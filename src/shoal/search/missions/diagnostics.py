@@ -53,10 +53,13 @@ RULES: dict[str, Rule] = {
     "sequence": Rule("error", "the items are not numbered 0, 1, 2, ..."),
     "do-jump-id": Rule("error", "the values of `doJumpId` are not 1, 2, 3, ..."),
     "frame": Rule("error", "altitudes have different references, or an item without a position has an altitude reference"),
-    "take-off": Rule("error", "a flight has no take-off before its first waypoint, or a rover has a take-off"),
+    "take-off": Rule(
+        "error", "a flight has no take-off before its first waypoint or takes off to no height, or a rover has a take-off"
+    ),
     "armed-wait": Rule(
         "error",
-        "a wait (93) before the take-off; an autopilot disarms a vehicle that waits on the ground, so it never takes off",
+        "a wait (93, 112, 17, 18 or 19) before the take-off; an autopilot disarms a vehicle that waits on the ground, so it never "
+        "takes off",
     ),
     "no-return": Rule("error", "the last item is not a return, a landing or (for rovers) a hold"),
     "autocontinue": Rule("warning", "the vehicle stops and waits at an item, because the item does not continue automatically"),
@@ -170,6 +173,7 @@ class Sheet:
     yaw: float | None = None
     acceptance_radius: float | None = None
     speed: float | None = None
+    speeds: list[float] | None = None
     geographic: bool = True
     waypoints_out: int | None = None
     waypoints_home: int | None = None

@@ -15,7 +15,7 @@ from shoal.core.notices import tell_once
 from shoal.search.missions.polygons import Clear, corners_of, enclosing_polygons
 from shoal.search.regions.margin import with_margin, without_margin
 from shoal.search.regions.outline_checks import Points
-from shoal.search.regions.projection import DECIMALS, ROUNDED, LocalFrame
+from shoal.search.regions.projection import DECIMALS, REACH, ROUNDED, LocalFrame
 from shoal.search.regions.region import TOUCH, SearchRegion
 
 ROOM = 15.0  # metres: distance of the fence from paths outside the region
@@ -28,6 +28,8 @@ in a fence.
 
 _LEAST_INCLUSION = 4  # corners that remain for the outline
 _LEAST_KEPT = 0.9  # share of the free area that polygons with few corners may leave at least
+_CIRCLE = 180  # corners of a ring in place of a circle: within 0.2 mm of a circle of 1 m, and within 16 mm of one of 100 m
+_ANYWHERE = 4 * REACH  # metres: beyond all that a local frame can hold
 _BEYOND = 100.0  # metres beyond the region and the launch points: there no zone matters
 
 
@@ -38,25 +40,38 @@ class Fence:
     Parameters
     ----------
     inclusion : ndarray of float64, shape (k, 2)
-        Ring that vehicles must not leave. The first corner of the ring is not repeated at the end.
+        Ring that vehicles must not leave. The first corner of the ring is not repeated at the end. A ring without corners is no
+        limit: such a fence has only exclusion rings.
     exclusions : tuple of ndarray of float64, each of shape (k, 2)
         Rings that vehicles must not enter.
+    more : tuple of ndarray of float64, each of shape (k, 2)
+        More inclusion rings, in files of other programs. Autopilots interpret several inclusion rings differently: ArduPilot needs
+        vehicles inside all of them, PX4 inside any. Shoal takes what all of them have in common, or their union if that is nothing.
     """
 
     inclusion: Points
     exclusions: tuple[Points, ...] = ()
+    more: tuple[Points, ...] = ()
+
+    @property
+    def outlines(self) -> tuple[Points, ...]:
+        """The inclusion rings of the fence."""
+        return tuple(ring for ring in (self.inclusion, *self.more) if len(ring))
 
     @property
     def rings(self) -> tuple[Points, ...]:
-        """All rings of the fence: the inclusion ring, followed by the exclusion rings."""
-        return (self.inclusion, *self.exclusions)
+        """All rings of the fence: the inclusion rings, followed by the exclusion rings."""
+        return (*self.outlines, *self.exclusions)
 
     def area(self, frame: LocalFrame | None) -> Any:
         """Return the area in which the fence allows vehicles, as a Shapely geometry in metres of a local frame."""
         import shapely
 
         placed = [ring if frame is None else frame.to_metres(ring) for ring in self.rings]
-        inside, *zones = (shapely.make_valid(shapely.Polygon(ring)) for ring in placed)
+        shapes = [shapely.make_valid(shapely.Polygon(ring)) for ring in placed]
+        outlines, zones = shapes[: len(self.outlines)], shapes[len(self.outlines) :]
+        inside = shapely.intersection_all(outlines) if outlines else shapely.box(-_ANYWHERE, -_ANYWHERE, _ANYWHERE, _ANYWHERE)
+        inside = shapely.union_all(outlines) if inside.is_empty else inside
         return inside.difference(shapely.union_all(zones))
 
     def clearances(self, ways: Sequence[Points], frame: LocalFrame | None) -> NDArray[np.float64]:
@@ -84,6 +99,13 @@ class Fence:
             ends = shapely.points(shapely.get_coordinates(beyond))
             away[index] = -max(float(beyond.length), float(shapely.distance(area, ends).max(initial=0.0)))
         return away
+
+
+def circle_ring(place: tuple[float, float], radius: float, *, inclusion: bool) -> Points:
+    """Return a ring in degrees for a circle of a fence with a radius in metres: inside an inclusion circle, else around it."""
+    angles = np.linspace(0.0, 2 * np.pi, _CIRCLE, endpoint=False)
+    reach = min(radius, REACH) / (1.0 if inclusion else float(np.cos(np.pi / _CIRCLE)))
+    return LocalFrame(*place).to_degrees(reach * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
 def fenced_region(region: SearchRegion, most: int, *, places: Points, wing: bool = False) -> SearchRegion:
@@ -190,10 +212,37 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
         simple = _simplified(outer, [*zones, *beyond, *holes], [], flown, most)
     if most is not None and corners_of(simple) > most:
         simple = _largest(outer, [*zones, *beyond], holes, flown, most)
-    rings = [shapely.get_coordinates(part.exterior)[:-1] for part in simple]
-    if region.frame is not None:
-        rings = [np.round(region.frame.to_degrees(ring), DECIMALS) for ring in rings]
-    return Fence(rings[0], tuple(rings[1:]))
+    (outline, *_), *others = (_written(part, region.frame, whole=not number) for number, part in enumerate(simple))
+    return Fence(outline, tuple(ring for rings in others for ring in rings))
+
+
+def _written(shape: Any, frame: LocalFrame | None, *, whole: bool) -> list[Points]:
+    """Return the rounded rings of a polygon without holes for a mission file, which neither touch nor cross themselves.
+
+    Rounding can make two corners equal, and lays thin parts of a polygon onto themselves: these parts have no area and are left
+    out. If a polygon falls into several parts, each of them is a ring. With ``whole``, the polygon is widened until it is one part.
+    """
+    import shapely
+
+    rings: list[Points] = []
+    for width in (0.0, ROUNDED, 10 * ROUNDED):
+        grown_by = shape.buffer(width, join_style="mitre") if width else shape
+        ring = shapely.get_coordinates(grown_by.exterior)[:-1]
+        if frame is None:
+            made = shapely.make_valid(shapely.Polygon(ring), method="structure")
+        else:
+            corners = shapely.Polygon(np.round(frame.to_degrees(ring), DECIMALS))
+            if corners.is_valid:
+                return [shapely.get_coordinates(corners.exterior)[:-1]]
+            made = shapely.set_precision(shapely.make_valid(corners, method="structure"), 10.0**-DECIMALS)
+        parts = sorted((one for one in shapely.get_parts(made) if one.geom_type == "Polygon"), key=lambda one: -one.area)
+        found = [shapely.get_coordinates(part.exterior)[:-1] for part in parts]
+        if frame is not None:
+            found = [np.round(one, DECIMALS) for one in found]
+        rings = rings or found
+        if len(found) == 1 or (found and not whole):
+            return found
+    return rings
 
 
 def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: int) -> list[Any]:

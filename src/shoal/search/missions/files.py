@@ -30,6 +30,8 @@ from shoal.search.regions.limits import LARGEST_FILE
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
 MANIFEST = "missions.json"  # the manifest: the names of the written files
 ANGLE = "footprint_angle_degrees"  # a key of the manifest
+_WAYS = "ways"  # a key of the manifest: for each mission, the numbers of waypoints that `_COUNTS` names
+_COUNTS = ("waypoints", "waypoints_out", "waypoints_home")
 STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
 
 _HOW_TO_START = """\
@@ -144,7 +146,10 @@ def write_missions(
     with ExitStack() as stack:
         for path, text in texts.items():
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
-    told = {} if angle is None else {ANGLE: angle}
+    told: dict[str, Any] = {} if angle is None else {ANGLE: angle}
+    counts = {mission.name: (len(mission.waypoints), mission.waypoints_out, mission.waypoints_home) for mission in missions}
+    ways = {name: dict(zip(_COUNTS, count, strict=True)) for name, count in counts.items() if None not in count}
+    told |= {_WAYS: ways} if ways else {}
     for name in _listed(folder) - {path.name for path in texts}:
         (Path(folder) / name).unlink(missing_ok=True)
     write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | told | _times(missions, vehicle))
@@ -156,6 +161,9 @@ def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
 
     The function reads each text as an autopilot would: it compares rounded coordinates of paths with rounded corners of polygons.
     """
+    from shapely import Polygon
+    from shapely.validation import explain_validity
+
     suffixes = _formats_by_suffix()
     fences = {mission.name: mission.fence for mission in missions}
     for path, text in texts.items():
@@ -170,6 +178,13 @@ def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
             sheet.rally = read_rally(texts[path.parent / RALLY], RALLY) if path.parent / RALLY in texts else ()
         if sheet.home is None or not len(sheet.points) or fence is None:
             continue  # the file of a third-party format
+        for number, ring in enumerate(fence.rings):
+            if not Polygon(ring).is_valid:
+                which = "the outline" if number < len(fence.outlines) else f"exclusion polygon {number}"
+                raise InvalidInputError(
+                    f"{path.name}: expected fence polygons that neither touch nor cross themselves as the file contains them, "
+                    f"got {which}: {explain_validity(Polygon(ring))}; no file was written"
+                )
         for name, away in zip(*fence_clearances(sheet, fence), strict=True):
             if away < -ROUNDING:
                 raise InvalidInputError(
@@ -216,11 +231,19 @@ def _beside(missions: Sequence[Mission]) -> dict[str, str]:
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
     """Add data from other files of a folder to the sheets of the folder's mission files.
 
-    All sheets get start times from the manifest ``missions.json``. Sheets of WPL files get the fence and the rally points. Mistakes
-    in the files of the fence and of the rally points become diagnostics.
+    All sheets get start times from the manifest ``missions.json``. Sheets without the numbers of waypoints on the ways out and home
+    get them from there too, if their number of waypoints is the one in the manifest. Sheets of WPL files get the fence and the
+    rally points. Mistakes in the files of the fence and of the rally points become diagnostics.
     """
-    starts = _manifest(folder).get("starts_s")
+    manifest = _manifest(folder)
+    starts, ways = manifest.get("starts_s"), manifest.get(_WAYS)
     for sheet in sheets:
+        way = ways.get(Path(sheet.file).stem) if isinstance(ways, dict) else None
+        told: list[Any] = [way.get(name) if isinstance(way, dict) else None for name in _COUNTS]
+        count, out, home = told
+        whole = type(out) is type(home) is int and count == len(sheet.points)
+        if sheet.waypoints_out is None and whole and out >= 0 <= home and out + home < count:
+            sheet.waypoints_out, sheet.waypoints_home = out, home
         start = starts.get(Path(sheet.file).stem) if isinstance(starts, dict) else None
         if isinstance(start, int | float) and not isinstance(start, bool) and 0 <= start < inf:
             sheet.start = float(start)
@@ -379,6 +402,7 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
         "altitude": sheet.altitudes[0] if sheet.altitudes else usual.height,
         "speed": usual.cruise if sheet.speed is None else sheet.speed,
         "altitude_frame": sheet.altitude_frame or "home",
+        "speeds": None if sheet.speeds is None else np.array(sheet.speeds),
         "heights": np.array(sheet.altitudes) - base if varied and not above_ground else None,
         "altitudes": np.array(sheet.altitudes) if varied and above_ground else None,
     }

@@ -112,14 +112,14 @@ def examine(
         take_beside(source, sheets)
     if fence_distance is not None:
         check_number(fence_distance, what="fence_distance", least=0)
-        if not any(sheet.fence is not None for sheet in sheets):
+        hidden = any(not sheet.readable or any(one.rule == "beside" for one in sheet.diagnostics) for sheet in sheets)
+        if not hidden and not any(sheet.fence is not None for sheet in sheets):
             raise InvalidInputError(
                 f"fence_distance: expected missions with a fence (.plan, or .waypoints beside a {FENCE}), got none in {source}"
             )
     for sheet in sheets:
         if sheet.readable:
             check_sense(sheet, cap=cap, autopilot=autopilot, fence_distance=fence_distance)
-            _check_whole(sheet)
             _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
             if vehicle is not None:
                 _check_duration(sheet, vehicle)
@@ -127,6 +127,7 @@ def examine(
                 _check_climbs(sheet, vehicle)
             if region is not None:
                 check_place(sheet, region, airspace)
+            _check_whole(sheet)
     if folder:
         _check_homes(sheets)
         _check_autopilots(sheets)
@@ -141,6 +142,8 @@ def _check_whole(sheet: Sheet) -> None:
     """Add a diagnostic for a mission that cannot be flown for a reason that no other rule has reported."""
     try:
         mission_of(sheet, sheet.file)
+        if sheet.geographic and sheet.home is not None:
+            LocalFrame(*sheet.home).to_metres(np.vstack([sheet.points, sheet.landing or sheet.home]))
     except InvalidInputError as error:
         if not any(RULES[one.rule].severity == "error" for one in sheet.diagnostics):
             _, _, said = str(error).partition(": expected ")
@@ -175,8 +178,10 @@ def _check_duration(sheet: Sheet, vehicle: Vehicle) -> None:
     """Add a diagnostic for a mission that takes longer than the vehicle's endurance without its reserve."""
     try:
         lasting = mission_of(sheet, sheet.file).duration(vehicle)
-    except InvalidInputError:
-        return  # other rules report what is invalid, and heights above ground give no climbs
+    except InvalidInputError as error:
+        if str(error).startswith("wind_speed"):  # too slow a flight for the wind
+            sheet.add("speed", "", f"expected{str(error).partition('expected')[2]}")
+        return  # other rules report what else is invalid, and heights above ground give no climbs
     if lasting > vehicle.usable_seconds:
         said = (
             f"expected a mission of at most {vehicle.usable_seconds / 60:.4g} min, the endurance without the reserve, "
@@ -194,7 +199,9 @@ def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
     glides = sheet.landing is not None and sheet.loiter is None
     ups = np.diff(np.array([base, *sheet.altitudes, *[base] * glides]))
     level = np.column_stack([way[: len(ups) + 1], np.zeros(len(ups) + 1)])
-    lasting = leg_seconds(level, vehicle, rate=1.0 if sheet.speed is None else sheet.speed / vehicle.cruise)
+    usual = vehicle.cruise if sheet.speed is None else sheet.speed
+    speeds = np.array(sheet.speeds or [usual] * (len(ups) + 1))[: len(ups)]
+    lasting = leg_seconds(level, vehicle, rate=speeds / vehicle.cruise)
     extra = vehicle.vertical_seconds(np.sign(ups) * np.maximum(np.abs(ups) - ROUNDING, 0.0)) - lasting * (1 + _ROUGH)
     worst = int(np.argmax(extra))
     if extra[worst] > 0:
@@ -291,6 +298,8 @@ def _difference(one: Sheet, other: Sheet) -> str:
         mine, theirs = getattr(one, name), getattr(other, name)
         if None not in (mine, theirs) and mine != theirs:
             return f"{theirs!r} as {name} instead of {mine!r}"
+    if one.speeds != other.speeds and None not in (one.speed, other.speed):
+        return "other speeds on some legs"
     same_frame = (one.altitude_frame or "home") == (other.altitude_frame or "home")
     if same_frame and one.altitudes and len(one.altitudes) == len(other.altitudes):
         for mine, theirs in zip(one.altitudes, other.altitudes, strict=True):

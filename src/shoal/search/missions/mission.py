@@ -22,6 +22,7 @@ from shoal.search.regions.projection import LocalFrame
 Kind = Literal["multirotor", "fixed-wing", "rover"]
 Autopilot = Literal["px4", "ardupilot"]
 
+FASTEST = 100.0  # m/s: a mission's speed
 SAME_LEVEL = 1e-3  # metres: altitudes with a smaller difference are equal
 _RING = 37  # points of a circle
 KINDS = ("multirotor", "fixed-wing", "rover")
@@ -86,6 +87,8 @@ class Mission:
     fence : Fence, optional
     rally : tuple of tuple of float
         Rally points for emergency landings, in the unit of the waypoints.
+    speeds : ndarray of float64, shape (k + 1,), optional
+        Speed in m/s on the leg to each waypoint and on the leg to the end, if these speeds differ.
     waypoints_out, waypoints_home : int, optional
         Number of waypoints on the way out, before the first waypoint of the search, and number of waypoints on the way home, after
         the last waypoint of the search. On both ways, the camera takes no images. By default, both numbers are unknown.
@@ -125,6 +128,7 @@ class Mission:
     start: float | None = None
     takeover: float | None = None
     take_off: float | None = None
+    speeds: NDArray[np.float64] | None = None
     waypoints_out: int | None = None
     waypoints_home: int | None = None
 
@@ -160,11 +164,17 @@ class Mission:
         check_choice(self.autopilot, what="autopilot", choices=CAPS)
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
         _check_motion(self.kind, self.altitude, self.speed, level=self.heights is None and self.altitude_frame != "sea")
-        for name in ("heights", "altitudes"):
+        for name, count, least in (
+            ("heights", len(points), -inf),
+            ("altitudes", len(points), -inf),
+            ("speeds", len(points) + 1, 0.0),
+        ):
             if getattr(self, name) is not None:
                 values = np.array(getattr(self, name), dtype=np.float64)
-                if values.shape != (len(points),) or not np.isfinite(values).all():
-                    raise InvalidInputError(f"mission: {name}: expected {len(points)} finite numbers, got shape {values.shape}")
+                if values.shape != (count,) or not np.isfinite(values).all():
+                    raise InvalidInputError(f"mission: {name}: expected {count} finite numbers, got shape {values.shape}")
+                if values.min() <= least:
+                    raise InvalidInputError(f"mission: {name}: expected numbers above {least:g}, got {values.min():g}")
                 values.flags.writeable = False
                 object.__setattr__(self, name, values)
 
@@ -177,6 +187,7 @@ class Mission:
     def n_items(self) -> int:
         """Number of mission items that an autopilot stores: home, take-off, speed, camera items, waypoints and return."""
         extra = sum(n for name, n in EXTRA.items() if getattr(self, name) is not None)
+        extra += 0 if self.speeds is None else int(np.count_nonzero(np.diff(self.speeds)))
         return len(self.waypoints) + OVERHEAD[self.kind] + extra
 
     @property
@@ -252,7 +263,14 @@ class Mission:
             If heights above home are unknown, or if a waypoint is too far from home.
         """
         way = self.way_in(LocalFrame(*self.home) if self.geographic else None)
-        return trajectory(way, vehicle, rate=self.speed / vehicle.cruise).duration
+        return trajectory(way, vehicle, rate=self.rates(vehicle)).duration
+
+    def rates(self, vehicle: Vehicle) -> float | NDArray[np.float64]:
+        """Return the speed of the mission divided by the vehicle's cruise speed: one number, or one for each leg of `way_in`."""
+        if self.speeds is None:
+            return self.speed / vehicle.cruise
+        ends = self.speeds[-1:] if self.glides else self.speeds[[-1, -1]]
+        return np.concatenate([self.speeds[:1], self.speeds[:-1], ends]) / vehicle.cruise
 
     def flight_report(self, vehicle: Vehicle) -> dict[str, Any]:
         """Return the duration and the usable fraction of the mission, for a given vehicle, as a mapping for JSON."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.fence import Fence
-from shoal.search.missions.mission import OVERHEAD, circle_around
+from shoal.search.missions.mission import FASTEST, OVERHEAD, circle_around
 from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.margin import grown
 from shoal.search.regions.outline_checks import Points, text_of
@@ -25,7 +25,6 @@ _RADIUS = 6_371_000.0  # metres: radius of the Earth
 _FAR_HOME = 5_000.0
 _ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
 _HIGHEST, _HIGH = 10_000.0, 120.0
-_FASTEST = 100.0
 _SAME_HEIGHT = 0.01  # metres
 _SAME = 1e-8  # degrees
 
@@ -102,8 +101,8 @@ def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None =
         _check_fence(sheet, way, sheet.fence)
         if fence_distance is not None:
             _check_near_fence(sheet, fence_distance)
-    if sheet.speed is not None and not 0 < sheet.speed <= _FASTEST:
-        sheet.add("speed", "", f"expected a speed above 0 and at most {_FASTEST:g} m/s, got {sheet.speed:g}")
+    if sheet.speed is not None and not 0 < sheet.speed <= FASTEST:
+        sheet.add("speed", "", f"expected a speed above 0 and at most {FASTEST:g} m/s, got {sheet.speed:g}")
     if sheet.geographic and sheet.decimals is not None and sheet.decimals < 7:
         sheet.add("few-decimals", "", f"expected coordinates with at least 7 decimals, got {sheet.decimals}")
     again = np.all(np.abs(np.diff(sheet.points, axis=0)) <= _SAME, axis=1)
@@ -372,14 +371,26 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     passed = _between_parts(sheet, region, way)
     stray = ~inside[1:-1]
     stray[: here.start] = stray[here.stop :] = False
-    for index in np.flatnonzero(stray | barred[1:-1]).tolist():
+    gaps = shapely.distance(region.free, shapely.points(np.where(near[:, None], way, 0.0)))
+    elsewhere = ~near | (gaps > _ELSEWHERE)
+    if elsewhere[-1] and sheet.landing is not None:
+        said = f"expected an end of the mission near the region {region.name!r}, got {text_of(sheet.landing)}, far outside"
+        sheet.add("outside-region", "end", said)
+    for index in np.flatnonzero(stray | barred[1:-1] | elsewhere[1:-1]).tolist():
         point, place = text_of(sheet.points[index]), sheet.places[index]
-        if barred[index + 1]:
+        if elsewhere[index + 1]:
+            said = f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, far outside"
+            x, y = sheet.points[index].tolist()
+            other = _in_plane((y, x), region)
+            swapped = region.frame is not None and max(other) < math.inf
+            swapped = swapped and region.free.distance(shapely.Point(other)) < _ELSEWHERE
+            sheet.add("outside-region", place, f"{said}{': latitude and longitude swapped are near it' * swapped}")
+        elif barred[index + 1]:
             sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
         else:
             if sheet.kind == "fixed-wing" or passed[index]:
                 continue  # the vehicle turns there, or flies from part to part: its legs are reported instead
-            where = region.outside_text(way[index + 1]) if near[index + 1] else "far outside"
+            where = region.outside_text(way[index + 1])
             said = f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, {where}"
             sheet.add("outside-region", place, said)
     outside = _check_legs(sheet, way, here, allowed, forbidden)

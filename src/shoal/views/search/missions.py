@@ -50,7 +50,7 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     ways = [mission.way_in(region.frame) for mission in missions]
     circles = [mission.circle_in(region.frame) for mission in missions]
     fence = next((mission.fence for mission in missions if mission.fence is not None), None)
-    rings = [] if fence is None else [ring if region.frame is None else region.frame.to_metres(ring) for ring in fence.rings[:1]]
+    rings = [] if fence is None else [ring if region.frame is None else region.frame.to_metres(ring) for ring in fence.outlines]
     low, high = np.reshape(region.outline.bounds, (2, 2))
     every = np.vstack([low, high, *(way[:, :2] for way in ways), *rings, *circles])
     low, high = every.min(axis=0), every.max(axis=0)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from shoal.core.errors import InvalidInputError
 from shoal.search.flight.flight import FRAMES
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.formats.numbers import plain
@@ -24,7 +25,18 @@ ALTITUDES = "altitudes_m"
 
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
-    """Return the attributes of a mission by name: all in `NAMES`, and those in `MORE` and `ALTITUDES` that the mission has."""
+    """Return the attributes of a mission by name: all in `NAMES`, and those in `MORE` and `ALTITUDES` that the mission has.
+
+    Raises
+    ------
+    InvalidInputError
+        If the mission has several speeds, which only mission items can express.
+    """
+    if mission.speeds is not None:
+        raise InvalidInputError(
+            f"{mission.name}: expected one speed in the formats geojson, kml, gpx and csv, got {len({*mission.speeds.tolist()})} "
+            "speeds; the formats plan and wpl have them"
+        )
     named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
     more: list[float | None] = [
         mission.start,

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from shoal.core.errors import InvalidInputError
-from shoal.search.missions.fence import Fence
+from shoal.search.missions.fence import Fence, circle_ring
 from shoal.search.missions.formats.numbers import degrees, plain, raw
+from shoal.search.regions.outline_checks import Points
 
 FENCE, RALLY = "fence.txt", "rally.txt"
 """Names of the files for the fence and the rally points, which all ``.waypoints`` files of a folder share."""
 
 HEADER = "QGC WPL 110"
 _INSIDE, _OUTSIDE, _RALLY_POINT = 5001, 5002, 5100  # MAV_CMD
+_CIRCLES = {5003: _INSIDE, 5004: _OUTSIDE}  # MAV_CMD of circles, with their radius in metres
 _GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
 _FIELDS = 12
 
@@ -25,7 +28,7 @@ Places = tuple[tuple[float, float], ...]
 def fence_text(fence: Fence) -> str:
     """Return a fence as a table of mission items. Each item is a corner, with the number of corners of its polygon."""
     rows = [
-        (_GLOBAL, _OUTSIDE if number else _INSIDE, float(len(ring)), x, y, 0.0)
+        (_GLOBAL, _OUTSIDE if number >= len(fence.outlines) else _INSIDE, float(len(ring)), x, y, 0.0)
         for number, ring in enumerate(fence.rings)
         for x, y in ring.tolist()
     ]
@@ -57,9 +60,16 @@ def read_fence(text: str, where: str) -> Fence:
     rings: list[tuple[int, list[tuple[float, float]]]] = []
     missing = 0
     for line, command, first, place in _rows(text, where):
+        if command in _CIRCLES and not missing:
+            if not 0 < first < math.inf:
+                raise InvalidInputError(f"{where}: line {line}: expected a radius of a circle above 0 m, got {first:g}")
+            kind = _CIRCLES[command]
+            rings.append((kind, [(x, y) for x, y in circle_ring(place, first, inclusion=kind == _INSIDE).tolist()]))
+            continue
         if command not in (_INSIDE, _OUTSIDE) or not 3 <= first < 1e6:
             raise InvalidInputError(
-                f"{where}: line {line}: expected command 5001 or 5002 with a count of 3 corners or more, got {command}"
+                f"{where}: line {line}: expected command 5001 or 5002 with a count of 3 corners or more, "
+                f"or 5003 or 5004 for a circle, got {command}"
             )
         if not missing:
             rings.append((command, []))
@@ -71,9 +81,15 @@ def read_fence(text: str, where: str) -> Fence:
         rings[-1][1].append(place)
         missing -= 1
     inside = [np.array(ring) for command, ring in rings if command == _INSIDE]
-    if missing or len(inside) != 1:
-        raise InvalidInputError(f"{where}: expected one complete inclusion polygon, got {len(inside)}")
-    return Fence(inside[0], tuple(np.array(ring) for command, ring in rings if command == _OUTSIDE))
+    if missing or not rings:
+        raise InvalidInputError(f"{where}: expected complete polygons, got {missing or 'all'} corners too few")
+    return fence_from(inside, [np.array(ring) for command, ring in rings if command == _OUTSIDE])
+
+
+def fence_from(inside: Sequence[Points], outside: Sequence[Points]) -> Fence:
+    """Return a fence with any numbers of inclusion and exclusion rings."""
+    outline, *more = inside or [np.zeros((0, 2))]
+    return Fence(outline, tuple(outside), tuple(more))
 
 
 def read_rally(text: str, where: str) -> Places:
@@ -115,7 +131,11 @@ def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, flo
 def plan_fence(fence: Fence | None) -> dict[str, Any]:
     """Return the section of a ``.plan`` file that describes a fence."""
     polygons = [
-        {"inclusion": not number, "polygon": [[raw(degrees(y)), raw(degrees(x))] for x, y in ring.tolist()], "version": 1}
+        {
+            "inclusion": fence is not None and number < len(fence.outlines),
+            "polygon": [[raw(degrees(y)), raw(degrees(x))] for x, y in ring.tolist()],
+            "version": 1,
+        }
         for number, ring in enumerate(() if fence is None else fence.rings)
     ]
     return {"version": 2, "circles": [], "polygons": polygons}

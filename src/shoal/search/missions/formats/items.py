@@ -9,9 +9,10 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.search.missions.diagnostics import Sheet
-from shoal.search.missions.mission import SAME_LEVEL, Mission
+from shoal.search.missions.mission import FASTEST, SAME_LEVEL, Mission
 
 WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, SPLINE, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 20, 21, 22, 82, 93, 178, 205, 206  # MAV_CMD
+_WAITS = {DELAY: "a wait", HOLD: "an endless loiter", 18: "loiter turns", 19: "a loiter for a time", 112: "a delay"}  # MAV_CMD
 WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
 _PASSED = (WAYPOINT, SPLINE)
 _PLACED = {*_PASSED, HOLD, LAND, TAKE_OFF}
@@ -21,6 +22,7 @@ _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # frames 6 and 5 equal 3 and
 _TERRAIN = {10: "ground", 11: "ground"}  # MAV_FRAME: GLOBAL_TERRAIN_ALT, which ArduPilot reads and PX4 does not
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
 _AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
+_UNCHANGED, _USUAL = -1.0, -2.0  # values of a speed that are none
 _STEEP = 15.0  # degrees: pitch of fixed wings during take-off
 _CLIMBED = (
     0.8  # of the first waypoint's height: there the take-off of a fixed wing ends, so that it goes on straight to the waypoint
@@ -60,8 +62,11 @@ def items_of(mission: Mission) -> list[Item]:
         start = (_STEEP, 0.0, 0.0, mission.yaw, *places[0][:2], above + round(_CLIMBED * (float(heights[0]) - above), 2))
     reach = mission.acceptance_radius or 0.0
     points = [Item(WAYPOINT, frame, (0.0, reach, 0.0, mission.yaw, *place)) for place in places]
-    # The throttle stays unchanged.
-    items = [_placeless(SPEED, _AIR if wing else _GROUND, mission.speed, -1.0)]
+
+    def speed(value: float) -> Item:
+        return _placeless(SPEED, _AIR if wing else _GROUND, float(value), -1.0)  # the throttle stays unchanged
+
+    items = [speed(mission.speed)]
     if mission.gimbal_pitch is not None:
         items.append(_placeless(GIMBAL, mission.gimbal_pitch, 0.0, 0.0, 0.0, 0.0, 0.0, _BY_ANGLES))
     if mission.trigger_distance is not None:
@@ -69,6 +74,8 @@ def items_of(mission: Mission) -> list[Item]:
         points.insert(searched.stop, _placeless(TRIGGER))
         points.insert(searched.start + 1, _placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0))  # first image immediately
     take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
+    if mission.speeds is not None:
+        items[0], points = speed(mission.speeds[0]), _with_speeds(points, [speed(one) for one in mission.speeds.tolist()])
     end = _placeless(RETURN)
     if mission.landing is not None:
         stays = mission.loiter is not None
@@ -76,6 +83,18 @@ def items_of(mission: Mission) -> list[Item]:
         command = HOLD if stays or mission.kind == "rover" else LAND
         end = Item(command, frame, (0.0, 0.0, mission.loiter or 0.0, mission.yaw, *mission.landing[::-1], height))
     return [*take_off, *items, *points, end]
+
+
+def _with_speeds(points: Sequence[Item], speeds: Sequence[Item]) -> list[Item]:
+    """Return items with the item of a new speed before each waypoint whose leg has another speed than the leg before."""
+    found: list[Item] = []
+    reached = 0
+    for item in points:
+        if item.command == WAYPOINT:
+            found += [speeds[reached]] if reached and speeds[reached] != speeds[reached - 1] else []
+            reached += 1
+        found.append(item)
+    return found + ([speeds[-1]] if speeds[-1] != speeds[-2] else [])
 
 
 def _placeless(command: int, *params: float) -> Item:
@@ -105,8 +124,8 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         sheet.landing = (longitude, latitude)
         if items[-1].command == HOLD and any(altitude > 0 for altitude in sheet.altitudes):
             sheet.loiter = abs(_number(items[-1].params[2])[0])
+    _read_speeds(sheet, items)
     for command, name, parameter in (
-        (SPEED, "speed", 1),
         (GIMBAL, "gimbal_pitch", 0),
         (TRIGGER, "trigger_distance", 0),
     ):
@@ -124,10 +143,11 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     aloft = next((k for k, item in enumerate(items) if item.command in (TAKE_OFF, *_PASSED)), len(items))
     for number, item in enumerate(items):
         _check_frame(sheet, item)
-        if item.command == DELAY and number < aloft:
+        if item.command in _WAITS and number < aloft < len(items):
             (lasting,) = _number(item.params[0])
-            said = f"expected no wait before the take-off, but a start at its time, got a wait (93) of {lasting:g} s"
-            sheet.add("armed-wait", item.place, said)
+            what = f"{_WAITS[item.command]} ({item.command})"
+            what += f" of {lasting:g} s" if item.command in (DELAY, 19, 112) else ""
+            sheet.add("armed-wait", item.place, f"expected no wait before the take-off, but a start at its time, got {what}")
         elif item.command == SPLINE:
             sheet.add("spline", item.place, "expected a waypoint (16), got a spline waypoint (82): the check uses straight legs")
         elif item.command not in _KNOWN:
@@ -137,6 +157,35 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     if items and items[-1].command not in (RETURN, LAND, HOLD):
         last = items[-1]
         sheet.add("no-return", last.place, f"expected a return (20) or a landing (21) at the end, got command {last.command}")
+
+
+def _read_speeds(sheet: Sheet, items: Sequence[Item]) -> None:
+    """Read the speed on each leg into a mission sheet, and add diagnostics for impossible speeds after the first one."""
+    usual = now = sheet.speed
+    speeds: list[float | None] = []
+    first: float | None = None
+    for item in items:
+        if item.command in _PASSED:
+            speeds.append(now)
+        if item.command != SPEED or item.params[0] not in (_AIR, _GROUND, None):
+            continue  # the others are speeds of climbs and descents
+        (value,) = _number(item.params[1])
+        if value in (_UNCHANGED, _USUAL) and (now is not None or usual is not None):
+            now = usual if value == _USUAL else now
+        elif first is None:
+            first = now = value
+        elif not math.isfinite(value):
+            sheet.add("not-a-number", item.place, f"expected a finite speed, got {value}")
+        elif not 0 < value <= FASTEST:
+            sheet.add("speed", item.place, f"expected a speed above 0 and at most {FASTEST:g} m/s, got {value:g}")
+        else:
+            now = value
+    speeds.append(now)
+    if first is not None:
+        sheet.speed = first
+    told = [sheet.speed if speed is None else speed for speed in speeds]
+    known = [speed for speed in told if speed is not None]
+    sheet.speeds = known if len(known) == len(speeds) and len({*known}) > 1 and min(known) > 0 else None
 
 
 def _check_frame(sheet: Sheet, item: Item) -> None:
@@ -191,7 +240,16 @@ def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
         if TAKE_OFF in commands:
             place = next(item.place for item in items if item.command == TAKE_OFF)
             sheet.add("take-off", place, "expected no take-off in a rover's mission, got command 22")
-    elif WAYPOINT in commands and commands[0] != TAKE_OFF:
+        return
+    first = next((item for item in items if item.command == TAKE_OFF), None)
+    if first is not None and sheet.altitudes:
+        base = sheet.elevation or 0.0 if _frames(sheet).get(first.frame) == "sea" else 0.0
+        above = sheet.altitudes[0] - (sheet.elevation or 0.0 if sheet.altitude_frame == "sea" else 0.0)
+        (up,) = _number(first.params[6])
+        if up <= base < base + above:
+            said = f"expected a take-off to a height above 0, got {up - base:g} m above home before a waypoint at {above:g} m"
+            sheet.add("take-off", first.place, said)
+    if WAYPOINT in commands and commands[0] != TAKE_OFF:
         place = next(item.place for item in items if item.command in _PASSED)
         said = f"expected a take-off (22) before the first waypoint of a {sheet.kind or 'multirotor'}, got none"
         sheet.add("take-off", place, said)

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, ValidationError
 
 from shoal.search.missions.diagnostics import Sheet
-from shoal.search.missions.fence import Fence
-from shoal.search.missions.formats.fences import plan_fence, plan_rally
+from shoal.search.missions.fence import circle_ring
+from shoal.search.missions.formats.fences import fence_from, plan_fence, plan_rally
 from shoal.search.missions.formats.items import Item, check_take_off, items_of, read_items
 from shoal.search.missions.formats.numbers import Number, degrees, dump_json, load_json, raw
 from shoal.search.missions.mission import Mission
@@ -65,11 +65,26 @@ class PolygonForm(_Form):
     polygon: Annotated[list[tuple[_Latitude, _Longitude]], Field(min_length=3)]
 
 
+class RoundForm(_Form):
+    """The expected structure of a circle itself."""
+
+    center: tuple[_Latitude, _Longitude]
+    radius: Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+
+
+class CircleForm(_Form):
+    """The expected structure of a fence circle in a ``.plan`` file."""
+
+    version: Literal[1]
+    inclusion: StrictBool
+    circle: RoundForm
+
+
 class FenceForm(_Form):
     """The expected structure of the fence in a ``.plan`` file."""
 
     version: Literal[2]
-    circles: list[Any]
+    circles: list[CircleForm]
     polygons: list[PolygonForm]
 
 
@@ -162,9 +177,11 @@ def scan(text: str, sheet: Sheet) -> None:
     sheet.elevation = mission.home[2] or None  # 0 means unknown
     sheet.decimals = _decimals(data)
     rings = [(np.array(one.polygon)[:, ::-1], one.inclusion) for one in form.fence.polygons]
-    inside = [ring for ring, kept in rings if kept]
-    if len(inside) == 1:  # autopilots interpret several outlines differently
-        sheet.fence = Fence(inside[0], tuple(ring for ring, kept in rings if not kept))
+    for one in form.fence.circles:
+        center = (one.circle.center[1], one.circle.center[0])
+        rings.append((circle_ring(center, one.circle.radius, inclusion=one.inclusion), one.inclusion))
+    if rings:
+        sheet.fence = fence_from([ring for ring, kept in rings if kept], [ring for ring, kept in rings if not kept])
     sheet.rally = tuple((longitude, latitude) for latitude, longitude, _ in form.rally.points)
     items = [Item(item.command, item.frame, tuple(item.params), place) for place, item in zip(places, mission.items, strict=True)]
     read_items(sheet, items)

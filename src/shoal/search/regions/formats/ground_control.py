@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.core.checks import check_choice, parse_json, read_text
+from shoal.core.checks import check_choice, check_file, decode_text, parse_json, read_text
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.reading import Reading, points_of
 from shoal.search.regions.limits import LARGEST_FILE
@@ -143,7 +143,7 @@ def read_polygon_file(path: Path, reading: Reading) -> RegionOutlines:
     where = str(path)
     lines = [
         (number, line.strip())
-        for number, line in enumerate(read_text(path, what="region file", most=LARGEST_FILE).splitlines(), start=1)
+        for number, line in enumerate(_text_without_comments(path).splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if lines and lines[0][1].startswith(_WPL):
@@ -155,6 +155,17 @@ def read_polygon_file(path: Path, reading: Reading) -> RegionOutlines:
         raise InvalidInputError(f"{where}: expected lines with a latitude and a longitude, got none")
     ring = Ring(points_of(points), where, np.array([number for number, _ in lines]))
     return RegionOutlines((RegionOutline(ring),), where, geographic=True, closed=False)
+
+
+def _text_without_comments(path: Path) -> str:
+    """Return the text of a file with empty comments: Mission Planner writes them in the encoding of its computer."""
+    check_file(path, what="region file", most=LARGEST_FILE)
+    try:
+        lines = path.read_bytes().splitlines()
+    except OSError as error:
+        raise InvalidInputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    kept = [b"#" if line.lstrip().startswith(b"#") else line for line in lines]
+    return decode_text(b"\n".join(kept), where=str(path))
 
 
 def _pair(line: str, where: str) -> tuple[float, float]:
