@@ -9,7 +9,8 @@ searched its own part is idle. Idle robots divide the remaining cells of silent 
 
 A robot without work waits while other robots work. A waiting robot starts to search again at the last moment at which it can still
 search all unsearched cells alone before its deadline. The deadline is the time at which the robot would finish if it searched the
-whole tour alone, beginning when it first divides the tour. For this reason, a single surviving robot searches all cells by its
+whole tour alone, beginning when it first divides the tour or, if robots depart late as planned, when the others would have searched
+their parts. For this reason, a single surviving robot searches all cells by its
 deadline, even if all messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete as long as
 one robot is alive.
 
@@ -187,10 +188,28 @@ def _allotted(robot: Robot, time: float) -> Robot:
     own = next(index for index, part in enumerate(parts) if part.robot == robot.number)
     allotted = robot.but(parts=parts, own=own, status="searching", allotted_to=len(known), allotted_at=time)
     rest = reachable(allotted, -inf)[0] & ~(settled(allotted, -inf) | allotted.mine)
-    last = time + _alone(allotted, rest, robot.cell, robot.fresh) / robot.rate
+    last = max(time, _parted(allotted, known)) + _alone(allotted, rest, robot.cell, robot.fresh) / robot.rate
     if robot.status == "listening":
         return allotted.but(deadline=last)
     return allotted if last <= robot.deadline + 1e-9 else robot.but(allotted_to=len(known))
+
+
+def _parted(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> float:
+    """Return the time at which all other robots have searched their parts, if robots depart late as planned, and otherwise 0.
+
+    A robot that waits for its departure is not dead, so nobody searches its part for it as long as it may be on time. The mapping
+    ``known`` gives the start, the rate and the width of each robot.
+    """
+    ends = [0.0]
+    for own, part in enumerate(robot.parts if robot.brief.delays else ()):
+        start, rate, width = known[part.robot]
+        other = robot.but(number=part.robot, start=start, width=width, own=own, cell=start, at_launch=True, fresh=True)
+        bits = 0
+        for arc in _arcs_to_search(other):
+            bits |= arc.bits(len(robot.brief.tour_cost))
+        if bits and part.robot != robot.number:
+            ends.append(robot.began + robot.brief.listening(part.robot) + _alone(other, bits, start, True) / rate)
+    return max(ends)
 
 
 def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
