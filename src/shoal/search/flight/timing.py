@@ -87,7 +87,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
         pauses[1:-1] = turning * turn_shares(
             points, reach=vehicle.cruise * turning, cut=vehicle.acceptance_radius or CUT, still=STILL
         )
-    pauses[[0, -1]] = turning / 2 if legs.any() else 0.0
+    pauses[[0, -1]] = turning / 2  # also without motion, so that the rounding of coordinates in files makes no difference
     stands = pauses > 0
     arrivals = np.concatenate([[0.0], np.cumsum(legs)]) + np.concatenate([[0.0], np.cumsum(pauses[:-1])])
     times = np.stack([arrivals, arrivals + pauses], axis=1)
