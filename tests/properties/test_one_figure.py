@@ -79,7 +79,10 @@ def narrow_problem(rng, kind):
     if kind == 2:
         reach = 1.3 * length
         middle = np.array(strip.centroid.coords[0])
-        options |= {"launch": [tuple((middle + (reach, 4.0 * robot)).tolist()) for robot in range(3)], "stay_inside": True}
+        options |= {
+            "launch": [(float(middle[0] + reach), float(middle[1] + 4.0 * robot)) for robot in range(3)],
+            "stay_inside": True,
+        }
     return SearchProblem(region, robots=3 if kind == 2 else int(rng.integers(3, 5)), footprint=8.0, **options)
 
 
