@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.plan import plan_search
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.pace import turn_cells, working_seconds
-from shoal.search.flight.timing import trajectory
+from shoal.search.flight.timing import trajectory, turn_shares
 from shoal.search.flight.vehicle import PRESETS, Vehicle, vehicle_of
 from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.problem import SearchProblem
@@ -237,3 +237,15 @@ def test_a_start_and_a_stop_take_their_time_also_without_motion():
     still, rounded = (trajectory([(0, 0, 0), (off, 0, 0), (0, 0, 0)], vehicle).duration for off in (0.0, 1e-9))
     assert still == pytest.approx(rounded)
     assert still == vehicle.turn_seconds > 0
+
+
+def test_no_bend_takes_less_than_no_time():
+    """Rounding made the time that is lost in a bend -7e-15 turns, and a search was refused because of it."""
+    for seed in (*range(40), 104, 757, 1078, 1242):
+        rng = np.random.default_rng(seed)
+        count = int(rng.integers(4, 30))
+        headings = np.radians(np.cumsum(rng.uniform(-40, 40, count) * rng.integers(0, 2, count)))
+        legs = rng.choice([0.3, 1, 5, 30.0], count)[:, None] * np.column_stack([np.cos(headings), np.sin(headings)])
+        way = np.vstack([[0, 0], np.cumsum(legs, axis=0)])
+        shares = turn_shares(way, reach=float(rng.choice([0.1, 1, 5, 20])), cut=float(rng.choice([0.3, 1.0])))
+        assert shares.min() >= 0

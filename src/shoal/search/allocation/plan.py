@@ -540,7 +540,7 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
     steps = np.diff(far[begins]) / grid.size
     around = np.concatenate([whole.points, whole.points[1:2]])  # the last entry of the turns belongs to the first point
     bent = turn_shares(around, reach=turn_cost * grid.size)
-    turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]]).clip(min=0)  # rounding of sums
+    turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
     free = grid.region.free
     straight = not stepwise and bool(free.convex_hull.area - free.area <= _HOLLOW * free.area)
     given: dict[str, Any] = {"distances": None}

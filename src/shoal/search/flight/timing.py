@@ -185,7 +185,7 @@ def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float 
     slower = np.maximum(2 * top - one - other - (2 * top**2 - one**2 - other**2) / 2, 0.0)
     lost += (slower[:-1] + slower[1:]) / 2
     lost[0], lost[-1] = lost[0] + slower[0] / 2, lost[-1] + slower[-1] / 2
-    shares[here[1:] - 1] = stops + lost
+    shares[here[1:] - 1] = stops + np.maximum(lost, 0.0)  # rounding can make it negative
     return shares
 
 
