@@ -13,10 +13,12 @@ from shoal.search.episode import duration_text
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import check_missions, lint
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.faults import Crash
 from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.coverage import Image, coverage_check
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
+from shoal.search.run import run
 from shoal.views.search.mission_folder import MissionFolder
 from shoal.views.search.timeline import timeline_figure
 
@@ -51,7 +53,7 @@ def test_plan_simulation_timeline_and_missions_agree(seed, tmp_path):
     rng = np.random.default_rng([41, seed])
     problem = random_problem(rng, seed % 4)
     folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan", "csv")))
-    episode = folder.run(problem, seed=seed)
+    episode = folder.run(seed=seed)
     folder.write(episode.plan)
     vehicle = vehicle_of(problem.vehicle)
     check = check_missions(tmp_path, problem.place, problem.chosen_footprint, vehicle=vehicle)
@@ -68,9 +70,57 @@ def test_plan_simulation_timeline_and_missions_agree(seed, tmp_path):
     assert not {one.rule for one in check.diagnostics} - {"transit", "homes-near"}
 
 
+def narrow_problem(rng, kind):
+    """Return a problem with more robots than a narrow region has room for, so that most of them depart late, or have no mission."""
+    width, length, angle = rng.uniform(7, 14), rng.uniform(20, 90), rng.uniform(0, 180)
+    strip = shapely.affinity.rotate(shapely.box(0, 0, length, width), angle)
+    region = region_of(strip, frame=LocalFrame(18.4, 60.1), name="strip")
+    options = {"vehicle": ("multirotor,wind_speed=3,wind_from=200", "rover", "multirotor")[kind]}
+    if kind == 2:
+        reach = 1.3 * length
+        middle = np.array(strip.centroid.coords[0])
+        options |= {
+            "launch": [(float(middle[0] + reach), float(middle[1] + 4.0 * robot)) for robot in range(3)],
+            "stay_inside": True,
+        }
+    return SearchProblem(region, robots=3 if kind == 2 else int(rng.integers(3, 5)), footprint=8.0, **options)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_vehicles_that_depart_late_fly_their_own_missions(seed, tmp_path):
+    """Other vehicles took waiting ones for lost, and the headline came before the last missions had begun."""
+    problem = narrow_problem(np.random.default_rng([43, seed]), seed % 3)
+    folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
+    episode = folder.run(seed=seed)
+    folder.write(episode.plan)
+    assert episode.plan.delays.any()
+    check = check_missions(tmp_path, problem.place, 8.0, vehicle=vehicle_of(problem.vehicle))
+    assert [one["duration_s"] for one in check.flights] == pytest.approx(
+        [one.duration(episode.plan.vehicle) for one in folder.missions], abs=0.05
+    )
+    back = max((one.start or 0.0) + one.duration(episode.plan.vehicle) for one in folder.missions)
+    assert episode.makespan == episode.plan.planned_seconds == pytest.approx(back)
+    assert episode.trace.takeovers == 0
+    for robot, log in enumerate(episode.trace.robots):
+        assert log.cells.tolist() == episode.plan.stops(robot).tolist()
+    assert {one.robot for one in folder.missions} == {robot for robot, log in enumerate(episode.trace.robots, 1) if log.cells.size}
+
+
+def test_a_vehicle_lost_before_its_late_departure_is_replaced():
+    """That robots wait for the planned departure of another one does not mean that they wait for a dead one."""
+    given = {"robots": 2, "footprint": 10.0, "delays": (0.0, 500.0)}
+    well = run(SearchProblem("rectangle:80x20", **given))
+    assert [log.cells.size for log in well.trace.robots] == [8, 8]
+    assert well.trace.takeovers == 0
+    lost = run(SearchProblem("rectangle:80x20", faults=(Crash(2, 20.0),), **given))
+    assert lost.status == "complete"
+    assert lost.trace.robots[0].cells.size == 16
+    assert lost.trace.covered_at < well.trace.covered_at
+
+
 def test_the_timeline_ends_at_the_headline(tmp_path):
     problem = random_problem(np.random.default_rng(5), 1)
-    episode = MissionFolder(tmp_path, problem, MissionOptions()).run(problem, seed=1)
+    episode = MissionFolder(tmp_path, problem, MissionOptions()).run(seed=1)
     words = " ".join(text.get_text() for text in timeline_figure(episode).axes[0].texts)
     assert "all searched" in words
     assert duration_text(episode.makespan) in episode.reason
@@ -96,7 +146,7 @@ def test_round_corners_of_a_margin_take_no_stop_each(meadow, tmp_path):
     vehicle = f"multirotor,cruise_speed=8,endurance=22,{CAMERA}0.3"
     problem = SearchProblem(str(meadow), robots=2, vehicle=vehicle, margin=5.0, launch="8.4998,47.3999;8.5,47.3998")
     folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
-    episode = folder.run(problem, seed=0)
+    episode = folder.run(seed=0)
     folder.write(episode.plan)
     assert max(one.duration(episode.plan.vehicle) for one in folder.missions) <= 180
     fixed = plan_search(problem.replaced(tour="spanning-tree").at_place(problem.place))
@@ -109,7 +159,7 @@ def test_what_a_camera_sees_is_one_figure(meadow, tmp_path):
     vehicle = f"multirotor,cruise_speed=8,endurance=22,{CAMERA}0.3"
     problem = SearchProblem(str(meadow), robots=3, vehicle=vehicle)
     folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
-    episode = folder.run(problem, seed=0)
+    episode = folder.run(seed=0)
     folder.write(episode.plan)
     check = check_missions(tmp_path, str(meadow), problem.chosen_footprint, vehicle=vehicle)
     assert check.coverage.covered_fraction == pytest.approx(episode.coverage.covered_fraction, abs=1e-5)

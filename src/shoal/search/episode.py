@@ -115,14 +115,16 @@ class SearchEpisode(Episode):
     def _back(self) -> float:
         """Time in seconds at which the last working vehicle is back, by the flights along the cells that the vehicles searched."""
         plan, times = self.plan, []
+        if self._faultless:
+            return plan.planned_seconds
         for robot, log in enumerate(self.trace.robots):
             if not log.cells.size or log.status == "dead":
                 continue
-            if self._faultless or (not any(log.detours) and np.array_equal(log.cells, plan.stops(robot))):
+            if not any(log.detours) and np.array_equal(log.cells, plan.stops(robot)):
                 sorties = plan.sorties[robot]
             else:
                 sorties = plan.sorties_along(robot, log.cells, log.detours, cells=float(log.times[-1]))
-            times.append(end_of(sorties) + (0.0 if self._faultless else self._waited(log) * plan.cell_seconds))
+            times.append(end_of(sorties) + self._waited(log) * plan.cell_seconds)
         return max(times, default=0.0)
 
     @property

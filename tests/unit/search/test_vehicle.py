@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.plan import plan_search
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.pace import turn_cells, working_seconds
-from shoal.search.flight.timing import trajectory
+from shoal.search.flight.timing import trajectory, turn_shares
 from shoal.search.flight.vehicle import PRESETS, Vehicle, vehicle_of
 from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.problem import SearchProblem
@@ -46,7 +46,7 @@ def test_presets_stand_for_themselves(preset):
 
 
 BAD = [
-    ("d.toml", "cruise_speed = ", "d.toml: expected TOML, got something else"),
+    ("d.toml", "cruise_speed = ", "d.toml: expected TOML in UTF-8, with each key once, got something else"),
     ("d.toml", "cruise_speed = -3", "d.toml: cruise_speed: expected a number, above 0 and at most 100, got -3"),
     ("d.toml", 'cruise_speed = "fast"', "d.toml: cruise_speed: expected a number"),
     ("d.toml", "cruise_sped = 3", "d.toml: cruise_sped: expected no such field, got 3 (did you mean 'cruise_speed'?)"),
@@ -215,3 +215,37 @@ def test_legs_shorter_than_the_acceptance_radius_are_merged_outside_the_curve():
     assert (merged_way[[0, -1]] == way[[0, -1]]).all()
     assert shapely.intersection(shapely.linestrings(merged_way), zone.buffer(-0.005)).is_empty
     assert shapely.hausdorff_distance(shapely.linestrings(merged_way), shapely.linestrings(way), densify=0.01) < 0.2
+
+
+def test_a_short_leg_at_an_end_of_a_way_becomes_longer_where_a_zone_is_in_the_way():
+    """A way home that began with a leg of 0.27 m around a zone kept this leg, though the acceptance radius was 1 m."""
+    way = np.array([[4.151, -29.965], [4.143, -29.696], [5.384, -21.892], [9.076, -14.679], [60.0, 20.0]])
+    zone = shapely.Polygon([[4.17, -29.965], *way[1:4], [40.0, -20.0]]).buffer(-0.001)
+    for there in (way, way[::-1]):
+        flight = Flight(vehicle_of("multirotor"), there[-1], link=40.0, blocked=zone)
+        found = flight.lengthened(there)
+        assert np.hypot(*np.diff(found, axis=0).T).min() > 1.0
+        assert (found[[0, -1]] == there[[0, -1]]).all()
+        assert shapely.intersection(shapely.linestrings(found), zone.buffer(-0.005)).is_empty
+        open_way = Flight(vehicle_of("multirotor"), there[-1], link=40.0).lengthened(there)
+        assert len(open_way) == len(there) - 1
+
+
+def test_a_start_and_a_stop_take_their_time_also_without_motion():
+    """The home and the waypoint of a mission of one point differed by rounding in a plan, and not in the file: 2 s and 0 s."""
+    vehicle = vehicle_of("rover")
+    still, rounded = (trajectory([(0, 0, 0), (off, 0, 0), (0, 0, 0)], vehicle).duration for off in (0.0, 1e-9))
+    assert still == pytest.approx(rounded)
+    assert still == vehicle.turn_seconds > 0
+
+
+def test_no_bend_takes_less_than_no_time():
+    """Rounding made the time that is lost in a bend -7e-15 turns, and a search was refused because of it."""
+    for seed in (*range(40), 104, 757, 1078, 1242):
+        rng = np.random.default_rng(seed)
+        count = int(rng.integers(4, 30))
+        headings = np.radians(np.cumsum(rng.uniform(-40, 40, count) * rng.integers(0, 2, count)))
+        legs = rng.choice([0.3, 1, 5, 30.0], count)[:, None] * np.column_stack([np.cos(headings), np.sin(headings)])
+        way = np.vstack([[0, 0], np.cumsum(legs, axis=0)])
+        shares = turn_shares(way, reach=float(rng.choice([0.1, 1, 5, 20])), cut=float(rng.choice([0.3, 1.0])))
+        assert shares.min() >= 0

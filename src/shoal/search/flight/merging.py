@@ -60,7 +60,8 @@ def lengthened(points: Points, least: float, allowed: Callable[[Points], bool]) 
 
     A vehicle counts a waypoint as reached at the acceptance radius, so it would skip the end of a shorter leg. On a curve, a short
     leg is replaced by the point where the legs before and after it meet, so the new path leads outside the curve, not across it.
-    Elsewhere, the path omits one end of a short leg.
+    Elsewhere, the path omits one end of a short leg. Beside an end of the path, where the path around an obstacle has no room for
+    this, the short leg becomes longer.
 
     Parameters
     ----------
@@ -80,28 +81,36 @@ def lengthened(points: Points, least: float, allowed: Callable[[Points], bool]) 
     way = points[:, :2].tolist()
     ups = points[:, 2].tolist() if points.shape[1] == 3 else [0.0] * len(way)
     refused: set[tuple[float, ...]] = set()
-    k = 1
-    while k + 1 < len(way):  # the leg from k to k + 1
+    k = 0
+    while k + 1 < len(way) > 2:  # the leg from k to k + 1
         here, then = way[k], way[k + 1]
         length = math.dist(here, then)
         key = (*here, *then)
-        level = ups[k - 1] == ups[k] == ups[k + 1] and (k + 2 >= len(way) or ups[k + 2] == ups[k])
-        if not 0 < length < least or not level or key in refused:
+        first, last = k == 0, k + 2 >= len(way)
+        if not 0 < length < least or len({*ups[max(k - 1, 0) : k + 3]}) > 1 or key in refused:
             k += 1
             continue
-        last = k + 2 >= len(way)
-        options = [] if last else [([met], 2) for met in _meeting(way[k - 1], here, then, way[k + 2], least)]
-        options += [([then], 2)] if last else [([then], 2), ([here], 2)]
-        for instead, gone in options:
-            piece = [way[k - 1], *instead, *way[k + gone : k + gone + 1]]
-            if allowed(np.array(piece)):
-                way[k : k + gone], ups[k : k + gone] = instead, [ups[k]] * len(instead)
-                k = max(k - 1, 1)
+        if first:
+            options = [[here], [here, _beyond(here, then, least)]]
+        elif last:
+            options = [[then], [_beyond(then, here, least), then]]
+        else:
+            options = [[met] for met in _meeting(way[k - 1], here, then, way[k + 2], least)] + [[then], [here]]
+        for instead in options:
+            if allowed(np.array([*way[max(k - 1, 0) : k], *instead, *way[k + 2 : k + 3]])):
+                way[k : k + 2], ups[k : k + 2] = instead, [ups[k]] * len(instead)
+                k = max(k - 1, 0)
                 break
         else:
             refused.add(key)
     made = np.array(way)
     return np.column_stack([made, ups]) if points.shape[1] == 3 else made
+
+
+def _beyond(here: list[float], then: list[float], least: float) -> list[float]:
+    """Return the point just beyond the length ``least`` on the leg from ``here`` through ``then``."""
+    share = (1 + 1e-6) * least / math.dist(here, then)
+    return [here[0] + share * (then[0] - here[0]), here[1] + share * (then[1] - here[1])]
 
 
 def _meeting(before: list[float], here: list[float], then: list[float], after: list[float], least: float) -> list[list[float]]:

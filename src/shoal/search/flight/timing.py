@@ -87,7 +87,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) 
         pauses[1:-1] = turning * turn_shares(
             points, reach=vehicle.cruise * turning, cut=vehicle.acceptance_radius or CUT, still=STILL
         )
-    pauses[[0, -1]] = turning / 2 if legs.any() else 0.0
+    pauses[[0, -1]] = turning / 2  # also without motion, so that the rounding of coordinates in files makes no difference
     stands = pauses > 0
     arrivals = np.concatenate([[0.0], np.cumsum(legs)]) + np.concatenate([[0.0], np.cumsum(pauses[:-1])])
     times = np.stack([arrivals, arrivals + pauses], axis=1)
@@ -188,7 +188,7 @@ def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float 
     slower = np.maximum(2 * top - one - other - (2 * top**2 - one**2 - other**2) / 2, 0.0)
     lost += (slower[:-1] + slower[1:]) / 2
     lost[0], lost[-1] = lost[0] + slower[0] / 2, lost[-1] + slower[-1] / 2
-    shares[here[1:] - 1] = stops + lost
+    shares[here[1:] - 1] = stops + np.maximum(lost, 0.0)  # rounding can make it negative
     return shares
 
 

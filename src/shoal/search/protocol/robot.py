@@ -9,7 +9,8 @@ searched its own part is idle. Idle robots divide the remaining cells of silent 
 
 A robot without work waits while other robots work. A waiting robot starts to search again at the last moment at which it can still
 search all unsearched cells alone before its deadline. The deadline is the time at which the robot would finish if it searched the
-whole tour alone, beginning when it first divides the tour. For this reason, a single surviving robot searches all cells by its
+whole tour alone, beginning when it first divides the tour or, if all departures are planned, when the others should have finished.
+For this reason, a single surviving robot searches all cells by its
 deadline, even if all messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete as long as
 one robot is alive.
 
@@ -52,6 +53,7 @@ from shoal.search.tours.bitset import bits_to_array, bitset_of, next_in
 __all__ = ["LOOK", "Brief", "Robot", "advance"]
 
 _HELLOS = 8  # minimum number of beacons that a robot sends during the time ``Brief.hello``
+_NEWS = 2.0  # beacon periods until the news of the last searched cell has arrived
 
 
 Decision = tuple[Robot, Action | None, float]
@@ -187,10 +189,47 @@ def _allotted(robot: Robot, time: float) -> Robot:
     own = next(index for index, part in enumerate(parts) if part.robot == robot.number)
     allotted = robot.but(parts=parts, own=own, status="searching", allotted_to=len(known), allotted_at=time)
     rest = reachable(allotted, -inf)[0] & ~(settled(allotted, -inf) | allotted.mine)
-    last = time + _alone(allotted, rest, robot.cell, robot.fresh) / robot.rate
+    last = max(time + _alone(allotted, rest, robot.cell, robot.fresh) / robot.rate, _after_others(allotted, known))
     if robot.status == "listening":
         return allotted.but(deadline=last)
     return allotted if last <= robot.deadline + 1e-9 else robot.but(allotted_to=len(known))
+
+
+def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> float:
+    """Return when a robot would finish if it searched everything after all others should be done; 0 without planned departures.
+
+    A robot that waits for its planned departure is not dead: nobody searches its part for it as long as it may be on time. The
+    mapping ``known`` gives the start, the rate and the width of each robot.
+    """
+    brief, n, end, theirs = robot.brief, len(robot.brief.tour_cost), 0.0, 0
+    for own, part in enumerate(robot.parts if brief.delays else ()):
+        start, rate, width = known[part.robot]
+        other = robot.but(number=part.robot, start=start, width=width, own=own, cell=start, at_launch=True, fresh=True)
+        bits = _bits(_arcs_to_search(other), n)
+        if bits and own != robot.own:
+            cost = _alone(other, bits, start, True)
+            end = max(end, robot.began + brief.listening(part.robot) + _lasting(brief, cost, rate))
+            theirs |= bits
+    if not theirs:
+        return 0.0
+    mine = _arcs_to_search(robot)
+    here = (mine[-1].first + mine[-1].step * (mine[-1].count - 1)) % n if mine else robot.cell
+    after = robot.but(at_launch=robot.at_launch and not mine)
+    cost = max(_alone(robot, brief.everything, robot.cell, robot.fresh), _alone(after, theirs, here, not mine))
+    return end + _NEWS * brief.beat + cost / robot.rate
+
+
+def _lasting(brief: Brief, cost: float, rate: float) -> float:
+    """Return an upper bound of the time for a cost in cells, with the flights home and the charges in between."""
+    charges = int(2 * cost // brief.energy)  # the way home is at most as long as the way so far
+    return (cost + (charges * brief.energy if charges else 0.0)) / rate + charges * brief.recharge
+
+
+def _bits(arcs: list[Arc], n: int) -> int:
+    bits = 0
+    for arc in arcs:
+        bits |= arc.bits(n)
+    return bits
 
 
 def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:

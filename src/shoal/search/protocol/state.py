@@ -40,7 +40,7 @@ class Brief:
     ways_out : WaysOut, optional
         Distances from launch points outside the region to cells.
     delays : tuple of float
-        Departure delay of each robot, in the order of the robots' numbers, or an empty tuple if no robot has a delay.
+        Departure delay of each robot, in the order of the robots' numbers, or an empty tuple if no departures are planned.
     """
 
     tour_cost: TourCost

@@ -167,7 +167,7 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         energy=working_seconds(vehicle) * float(plan.rates.min()) / cell,
         recharge=(vehicle.recharge_seconds + climbing_seconds(vehicle)) / cell,
         ways_out=plan.ways_out,
-        delays=tuple((plan.delays / cell).tolist()) if plan.delays.any() else (),
+        delays=tuple((plan.delays / cell).tolist()) if plan.delays.any() or plan.schedule is not None else (),
     )
     cells = np.arange(len(plan.tour_cost))
     return Scenario(

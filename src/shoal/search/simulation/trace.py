@@ -212,7 +212,8 @@ def _with_recharging(
 
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
     """Simulate a scenario, and return the trace of the search."""
-    world = SearchWorld(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
+    late = max(scenario.brief.delays, default=0.0)
+    world = SearchWorld(scenario).run(until=late + _HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
     logs = tuple(
         RobotLog(
             cells=np.array([cell for _, cell in vehicle.visits], dtype=np.int64),
