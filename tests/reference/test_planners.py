@@ -135,7 +135,10 @@ def test_worst_cases_of_the_square():
     for _ in range(60):
         points = adversarial(rng)
         episode = steer(SteeringProblem(SQUARE, points[:2], points[2:]))
-        assert episode.status in ("solved", "approachable")
+        # Only where something is nearer to a wall or to the other particle than the clearance has room, a plan may be sensitive.
+        apart = np.concatenate([points[[0, 2]] - points[[1, 3]], points, 1 - points])
+        narrow = ((np.abs(apart) > 0) & (np.abs(apart) < 3e-6)).any()
+        assert episode.status in ("solved", "approachable", *(["sensitive"] if narrow else []))
         assert episode.error <= 1e-6
         assert replayed_error(SQUARE, episode) <= 1e-6
         assert episode.length < np.sqrt(2) + 2 + 1e-6
