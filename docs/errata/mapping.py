@@ -55,8 +55,8 @@ def _probes() -> tuple[str, bool]:
 @erratum(
     "paper M, section III.B.1",
     "as long as all free cells are connected, depth-first search is the optimal solution to mapping with one particle",
-    "depth-first search takes at most twice the smallest number of moves, as the following sentences of the paper say, but it is not "
-    "optimal: for every order in which it tries the directions, it takes more moves than necessary from some start in a row of "
+    "depth-first search takes at most twice the smallest number of moves, as the following sentences of the paper say, but it is "
+    "not optimal: for every order in which it tries the directions, it takes more moves than necessary from some start in a row of "
     "four cells",
     "a program computes the smallest number of moves that map a row of four cells, by a breadth-first search over all states, and "
     "the number of moves of depth-first search, for all starts and all 24 orders of the directions",

@@ -45,7 +45,7 @@ def lasting(seconds: float) -> str:
 def shown(page: Page, **fields: Any) -> None:
     """The plan on the page is that of the library: its time, and each robot's."""
     plan = plan_search(SearchProblem(**{"footprint": 10, "robots": 2, "vehicle": "multirotor", **fields}), seed=1)
-    planned(page).get_by_text(f"searched in {lasting(plan.seconds(plan.allocation.makespan))}").wait_for()
+    planned(page).get_by_text(f"searched in {lasting(plan.planned_seconds)}").wait_for()
     for time, row in zip(plan.allocation.times, page.locator(".fleet button").all(), strict=True):
         assert lasting(plan.seconds(float(time))) in row.inner_text()
 

@@ -52,7 +52,7 @@ def test_missions_of_thin_regions_are_written(kind, vehicle, tmp_path):
     made = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
     episode = made.run(seed=0)
     assert episode.coverage.covered_fraction > 0.9999
-    assert [path.suffix for path in made.write(episode.plan)] == [".plan", ".png"]
+    assert [path.suffix for path in made.write(episode.plan)] == [".plan", ".txt", ".png"]
 
 
 @pytest.mark.parametrize(("width", "height"), [(10, 8), (8, 10), (19, 61), (61, 19), (0.01, 300)])

@@ -138,7 +138,7 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     >>> run("ring:60x30", robots=3, footprint=10).status.done
     True
     >>> run("square", start=[(0.2, 0.5), (0.4, 0.5)], goal=[(0.3, 0.5), (0.4, 0.5)]).moves
-    3
+    2
     """
     options = {name: fields.pop(name) for name in ("trial", "stepwise", "on_moves", "on_trace") if name in fields}
     if not isinstance(problem, Problem):

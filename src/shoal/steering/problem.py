@@ -156,7 +156,8 @@ class SteeringProblem(Problem):
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
-        None, help="Time limit of the planner. At the time limit, Shoal takes the best plan so far.", unit="s", above=0, metavar="SECONDS",
+        None, help="Time limit of the planner. At the time limit, Shoal takes the best plan so far.",
+        unit="s", above=0, metavar="SECONDS",
     )  # fmt: skip
     max_moves: int = option(100, help="Maximum number of moves of a plan.", least=1)
     friction: float = option(

@@ -61,7 +61,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     >>> from shoal.steering import SteeringProblem
     >>> episode = run(SteeringProblem("square", [(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)]))
     >>> str(episode.status), episode.planner, episode.moves, round(episode.length, 3)
-    ('solved', 'shortest', 3, 0.6)
+    ('solved', 'shortest', 2, 0.6)
     """
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()

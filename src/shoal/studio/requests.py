@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from shoal.core.checks import DEEPEST, check_depth, shortened
+from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
 MOST_DIGITS = 19
 """Maximum number of digits of a whole number in a request. A larger seed arrives as text."""
 
 
-class Field(NamedTuple):
+@dataclass(frozen=True)
+class Field:
     """A field of a request: the types of its value, and whether the request must have the field."""
 
     kinds: tuple[type, ...]

@@ -54,7 +54,9 @@ class Transits:
         places = np.vstack([launches, landings])
         holes = [shapely.Polygon(hole) for part in shapely.get_parts(region.outline) for hole in part.interiors]
         there = shapely.multipoints(places)
-        barred = shapely.union_all([region.barred, *(hole for hole in holes if not hole.intersects(there))])
+        # No path to a place or to a part of the region inside a hole avoids the hole.
+        crossed = [hole.intersects(there) or hole.intersection(region.outline).area > 0 for hole in holes]
+        barred = shapely.union_all([region.barred, *(hole for hole, open_ in zip(holes, crossed, strict=True) if not open_)])
         low, high = np.array(region.outline.union(there).bounds).reshape(2, 2)
         room = _ROOM * float((high - low).max()) + 2 * region.margin
         around = shapely.box(*(low - room), *(high + room))

@@ -221,6 +221,8 @@ def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> 
 
 def _lasting(brief: Brief, cost: float, rate: float) -> float:
     """Return an upper bound of the time for a cost in cells, with the flights home and the charges in between."""
+    if cost == inf:  # nobody can reach the cells
+        return inf
     charges = int(2 * cost // brief.energy)  # the way home is at most as long as the way so far
     return (cost + (charges * brief.energy if charges else 0.0)) / rate + charges * brief.recharge
 

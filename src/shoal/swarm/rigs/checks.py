@@ -528,7 +528,7 @@ def wilson(events: int, trials: int, sigmas: float = INTERVAL_SIGMAS) -> tuple[f
     Examples
     --------
     >>> [round(bound, 3) for bound in wilson(5, 100)]
-    [0.014, 0.165]
+    [0.013, 0.175]
     """
     share, square = events / trials, sigmas * sigmas
     centre = (share + square / (2 * trials)) / (1 + square / trials)

@@ -188,7 +188,7 @@ def drive(
     >>> from shoal.swarm.rigs import SimulatedRig
     >>> result = drive(SimulatedRig(GridWorkspace([[1, 1, 1, 1]]), [(0, 0)]), policy="closest-frontier")
     >>> result.status, result.commands, result.episode.verify().ok
-    (<Status.COMPLETE: 'complete'>, 'lururururdldldld', True)
+    (<Status.COMPLETE: 'complete'>, 'lururururdldldldr', True)
     >>> result.trust.level, result.alarms
     ('high', ())
     """

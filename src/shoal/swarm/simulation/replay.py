@@ -110,7 +110,9 @@ class ExactReplay:
                 mapping=self.task.mapping, n_free=self.world.workspace.n_free, rng=trial_rng(0), scanning=None,
             )  # fmt: skip
             trace, _ = compiled_loop(game, self.trace.moves, scanned=self.trace.scanned)
-            return End(*game.final, trace, first)
+            if trace.moves == self.trace.moves:
+                return End(*game.final, trace, first)
+            state, belief = self._begin()  # compiled code stops at completion, but a drive of a rig ends with closing moves
         swarm, recorder = ExactSwarm(self.world, self.task, state, belief), Recorder()
         for command, scanned in zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True):
             recorder.add(command, swarm.carry_out(command, 1)[0], scanned=scanned)
