@@ -19,7 +19,7 @@ from tests.browser.waiting import until
 import shoal
 from shoal.cli import run as run_command
 from shoal.search import SearchProblem, open_region
-from shoal.search.allocation.plan import plan_search
+from shoal.search.allocation.plan import end_of, plan_search
 from shoal.search.regions.projection import LocalFrame
 
 pytestmark = pytest.mark.browser
@@ -46,8 +46,8 @@ def shown(page: Page, **fields: Any) -> None:
     """The plan on the page is that of the library: its time, and each robot's."""
     plan = plan_search(SearchProblem(**{"footprint": 10, "robots": 2, "vehicle": "multirotor", **fields}), seed=1)
     planned(page).get_by_text(f"searched in {lasting(plan.planned_seconds)}").wait_for()
-    for time, row in zip(plan.allocation.times, page.locator(".fleet button").all(), strict=True):
-        assert lasting(plan.seconds(float(time))) in row.inner_text()
+    for sorties, row in zip(plan.sorties, page.locator(".fleet button").all(), strict=True):
+        assert lasting(end_of(sorties)) in row.inner_text()
 
 
 def shapefile(folder: Path) -> list[Path]:
