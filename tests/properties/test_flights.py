@@ -21,13 +21,13 @@ TURNED = 773  # a plan in whose file rounding turns a leg of 1.4 m by .04 degree
 def test_no_mission_is_longer_than_its_battery_and_no_turn_narrower_than_its_radius(tmp_path):
     """A thousand: python -m benchmarks.endurance."""
     shares, narrow, refused = [], [], 0
-    for seed in (*range(15), TURNED):
+    for seed in (*range(7), TURNED):
         found = judged(seed, tmp_path / str(seed))
         refused += found is None
         if found is not None:
             shares += found[0]
             narrow += found[1]
-    assert refused < 3
+    assert refused < 2
     assert max(shares) <= 1
     assert np.mean(np.array(shares) > 0.98) > 0.2, "batteries are used"
     assert not narrow
