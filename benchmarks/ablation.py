@@ -22,23 +22,17 @@ from shoal.swarm.policies import Policy
 # What the mechanism is without: another planner, or the fields of Tuning that switch it off.
 MECHANISMS: dict[str, str | dict[str, float]] = {
     "all mechanisms except the choice of the next command": "greedy-classify",
-    "the extensions of rollout": "rollout",
     "prediction": {"prediction_layers": 0},
     "prediction beyond 12 layers": {"prediction_layers": 12, "joint_chance": 0},
-    "joint chance": {"joint_chance": 0},
     "lattices": {"lattices": 0},
     "learned prior": {"learned": 0},
     "beam": {"beam_leaves": 0},
     "runs": {"run_candidates": 0},
-    "variations": {"variations": 0},
-    "careful completion": {"left_behind_cost": 0},
     "extrapolation": {"future_weight": 0},
     "higher weight of the cells that a plan classifies early while there are many surprises": {"surprise_weight": 0},
-    "shorter horizon with surprises": {"surprise_shrink": 0},
     "simulation to the end if predictions are reliable": {"end_surprise": 0},
     "simulation to the end if few frontier cells are left": {"end_frontier": 0},
     "far sight": {"far_surprise": 0},
-    "separate horizon of plans that are not simulated to the end": {"near_horizon": 300},
 }
 
 

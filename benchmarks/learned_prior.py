@@ -20,9 +20,10 @@ from shoal.swarm import GridWorkspace, make_policy
 from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.kernels.prediction.learned_prior import KINDS, MOST_ODDS, ODDS, RADIUS, SHIFT, SPAN, learn_bias, learned_chance
-from shoal.swarm.kernels.prediction.occupancy_prior import LEARNED, around, learn, steps_of, weigh
+from shoal.swarm.kernels.planning.learned_prior import KINDS, MOST_ODDS, ODDS, RADIUS, SHIFT, SPAN, learn_bias, learned_chance
+from shoal.swarm.kernels.planning.prediction import LEARNED, around, learn, steps_of, weigh
 from shoal.swarm.maps.generators import vessels
+from shoal.swarm.policies import BeamRollout
 from shoal.swarm.policies.planners.learned_weights import CHANCES, TURNS, WEIGHTS
 from shoal.swarm.policies.planners.state import new_prior
 from shoal.swarm.simulation.compiled import PlannerGame
@@ -99,6 +100,12 @@ KINDS_OF_MAPS = {  # what draws them, and how often
 }
 
 
+class Counting(BeamRollout):
+    """The planner without what is trained here."""
+
+    tuning = BeamRollout.tuning._replace(learned=0)
+
+
 def game_on(free, rng):
     """Return (an episode that has not begun, its cells that are free), with any share of particles."""
     free = np.rot90(free[:, ::-1] if rng.random() < 0.5 else free, rng.integers(4))
@@ -107,7 +114,7 @@ def game_on(free, rng):
     world = GridWorld(workspace)
     state = world.initial(workspace.cells[rng.choice(workspace.n_free, size=n, replace=False)])
     belief = make_task("mapping").begin(world, state, None)
-    policy = make_policy("rollout:budget=30")  # which does not ask what is trained here
+    policy = Counting(budget=30)
     game = PlannerGame(policy, world.free, state, belief, rule="block", mapping=True, rng=rng)
     return game, world.layout, world.layout.unpack(world.free.words)
 

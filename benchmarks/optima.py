@@ -15,7 +15,7 @@ from shoal.swarm.policies.planners.offline import plan_coverage
 from shoal.swarm.theory.bounds import lower_bound
 from shoal.swarm.theory.optima import optimum
 
-POLICIES = ("best", "rollout", "closest-frontier")
+POLICIES = ("best", "greedy-classify", "closest-frontier")
 
 
 def main() -> None:

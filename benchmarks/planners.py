@@ -1,7 +1,7 @@
 """python -m benchmarks.planners: planners against closest-frontier, on the same starts, with the gap to the lower bounds.
 
-Options: --trials N, --few-trials N (at n = 100), --counts 100,500, --maps htree:5000,retina, --policies best,rollout (or a
-name of VARIANTS), --tasks mapping,coverage,subset-coverage.
+Options: --trials N, --few-trials N (at n = 100), --counts 100,500, --maps htree:5000,retina, --policies
+best,no-beam (names of policies or of VARIANTS), --tasks mapping,coverage,subset-coverage.
 """
 
 from __future__ import annotations
@@ -32,9 +32,7 @@ def variant(name: str, **changed: float) -> Policy:
 
 
 VARIANTS = {
-    "no-careful-completion": {"left_behind_cost": 0},
     "no-beam": {"beam_leaves": 0},
-    "no-variations": {"variations": 0},
     "no-runs": {"run_candidates": 0},
     "no-prediction": {"prediction_layers": 0},
     "prediction-of-12-cells": {"prediction_layers": 12, "joint_chance": 0},

@@ -12,7 +12,7 @@ from shoal.swarm import GridWorkspace
 from shoal.swarm.maps.generators import generate
 
 MAPS = ("line:{a}", "rectangle:{b}x{c}", "htree:{a}", "maze:{b}x{c}:{s}", "cave:{b}x{c}:{s}", "vessels:{d}:{s}", "noise")
-POLICIES = ("best", "rollout", "greedy-classify", "best:budget=20", "rollout:budget=20")
+POLICIES = ("best", "greedy-classify", "best:budget=20")
 TASKS = ("mapping", "coverage", "subset-coverage")
 RULES = ("block", "merge")
 

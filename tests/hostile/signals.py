@@ -15,7 +15,7 @@ from pathlib import Path
 
 COMMANDS = (
     "--help", "map vessels:3000 --particles 200 --out {out}", "map cave:60x60 --particles 50 --film {out}/a.gif", "maps",
-    "map vessels:20000 --particles 500 --policy rollout --out {out}", "cover maze:21x21 --particles 9 --out {out}",
+    "map vessels:20000 --particles 500 --policy best --out {out}", "cover maze:21x21 --particles 9 --out {out}",
     "steer {in}/steer.json --planner shortest --out {out}", "reach square --out {out}",
     "search square:800 --robots 5 --footprint 10 --missions {out}/missions --out {out}",
     "tour spanning-tree cave:64x48 --out {out}", "line --cells 1000 --particles 100 --monte-carlo 1000000 --out {out}",

@@ -7,8 +7,7 @@ import pytest
 from tests.reference import plain
 from tests.reference.test_planner_pieces import plain_copy, scene_of
 
-from shoal.swarm.kernels.planning import anneal
-from shoal.swarm.kernels.prediction import forward_model
+from shoal.swarm.kernels.planning import anneal, forward_model
 
 EVERY = 4
 

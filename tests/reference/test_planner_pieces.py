@@ -16,12 +16,11 @@ from shoal.swarm.grid.trace import Trace
 from shoal.swarm.kernels.dynamics import steps
 from shoal.swarm.kernels.dynamics.bits import has
 from shoal.swarm.kernels.dynamics.moves import LEFT, RIGHT, UP
-from shoal.swarm.kernels.planning import completion, frontier_paths
-from shoal.swarm.kernels.planning.rollout import prepare
-from shoal.swarm.kernels.prediction import forward_model, learned_prior, occupancy_prediction, occupancy_prior
+from shoal.swarm.kernels.planning import forward_model, learned_prior, plan_search, prediction
+from shoal.swarm.kernels.planning.plan_search import prepare
 from shoal.swarm.kernels.search.frontier_search import ahead, opposite
 from shoal.swarm.policies import BeamRollout
-from shoal.swarm.policies.planners import learned_weights, state
+from shoal.swarm.policies.planners import learned_weights
 from shoal.swarm.policies.planners.state import planner_of
 from shoal.swarm.simulation.compiled import PlannerGame
 
@@ -48,8 +47,8 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
     tallies = planner.prior.tallies
     tallies[:, 0] = rng.integers(0, 6, len(tallies))
     tallies[:, 1] = rng.integers(0, 1 + tallies[:, 0])
-    weights = rng.random(occupancy_prior.EXPERTS) * rng.integers(0, 2, occupancy_prior.EXPERTS) + 1e-9
-    weights[occupancy_prior.LEARNED] *= len(shape) == 2  # it has seen maps of two dimensions only
+    weights = rng.random(prediction.EXPERTS) * rng.integers(0, 2, prediction.EXPERTS) + 1e-9
+    weights[prediction.LEARNED] *= len(shape) == 2  # it has seen maps of two dimensions only
     planner.prior.weights[:] = weights / weights.sum()
     field = field_of(world.free.words, state, belief)
     prepare(field, task == "mapping", planner)
@@ -123,7 +122,7 @@ def test_way_to_the_frontier(shape):
     for seed in range(6):
         layout, planner, _, _, _, _ = scene_of(shape, seed, moves=seed)
         distances = distances_of(layout, planner)
-        length = frontier_paths.path_to_nearest(planner.scene, planner.root, planner.planes, planner.trial, np.int64(0), 500)
+        length = forward_model.path_to_nearest(planner.scene, planner.root, planner.planes, planner.trial, np.int64(0), 500)
         nearest = distances[distances > 0].min(initial=10**6)
         assert length == (0 if nearest == 10**6 else nearest)
         settled = 0
@@ -164,11 +163,11 @@ class Plain:
 
     def learn(self, around, row, column, free, told):
         """Ask all manners and the learned expert, weigh them, then count the cell once in every tally that any manner asks."""
-        chains = [self.chain(manner, around, row, column) for manner in range(occupancy_prior.MODELS)]
-        chances = [self.chance(manner, around, row, column) for manner in range(occupancy_prior.MODELS)] + [told]
+        chains = [self.chain(manner, around, row, column) for manner in range(prediction.MODELS)]
+        chances = [self.chance(manner, around, row, column) for manner in range(prediction.MODELS)] + [told]
         weighed = [weight * (likely if free else 1 - likely) for weight, likely in zip(self.weights, chances, strict=True)]
         having = sum(weight > 0 for weight in weighed)
-        share = occupancy_prior.DEALT
+        share = prediction.DEALT
         self.weights = [(1 - share) * weight / sum(weighed) + share / having if weight > 0 else 0.0 for weight in weighed]
         for name in {name for chain in chains for name in chain}:
             cells, opened = self.tallies.get(name, (0, 0))
@@ -194,14 +193,14 @@ def test_experience(shape):
     learnt, network = planner.prior, planner.learned
     learnt.tallies[:], learnt.weights[:] = 0, (0.2, 0.1, 0.0, 0.3, 0.4)
     if len(shape) == 3:
-        learnt.weights[occupancy_prior.LEARNED] = 0  # it has seen maps of two dimensions only
+        learnt.weights[prediction.LEARNED] = 0  # it has seen maps of two dimensions only
     plainly = Plain(layout, learnt.weights)
     for command in rng.integers(0, 2 * len(shape), 12):
         learnt.before[:] = field.known
         state = states(layout, learnt.before, field.open)
         steps.step(field, command, 0, True)
         bias = network.bias[0]
-        occupancy_prior.learn_from_command(field, learnt, network, command)
+        prediction.learn_from_command(field, learnt, network, command)
         learnt_bias, network.bias[0] = network.bias[0], bias
         for i, word in enumerate(field.known & ~learnt.before):
             for bit in range(64):
@@ -244,20 +243,20 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
         return np.int64(64 * layout.words[1] * row + column)
 
     def told(row, column):
-        if learnt.weights[occupancy_prior.LEARNED] <= occupancy_prior.LEAST:
+        if learnt.weights[prediction.LEARNED] <= prediction.LEAST:
             return 0.5
         command = next(ways_in(row, column))
         return learned_prior.learned_chance(network, opened, known, number_of(row, column), np.int64(command))
 
     def chances(row, column, told):
         """Yield, for each side from which a cell may be entered, how likely it is free and how often the like was seen."""
-        share = learnt.weights[occupancy_prior.LEARNED]
-        share = 0 if share <= occupancy_prior.LEAST else 1 if share >= 1 - occupancy_prior.LEAST else share
-        having = [m for m in range(occupancy_prior.MODELS) if learnt.weights[m] > occupancy_prior.LEAST]
+        share = learnt.weights[prediction.LEARNED]
+        share = 0 if share <= prediction.LEAST else 1 if share >= 1 - prediction.LEAST else share
+        having = [m for m in range(prediction.MODELS) if learnt.weights[m] > prediction.LEAST]
         for command in ways_in(row, column):
-            cell, steps = number_of(row, column), occupancy_prior.steps_of(layout.rows, layout.words[1], command)
-            number = occupancy_prior.around(opened, known, cell, *steps)
-            parts = [learnt.weights[m] * occupancy_prior.chance(learnt, m, number, cell) for m in having]
+            cell, steps = number_of(row, column), prediction.steps_of(layout.rows, layout.words[1], command)
+            number = prediction.around(opened, known, cell, *steps)
+            parts = [learnt.weights[m] * prediction.chance(learnt, m, number, cell) for m in having]
             counted = sum(parts) / sum(learnt.weights[m] for m in having) if having else 0.5
             yield share * told + (1 - share) * counted, learnt.tallies[1 + number // 6, 0]
 
@@ -267,16 +266,13 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
 
     for number in range(depth):
         needed = max(likely, sure ** (1 / (number + 1)))
-        sure_of_walls = learnt.weights[occupancy_prior.LEARNED] > 0.5
+        sure_of_walls = learnt.weights[prediction.LEARNED] > 0.5
         walls = [cell for cell in layer if not inside(*cell)]
         asked = {cell: told(*cell) for cell in layer if inside(*cell)}
         walls += [
             cell
             for cell, first in asked.items()
-            if any(
-                c < occupancy_prediction.UNLIKELY and (sure_of_walls or seen >= occupancy_prediction.FEWEST)
-                for c, seen in chances(*cell, first)
-            )
+            if any(c < prediction.UNLIKELY and (sure_of_walls or seen >= prediction.FEWEST) for c, seen in chances(*cell, first))
         ]
         put(known, walls)
         found = []
@@ -298,7 +294,7 @@ def test_prediction(shape):
     for seed in range(5):
         layout, planner, field, _, _, _ = scene_of(shape, seed, moves=seed)
         for layers, likely, sure in ((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5)):
-            occupancy_prediction.predict(field, planner.prior, planner.learned, planner.prediction, layers, likely, sure)
+            prediction.predict(field, planner.prior, planner.learned, planner.prediction, layers, likely, sure)
             expected = predicted_plainly(layout, field, planner.prior, planner.learned, layers, likely, sure)
             assert (planner.prediction.open == expected).all()
     assert {"prediction_layers", "free_threshold", "joint_chance"} < set(planner.options.dtype.names)
@@ -352,59 +348,41 @@ def test_a_lattice_is_found_out():
         rng = np.random.default_rng(1)
         game = PlannerGame(counting, world.free, state, belief, rule="block", mapping=True, rng=rng)
         game.play_on(Trace.empty(100), 100)
-        assert (np.argmax(game.planner.prior.weights[: occupancy_prior.MODELS]) > 0) == lattice
+        assert (np.argmax(game.planner.prior.weights[: prediction.MODELS]) > 0) == lattice
 
 
-@pytest.mark.parametrize(("name", "particles"), [("vessels:200", 6), ("line:400", 8), ("rectangle:12x17", 9)])
-def test_kept_states_change_no_command(name, particles, monkeypatch):
-    """A plan that is simulated from a kept state is valued like the same plan simulated from its beginning."""
-    kept = run(open_map(name), particles=particles, policy="best")
-    monkeypatch.setattr(state, "KEPT_PLACES", 1)
-    assert run(open_map(name), particles=particles, policy="best").commands == kept.commands
-
-
-def simulate_plan(planner, plan, discount):
-    """Return the number of classified cells and its discounted number after each move of a plan, both beginning with 0."""
-    state, totals, values = planner.root.copy(), [0], [0.0]
-    for move, command in enumerate(plan):
-        classified = forward_model.advance(planner.scene, state, np.int64(command))
-        totals.append(totals[-1] + classified)
-        values.append(values[-1] + discount**move * classified)
-    return totals, values
-
-
-def complete_plan(planner, command, ends):
-    """Complete a plan that begins with a command, or an empty plan for None; return the results of `complete`, and the plan."""
-    planner.state[:], planner.trial[:] = planner.root, 0
-    if command is not None:
-        planner.trial[0] = command
-    results = completion.complete(
-        planner.scene, planner.state, planner, planner.trial, np.int64(0), np.int64(command is not None), 200, 0.99,
-        completion.GREEDY, 1.0, 3.0, 1e6, -1e18, np.int64(completion.LEAD), np.int64(ends),
-    )  # fmt: skip
-    return results, planner.trial[: results[2]].copy()
-
-
-def test_plans_behind_the_best_plan_are_dropped():
-    """A plan is dropped at the first kept state at which it is behind the best plan, and only then."""
-    outcomes = set()
-    for seed in range(12):
+@pytest.mark.parametrize("end", [False, True])
+def test_a_plan_is_completed_and_valued(end):
+    """The moves of a completed plan, one after the other, classify what `complete` counts; the rest is the greedy base policy's."""
+    for seed in range(8):
         _, planner, _, _, _, _ = scene_of((24, 31), seed, moves=2)
-        (_, _, length, _, _), best = complete_plan(planner, None, 0)
-        completion.keep_best(planner.kept, np.int64(0), length)
-        ends, (best_totals, best_values) = len(best), simulate_plan(planner, best, 0.99)
-        for command in range(4):
-            whole, plan = complete_plan(planner, command, 0)
-            totals, values = simulate_plan(planner, plan, 0.99)
-            behind = [
-                at
-                for at in range(completion.LEAD, min(ends, len(totals)), completion.EVERY)
-                if totals[at] < best_totals[at] - completion.BEHIND and values[at] < best_values[at] - 1e-9
-            ]
-            dropped, _ = complete_plan(planner, command, ends)
-            if behind:
-                assert (dropped[0], dropped[3], dropped[4]) == (200, behind[0], totals[behind[0]])
-            else:
-                assert dropped == whole
-            outcomes.add(bool(behind))
-    assert outcomes == {True, False}
+        for first in range(4):
+            planner.state[:], planner.trial[0] = planner.root, first
+            horizon, discount = 90, 0.99
+            time, value, length, moves, total = plan_search.complete(
+                planner, np.int64(1), horizon, discount, 3.0 if end else 0.0, 1e6 if end else 0.0, plan_search.NOTHING
+            )
+            state, classified, last, expected = planner.root.copy(), [], 0, 0.0
+            plan = planner.trial[:length].copy()
+            for move, command in enumerate(plan):
+                forward_model.immediate_gains(planner.scene, state, planner.gains)
+                if move > 0 and planner.gains.max() > 0 and classified[-1] > 0:  # no path is being followed
+                    assert planner.gains[command] == planner.gains.max()
+                classified.append(forward_model.advance(planner.scene, state, np.int64(command)))
+                if classified[-1]:
+                    expected, last = expected + discount**move * classified[-1], move + 1
+            assert value == pytest.approx(expected)
+            assert (moves, total) == (length, sum(classified))
+            assert time == (last if not state[forward_model.FRONTIER].any() else horizon)
+            assert (state == planner.state).all()
+
+
+def test_a_plan_that_cannot_become_better_is_dropped():
+    _, planner, _, _, _, _ = scene_of((24, 31), 1, moves=2)
+    planner.state[:] = planner.root
+    whole = plan_search.complete(planner, np.int64(0), 90, 0.99, 3.0, 50.0, plan_search.NOTHING)
+    best, reached = 3.0 * 50.0 - 10, whole[3]
+    planner.state[:] = planner.root
+    dropped = plan_search.complete(planner, np.int64(0), 90, 0.99, 3.0, 50.0, best)
+    assert dropped[3] < reached
+    assert 3.0 * dropped[1] - dropped[3] <= best

@@ -31,7 +31,7 @@ from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.fields import field_of
 from shoal.swarm.grid.scans import ScanRule
 from shoal.swarm.kernels.dynamics import moves
-from shoal.swarm.kernels.prediction import expected_gain, lookahead, occupancy_prior
+from shoal.swarm.kernels.planning import adaptive_scans, prediction
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 RULES = ("block", "merge")
@@ -124,7 +124,7 @@ def scenes(seed, count=20):
 def keys():
     """Yield (key, number) of all surroundings."""
     for behind, (a, near), (b, sides) in product(range(3), enumerate(PAIRS), enumerate(PAIRS)):
-        yield (behind, near, sides), 1 + occupancy_prior.COARSE + (behind * 6 + a) * 6 + b
+        yield (behind, near, sides), 1 + prediction.COARSE + (behind * 6 + a) * 6 + b
     for behind, (a, near) in product(range(3), enumerate(PAIRS)):
         yield (behind, near), 1 + behind * 6 + a
     yield "all", 0
@@ -144,11 +144,13 @@ def test_tried_and_shift():
     for scene, _ in scenes(81):
         view, field = scene.view, scene.field
         for command in view.directions:
-            assert lookahead.tried(field, field.occupied, command) == tried(view, view.particles, command)
-            once = lookahead.predicted(field, scene.lookahead.shifted, scene.lookahead.counts)
+            assert adaptive_scans.tried(field, field.occupied, command) == tried(view, view.particles, command)
+            once = adaptive_scans.predicted(field, scene.lookahead.shifted, scene.lookahead.counts)
             once.occupied[:] = field.occupied
             expected = list(shifts(view, view.particles, command, scene.rule, 1))
-            assert lookahead.shift(field, once, command, moves.MERGE if scene.rule == "merge" else moves.BLOCK) == bool(expected)
+            assert adaptive_scans.shift(field, once, command, moves.MERGE if scene.rule == "merge" else moves.BLOCK) == bool(
+                expected
+            )
             assert scene.cells(once.occupied) == (expected[0] if expected else view.particles)
 
 
@@ -165,11 +167,11 @@ def test_expected_gains_and_the_best_length():
     for scene, rng in scenes(83):
         tallies = random_tallies(rng, scene.gain.prior.tallies)
         for command in scene.view.directions:
-            expected_gain.gains_of_runs(scene.field, scene.gain, command)
+            adaptive_scans.gains_of_runs(scene.field, scene.gain, command)
             gains = expected_gains(scene.view, tallies, command)
             assert scene.gain.gains[command].tolist() == gains
             for least in (1, 2, 5, len(gains) - 1, len(gains) + 3):
-                assert expected_gain.best_length(scene.gain, command, least) == best_length(gains, scene.prices, least)
+                assert adaptive_scans.best_length(scene.gain, command, least) == best_length(gains, scene.prices, least)
 
 
 def test_what_a_run_teaches():
@@ -179,7 +181,7 @@ def test_what_a_run_teaches():
         for _ in range(int(rng.integers(1, 9))):
             moves.push(scene.field, command, code)
             plain.step(*scene.world, command, code, plain.MAPPING)
-        expected_gain.learn_from_run(scene.field, scene.gain, command)
+        adaptive_scans.learn_from_run(scene.field, scene.gain, command)
         tallies = Tallies()
         learn_from_run(tallies, scene.view, View.of(scene.world), command)
         for key, number in keys():
@@ -192,9 +194,9 @@ def test_explore():
         rate = float(rng.choice([0.0, 0.01, 0.05, 0.3]))
         plan, best = explore(scene.view, scene.rule, scene.prices, rate)
         code = moves.MERGE if scene.rule == "merge" else moves.BLOCK
-        assert lookahead.explore(scene.field, code, scene.lookahead, scene.gain.prices, rate) == best
+        assert adaptive_scans.explore(scene.field, code, scene.lookahead, scene.gain.prices, rate) == best
         if plan:
-            length = lookahead.write_plan(scene.lookahead, scene.policy_state.search.plan)
+            length = adaptive_scans.write_plan(scene.lookahead, scene.policy_state.search.plan)
             assert scene.policy_state.search.plan[:length].tolist() == plan
             found += 1
     assert found > 20

@@ -48,8 +48,8 @@ np.seterr(over="ignore")  # words wrap around on purpose
 rng = np.random.default_rng(22)
 class Quick(BeamRollout):
     tuning = BeamRollout.tuning._replace(
-        beam_width=2, beam_depth=2, beam_leaves=1, variations=2,
-        horizon=6, near_horizon=4, prediction_layers=2, force_after=4,
+        beam_width=2, beam_depth=2, beam_leaves=1,
+        horizon=6, prediction_layers=2, force_after=4,
     )
 class First(BeamRollout):
     tuning = Quick.tuning._replace(end_frontier=3)

@@ -336,6 +336,6 @@ def test_archives_hold_what_every_kind_of_command_calls():
     for path in Path(lowered.__file__).parents[1].glob("*/kernels/lowered.zip"):
         with zipfile.ZipFile(path) as archive:
             held |= {kernel.rpartition("-")[0] for kernel in archive.namelist()}
-    called = {"rollout.prepare", "anneal.anneal", "policy_episode.begin_run", "noisy_state.learn_noisy", "line_samples.trials"}
+    called = {"plan_search.prepare", "anneal.anneal", "policy_episode.begin_run", "noisy_state.learn_noisy", "line_samples.trials"}
     called |= {"friction_barrier.kept_out", "roadmap.widen", "shooting.search_guided", "region_contact.advance", "cycles.deeper"}
     assert called <= held

@@ -44,7 +44,7 @@ DRIVEN = (
 TASK_NAMES = ("mapping", "coverage", "subset-coverage")
 PLACEMENT_NAMES = ("uniform", "flood-fill", "region-fill", "left-wall")
 POLICY_NAMES = (
-    "best", "beam-rollout", "rollout", "greedy-classify", "closest-frontier", "elect-particle", "random-moves", "depth-first",
+    "best", "beam-rollout", "greedy-classify", "closest-frontier", "elect-particle", "random-moves", "depth-first",
     "sweep", "offline", "manual",
 )  # fmt: skip
 RIG = "rig"
@@ -197,15 +197,15 @@ class SwarmProblem(Problem):
     )  # fmt: skip
     rule: str = option("block", help="Move rule of the particles.", choices=tuple(RULES))
     policy: Any = option(
-        "auto", help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
+        "auto", help="Policy: auto, best, beam-rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
         "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options of a policy follow a colon, as "
         "in closest-frontier:ties=row-major. auto stands for best if the task is mapping with a scan after each move, with rule "
         "block or merge and without strong noise, on huge maps with a smaller budget, and for closest-frontier in all other cases.",
         names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
-        None, help="For the planners best, rollout and offline: mean number of simulated moves for each move sent, with 1000 "
-        "particles. The planners best and rollout multiply the budget by up to 10 with fewer than 1000 particles, and by up to 4 "
+        None, help="For the planners best and offline: mean number of simulated moves for each move sent, with 1000 "
+        "particles. The planner best multiplies the budget by up to 10 with fewer than 1000 particles, and by up to 4 "
         "with more than 1000 particles.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
@@ -384,7 +384,7 @@ class SwarmProblem(Problem):
     def _automatic(self, *, planned: bool) -> Any:
         """Return the policy that ``auto`` stands for. If ``planned`` is true, the user has set a limit that only planners have."""
         from shoal.swarm.grid.tasks import Mapping
-        from shoal.swarm.policies.planners.cost import fit_planner
+        from shoal.swarm.policies.planners.beam_rollout import fit_planner
 
         if self.chosen_for_size:
             workspace: GridWorkspace = self.place

@@ -18,8 +18,8 @@ from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.grid.randomness import trial_rng
-from shoal.swarm.policies import Budgeted, ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves, shown_name
-from shoal.swarm.policies.planners.cost import SHARE, expected_moves
+from shoal.swarm.policies import BeamRollout, ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves, shown_name
+from shoal.swarm.policies.planners.beam_rollout import SHARE, expected_moves
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.deciders import make_decider
@@ -146,7 +146,7 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
         Raised if the settings of the problem are invalid.
     """
     policy = problem.chosen_policy
-    if not isinstance(policy, Budgeted) or not is_compiled(problem.chosen_task):
+    if not isinstance(policy, BeamRollout) or not is_compiled(problem.chosen_task):
         return None
     pilot = problem.replaced(policy="closest-frontier", budget=None, time_per_move=None).at_place(problem.place)
     watch = Stopwatch()

@@ -15,7 +15,7 @@ from shoal.core.episode import Status
 from shoal.lab import run_trials
 from shoal.swarm import SwarmEpisode, SwarmProblem
 from shoal.swarm.grid.board import GridLayout
-from shoal.swarm.policies.planners import cost, planner_policy
+from shoal.swarm.policies.planners import beam_rollout
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
 from shoal.swarm.run import expected_duration, run
 
@@ -122,24 +122,24 @@ def test_an_expected_duration_counts_a_given_time_per_move():
 
 
 def test_auto_takes_a_smaller_budget_on_large_maps_and_no_planner_on_huge_ones():
-    assert cost.fit_planner((150, 150), 5000, 1000) == BeamRollout()
-    budgets = [cost.fit_planner((700, 700), 100_000, particles) for particles in (50_000, 20_000, 5_000)]
+    assert beam_rollout.fit_planner((150, 150), 5000, 1000) == BeamRollout()
+    budgets = [beam_rollout.fit_planner((700, 700), 100_000, particles) for particles in (50_000, 20_000, 5_000)]
     assert budgets == sorted(budgets, key=lambda policy: -policy.budget)
     assert budgets[-1].budget < 1000
     assert all(
-        cost.planning_seconds(policy, (700, 700), 100_000, particles) <= 1.01 * cost.MOST_SECONDS
+        beam_rollout.planning_seconds(policy, (700, 700), 100_000, particles) <= 1.01 * beam_rollout.MOST_SECONDS
         for policy, particles in zip(budgets, (50_000, 20_000, 5_000), strict=True)
     )
-    assert cost.fit_planner((3000, 3000), 2_000_000, 10) is None
+    assert beam_rollout.fit_planner((3000, 3000), 2_000_000, 10) is None
 
 
 def test_auto_names_what_it_chose(monkeypatch, capsys):
-    monkeypatch.setattr(cost, "MOST_SECONDS", 0.05)
+    monkeypatch.setattr(beam_rollout, "MOST_SECONDS", 0.05)
     assert SwarmProblem("vessels:500", particles=20).chosen_policy.name.startswith("beam-rollout:budget=")
     assert SwarmProblem("vessels:500", particles=20, policy="best").chosen_policy.name == "beam-rollout"
     assert SwarmProblem("vessels:500", particles=20, budget=500.0).chosen_policy.name == "beam-rollout:budget=500.0"
     assert SwarmProblem("rig", particles=20).chosen_policy.name == "beam-rollout"
-    monkeypatch.setattr(cost, "MOST_SECONDS", 1e-6)
+    monkeypatch.setattr(beam_rollout, "MOST_SECONDS", 1e-6)
     assert SwarmProblem("vessels:500", particles=20).chosen_policy.name == "closest-frontier"
     assert cli.run(["map", "vessels:500", "-n", "20"]) == 0
     assert "the policy auto chose closest-frontier, because best with its usual budget would take about" in capsys.readouterr().err
@@ -164,7 +164,7 @@ def test_auto_chooses_by_noise(fields, name):
 @pytest.mark.parametrize("trial", range(3))
 def test_planners_under_noise_learn_only_from_cells_that_particles_entered(monkeypatch, trial):
     """Around other cells, the prior read memory outside the board, and equal seeds gave different episodes."""
-    observe, seen = planner_policy.planner_episode.observe_outcome, []
+    observe, seen = beam_rollout.planner_episode.observe_outcome, []
 
     def observed(field, mapping, planner, command, done):
         layout = rooms
@@ -180,7 +180,7 @@ def test_planners_under_noise_learn_only_from_cells_that_particles_entered(monke
 
     problem = SwarmProblem("maze:15x11", particles=20, policy="best", budget=20.0, slip=0.1, misplace=0.05, confidence=0.9)
     rooms = GridLayout(problem.place.shape)
-    monkeypatch.setattr(planner_policy.planner_episode, "observe_outcome", observed)
+    monkeypatch.setattr(beam_rollout.planner_episode, "observe_outcome", observed)
     first = run(problem, trial=trial)
     assert sum(seen) > 20
     assert run(problem, trial=trial).commands == first.commands

@@ -20,11 +20,11 @@ def test_best_is_the_default_of_map(capsys):
     assert policy_of(capsys) == "beam-rollout"
     assert policy_of(capsys, "--budget", "50") == "beam-rollout:budget=50.0"
     assert policy_of(capsys, "--time-per-move", "1") == "beam-rollout:milliseconds=1.0"
-    assert policy_of(capsys, "--policy", "rollout", "--budget", "50") == "rollout:budget=50.0"
+    assert policy_of(capsys, "--policy", "beam-rollout", "--budget", "50") == "beam-rollout:budget=50.0"
 
 
 def test_the_default_policy_has_the_name_that_help_and_pages_use(capsys):
-    for options, expected in (((), "best (beam-rollout)"), (("--policy", "rollout"), "rollout")):
+    for options, expected in (((), "best (beam-rollout)"), (("--policy", "greedy-classify"), "greedy-classify")):
         assert run([*CAVE[:-1], *options]) == 0
         assert [
             line.split(maxsplit=1)[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("policy")

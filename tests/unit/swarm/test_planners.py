@@ -22,7 +22,7 @@ from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels.episodes import planner_episode
-from shoal.swarm.kernels.planning import planner_state
+from shoal.swarm.kernels.planning import plan_search
 from shoal.swarm.kernels.records import new_record
 from shoal.swarm.policies import POLICIES, BeamRollout
 from shoal.swarm.policies.planners import state
@@ -34,9 +34,7 @@ SMALL: dict[str, float] = {
     "beam_width": 3,
     "beam_depth": 3,
     "beam_leaves": 2,
-    "variations": 2,
     "horizon": 14,
-    "near_horizon": 8,
     "force_after": 20,
     "prediction_layers": 4,
 }
@@ -51,22 +49,22 @@ class Quick(BeamRollout):
 class QuickFirst(BeamRollout):
     """The same, with the end out of sight above five frontier cells."""
 
-    tuning = BeamRollout.tuning._replace(end_frontier=5, left_behind_cost=0, run_candidates=0, **SMALL)
+    tuning = BeamRollout.tuning._replace(end_frontier=5, run_candidates=0, **SMALL)
 
 
 class Hasty(BeamRollout):
     """A plan of a few commands now and then, and between them whatever settles most."""
 
-    tuning = BeamRollout.tuning._replace(horizon=3, near_horizon=2, force_after=20)
+    tuning = BeamRollout.tuning._replace(horizon=3, force_after=20)
 
 
 def test_best_is_an_alias():
     assert make_policy("best") == BeamRollout()
-    assert {"best", "beam-rollout", "rollout", "greedy-classify"} <= set(POLICIES)
+    assert {"best", "beam-rollout", "greedy-classify"} <= set(POLICIES)
     assert make_policy("best:budget=100").name == "beam-rollout:budget=100.0"
 
 
-@pytest.mark.parametrize("policy", ["best", Hasty(budget=0.1), "rollout", "greedy-classify"])
+@pytest.mark.parametrize("policy", ["best", Hasty(budget=0.1), "greedy-classify"])
 @pytest.mark.parametrize("name", ["cave:14x10", "maze:11x9", "htree:30", "line:20"])
 def test_planners_complete(policy, name):
     workspace = open_map(name)
@@ -81,10 +79,9 @@ def test_fewer_moves_than_closest_frontier():
     workspace = open_map("vessels:500")
     moves = {
         policy: sum(run(workspace, particles=60, trial=trial, policy=policy).moves for trial in range(6))
-        for policy in ("closest-frontier", "greedy-classify", "rollout", "best")
+        for policy in ("closest-frontier", "greedy-classify", "best")
     }
     assert moves["best"] < 0.8 * moves["closest-frontier"]
-    assert moves["rollout"] < 0.8 * moves["closest-frontier"]
     assert moves["greedy-classify"] < moves["closest-frontier"]
 
 
@@ -150,23 +147,23 @@ def test_a_time_for_each_move():
     episode = run(open_map("cave:20x15"), particles=9, policy="best:milliseconds=0.5")
     assert episode.status == "complete"
     assert episode.verify()
-    assert run(open_map("cave:12x9"), particles=5, policy="rollout:milliseconds=0.5", stepwise=True).status == "complete"
+    assert run(open_map("cave:12x9"), particles=5, policy="best:milliseconds=0.5", stepwise=True).status == "complete"
 
 
 def test_thought_by_the_number_of_particles():
     """Few particles need many moves and gain more by thinking; many need few moves, and their plans are short."""
-    names = ("variations", "end_frontier", "frontier_worth", "beam_width", "beam_depth")
-    budget, variations, few, share, width, depth = (0, *(1 + BeamRollout.tuning._fields.index(name) for name in names))
+    names = ("end_frontier", "frontier_worth", "beam_width", "beam_depth")
+    budget, few, share, width, depth = (0, *(1 + BeamRollout.tuning._fields.index(name) for name in names))
     usual = make_policy("best").settings(1000)
-    for particles, times, plans in ((100, 10, 10), (5, 10, 10), (500, 4, 2), (2000, 2, 2), (10**6, 4, 4)):
+    for particles, times in ((100, 10), (5, 10), (500, 4), (2000, 2), (10**6, 4)):
         given_more = make_policy("best").settings(particles)
-        assert (given_more[budget], given_more[variations]) == (times * usual[budget], plans * usual[variations])
-        many = plans if particles > 1000 else 1
+        assert given_more[budget] == times * usual[budget]
+        many = times if particles > 1000 else 1
         assert (given_more[few], given_more[share]) == (many * usual[few], usual[share] / many)
         assert (given_more[width], given_more[depth]) == (many**2 * usual[width], many**0.5 * usual[depth])
     for particles in (100, 4000):
         timed = make_policy("best:milliseconds=1").settings(particles)
-        assert (timed[variations], timed[width], timed[depth]) == (usual[variations], usual[width], usual[depth])
+        assert (timed[width], timed[depth]) == (usual[width], usual[depth])
 
 
 def test_a_wide_beam_on_large_boards():
@@ -182,7 +179,7 @@ def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
     """The first ten moves may be overdrawn. What earlier ones took counts once, and the rate of simulation tells the rest."""
     clock = iter(range(100))
     monkeypatch.setattr(state.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
-    planner = SimpleNamespace(options=new_record(state.OPTIONS), memory=new_record(planner_state.MEMORY))
+    planner = SimpleNamespace(options=new_record(state.OPTIONS), memory=new_record(plan_search.MEMORY))
     pace = state.Pace(0.5)
     seen = []
     for _ in range(3):
@@ -198,7 +195,7 @@ def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
     [
         ({"policy": "best:budget=0"}, "budget: expected simulated moves a move, above 0"),
         ({"policy": "best:budget=nan"}, "budget: expected"),
-        ({"policy": "rollout:milliseconds=-1"}, "milliseconds: expected a time a move"),
+        ({"policy": "best:milliseconds=-1"}, "milliseconds: expected a time a move"),
         ({"policy": "best", "scan_every": 2}, "scan-every: expected 1 for policy beam-rollout"),
         ({"policy": "best", "rule": "tilt"}, "policy beam-rollout: expected rule block or merge, got tilt"),
     ],

@@ -122,9 +122,7 @@ def _kept_text(episodes: list[SwarmEpisode], trials: int, out: Path | None) -> s
 def _tell_duration(problem: SwarmProblem, *, trials: int, workers: int | None, seed: int, out: Path | None) -> None:
     """Say before the first move what auto has chosen for a large map, and how long planning will take if it takes long."""
     from shoal.lab.executors import default_workers
-    from shoal.swarm.policies import Budgeted
-    from shoal.swarm.policies.planners.beam_rollout import BeamRollout
-    from shoal.swarm.policies.planners.cost import planning_seconds
+    from shoal.swarm.policies.planners.beam_rollout import BeamRollout, planning_seconds
     from shoal.swarm.run import expected_duration
 
     policy, workspace = problem.chosen_policy, problem.place
@@ -136,7 +134,7 @@ def _tell_duration(problem: SwarmProblem, *, trials: int, workers: int | None, s
         why = f"because best with its usual budget would take about {duration_text(seconds)}"
         say(f"shoal: notice: {workspace.name}: the policy auto chose {policy.name}, {why}")
     rounds = -(-trials // min(trials, workers or default_workers()))
-    if not isinstance(policy, Budgeted) or rounds * planning_seconds(policy, *sizes, noisy=noisy) < TOLD:
+    if not isinstance(policy, BeamRollout) or rounds * planning_seconds(policy, *sizes, noisy=noisy) < TOLD:
         return
     expected = expected_duration(problem, seed=seed)
     if expected is None or rounds * expected.seconds < TOLD:

@@ -12,17 +12,14 @@ from shoal.swarm.policies.compiled_policy import Compiled, check_rules, check_sc
 from shoal.swarm.policies.depth_first import DepthFirst
 from shoal.swarm.policies.elect_particle import ElectParticle
 from shoal.swarm.policies.manual import Manual
-from shoal.swarm.policies.planners.beam_rollout import BeamRollout
-from shoal.swarm.policies.planners.greedy_classify import GreedyClassify
+from shoal.swarm.policies.planners.beam_rollout import BeamRollout, GreedyClassify, PlannerPolicy
 from shoal.swarm.policies.planners.offline import Offline
-from shoal.swarm.policies.planners.planner_policy import Budgeted, PlannerPolicy
-from shoal.swarm.policies.planners.rollout import Rollout
 from shoal.swarm.policies.protocol import Decision, Policy, View
 from shoal.swarm.policies.random_moves import RandomMoves
 from shoal.swarm.policies.sweep import WallSweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
-for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, WallSweep, GreedyClassify, Rollout, BeamRollout, Manual):
+for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, WallSweep, GreedyClassify, BeamRollout, Manual):
     POLICIES.add(_policy.kind, _policy)
 POLICIES.add(Offline.kind, Offline)
 POLICIES.add("best", BeamRollout)  # an alias, which may denote another policy in a later version
@@ -75,7 +72,7 @@ def with_budget(policy: Policy, **wanted: float) -> Policy:
     """
     for name, value in wanted.items():
         if name not in getattr(policy, "__dataclass_fields__", {}):
-            able = "best, beam-rollout, rollout" + (" or offline" if name == "budget" else "")
+            able = "best, beam-rollout" + (" or offline" if name == "budget" else "")
             option = "budget" if name == "budget" else "time-per-move"
             raise InvalidInputError(f"{option}: expected a planner ({able}), got {policy.name}")
         policy = replace(policy, **{name: value})  # type: ignore[type-var]  # a policy with this field is a dataclass
@@ -85,7 +82,6 @@ def with_budget(policy: Policy, **wanted: float) -> Policy:
 __all__ = [
     "POLICIES",
     "BeamRollout",
-    "Budgeted",
     "ClosestFrontier",
     "Compiled",
     "Decision",
@@ -97,7 +93,6 @@ __all__ = [
     "PlannerPolicy",
     "Policy",
     "RandomMoves",
-    "Rollout",
     "View",
     "WallSweep",
     "check_rules",

@@ -24,7 +24,7 @@ from shoal.swarm.grid.tasks import Coverage, Mapping
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.kernels.dynamics import moves
 from shoal.swarm.kernels.episodes import planner_episode, policy_episode, scan_runs
-from shoal.swarm.kernels.prediction import expected_gain, lookahead
+from shoal.swarm.kernels.planning import adaptive_scans
 from shoal.swarm.kernels.records import new_record
 from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.lookout import Lookout
@@ -305,13 +305,13 @@ def scan_planner_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.
     longest = min(max(layout.window), LONGEST_RUN)
     boards = empty_boards(layout, 2)
     return scan_runs.ScanPlanner(
-        gain=expected_gain.ExpectedGain(
-            prices=new_record(lookahead.PRICES, scan=scanning.scan_cost, move=scanning.move_cost),
+        gain=adaptive_scans.ExpectedGain(
+            prices=new_record(adaptive_scans.PRICES, scan=scanning.scan_cost, move=scanning.move_cost),
             prior=new_prior(layout),
             gains=np.zeros((len(letters_of(layout.ndim)), longest + 1), dtype=np.float64),
             columns=layout.columns,
         ),
-        lookahead=lookahead.Lookahead(boards[0], boards[1], np.zeros((0, 0), np.int32), new_record(lookahead.BEST)),
+        lookahead=adaptive_scans.Lookahead(boards[0], boards[1], np.zeros((0, 0), np.int32), new_record(adaptive_scans.BEST)),
     )
 
 
@@ -327,7 +327,7 @@ def policy_state_of(
     space: Any = None,
 ) -> policy_episode.PolicyState:
     """Return the initial memory of a built-in policy. A policy with fixed commands follows ``plan``."""
-    search = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
+    search = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), adaptive_scans.LONGEST_PLAN))
     memory = new_record(policy_episode.MEMORY)
     memory.run_command, memory.scanned = -1, 1
     memory.remaining = len(belief.frontier)

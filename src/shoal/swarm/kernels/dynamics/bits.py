@@ -61,3 +61,10 @@ def has(words, width, row, column):
 def put(words, width, row, column):
     """Add a cell to a board."""
     words[row * width + (column >> 6)] |= ONE << np.uint64(column & 63)
+
+
+@in_place_kernel
+def copy_board(source, target):
+    """Copy a board (set of cells)."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]

@@ -6,15 +6,13 @@ The moves of an episode do not depend on the lengths of the pieces in which the 
 from __future__ import annotations
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import popcount
+from shoal.swarm.kernels.dynamics.bits import copy_board, popcount
 from shoal.swarm.kernels.dynamics.steps import step
 from shoal.swarm.kernels.episodes.policy_episode import COMPLETE, RUNNING, STALLED
-from shoal.swarm.kernels.planning.planner_state import WHOLE, choose_greedy
-from shoal.swarm.kernels.planning.rollout import choose_rollout
-from shoal.swarm.kernels.prediction.lookahead import copy
-from shoal.swarm.kernels.prediction.occupancy_prior import learn_from_command
+from shoal.swarm.kernels.planning.plan_search import WHOLE, choose_best, choose_greedy
+from shoal.swarm.kernels.planning.prediction import learn_from_command
 
-GREEDY, ROLLOUT = 6, 7  # codes of planners, which continue the policy codes of `policy_episode`
+GREEDY, BEAM_ROLLOUT = 6, 7  # codes of planners, which continue the policy codes of `policy_episode`
 FADING = 8  # the moving average of prediction errors covers about this many moves that find free cells
 
 
@@ -23,7 +21,7 @@ def choose(code, field, mapping, planner):
     """Return the next command of the planner, or -1 if no command is left."""
     if code == GREEDY:
         return choose_greedy(field, planner)
-    return choose_rollout(field, mapping, planner)
+    return choose_best(field, mapping, planner)
 
 
 @in_place_kernel
@@ -62,7 +60,7 @@ def play_planner(code, field, rule, mapping, planner, trace):
         command = choose(code, field, mapping, planner)
         if command < 0:
             return move, STALLED
-        copy(field.known, planner.prior.before)
+        copy_board(field.known, planner.prior.before)
         travelled, done, change = step(field, command, rule, mapping)
         memory.remaining += change
         observe_outcome(field, mapping, planner, command, done)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ZERO, has, put
+from shoal.swarm.kernels.dynamics.bits import ZERO, copy_board, has, put
 from shoal.swarm.kernels.dynamics.moves import DOWN, LEFT, RIGHT, UP
 from shoal.swarm.kernels.dynamics.steps import step
 from shoal.swarm.kernels.episodes.scan_runs import (
@@ -25,8 +25,7 @@ from shoal.swarm.kernels.episodes.scan_runs import (
     last_run,
     stretch,
 )
-from shoal.swarm.kernels.prediction.expected_gain import learn_from_run
-from shoal.swarm.kernels.prediction.lookahead import copy
+from shoal.swarm.kernels.planning.adaptive_scans import learn_from_run
 from shoal.swarm.kernels.records import record_type
 from shoal.swarm.kernels.search.frontier_search import Search, ahead, nearest, opposite
 from shoal.swarm.kernels.search.tilt_search import Slides, nearest_by_tilts
@@ -258,7 +257,7 @@ def player(decide, notice):
             memory.plan_at += steps
             if at + steps == length:
                 steps = memory.last_run if memory.last_run > 0 else last_run(field, mapping, plan, at, length, scan_planner)
-            copy(field.known, scan_planner.gain.prior.before)
+            copy_board(field.known, scan_planner.gain.prior.before)
         elif scanning.kind == GIVEN or (scanning.kind == EQUAL and scanning.step == 1):
             memory.plan_at += 1
         else:

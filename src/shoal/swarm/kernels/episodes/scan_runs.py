@@ -5,8 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.prediction.expected_gain import ExpectedGain, best_length, gains_of_runs
-from shoal.swarm.kernels.prediction.lookahead import Lookahead, explore, write_plan
+from shoal.swarm.kernels.planning.adaptive_scans import (
+    ExpectedGain,
+    Lookahead,
+    best_length,
+    explore,
+    gains_of_runs,
+    write_plan,
+)
 from shoal.swarm.kernels.search.frontier_search import nearest
 
 EQUAL, DOUBLING, HYPER, ADAPTIVE, GIVEN = 0, 1, 2, 3, 4

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.swarm.kernels.prediction.learned_prior import SPAN, LearnedPrior
+from shoal.swarm.kernels.planning.learned_prior import SPAN, LearnedPrior
 
 WEIGHTS = Path(__file__).with_name("learned_weights.npz")
 TURNS = (3, 0, 1, 2)  # anticlockwise quarter turns that bring the entry side to the bottom, for l, u, r, d

@@ -20,11 +20,10 @@ from shoal.swarm.grid.tasks import Coverage
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.kernels.episodes import planner_episode, policy_episode
-from shoal.swarm.kernels.planning import anneal, rollout
+from shoal.swarm.kernels.planning import anneal, plan_search
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
-from shoal.swarm.policies.planners.state import planner_of, seed_of
-from shoal.swarm.policies.planners.tuning import Tuning
+from shoal.swarm.policies.planners.state import Tuning, planner_of, seed_of
 from shoal.swarm.policies.protocol import Decision, View
 
 PLAN_BUDGET = 32_000.0  # default number of simulated moves per command, large because no robot waits between two commands
@@ -40,7 +39,7 @@ class FirstPlan(BeamRollout):
     """The planner beam-rollout with a wider search, for the initial plan of the policy offline."""
 
     kind: ClassVar[str] = "offline"
-    tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6, variations=12)
+    tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6)
 
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return the planning budget and the tuning, which do not depend on the number of particles."""
@@ -147,7 +146,7 @@ def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: 
     course = anneal.AnnealedPlan(plan, trial, shortest, kept, every)
     plan[: len(first)] = shortest[: len(first)] = first
     length = fewest = len(first)
-    rollout.prepare(field_of(belief.open.words, state, belief), False, planner)
+    plan_search.prepare(field_of(belief.open.words, state, belief), False, planner)
     whole = budget * (1 - FIRST_SHARE) * max(LEAST, len(first))
     for heat in np.geomspace(HEAT, COOL, PIECES):
         length, fewest, _ = anneal.anneal(planner, course, length, fewest, heat, whole / PIECES)

@@ -1,11 +1,11 @@
-"""Data of the planners: the memory between two moves, the working arrays of the kernels, and the measured computing time."""
+"""Data of the planners: tuning, the memory between two moves, working arrays of the kernels, and the measured computing time."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -14,36 +14,57 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.fields import RULE_CODES, empty_boards
-from shoal.swarm.kernels.planning import beam, completion, frontier_paths, planner_state
-from shoal.swarm.kernels.planning.rollout import SAVINGS
-from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
+from shoal.swarm.kernels.planning import forward_model, plan_search, prediction
 from shoal.swarm.kernels.records import new_record, record_type
 from shoal.swarm.policies.planners.learned_weights import learned_prior_of
-from shoal.swarm.policies.planners.tuning import Tuning
+
+
+class Tuning(NamedTuple):
+    """The tuning parameters of a planner. The page docs/concepts/planners.md explains the values of the tuning parameters."""
+
+    end_frontier: float  # largest frontier for which plans are simulated to the end, in cells
+    end_surprise: float  # prediction error below which plans are simulated to the end for any size of frontier
+    horizon: float  # in moves
+    discount: float
+    far_surprise: float  # prediction error below which the next two numbers apply to plans to the end
+    far_horizon: float
+    far_discount: float
+    frontier_worth: float  # value of classifying all cells immediately, in moves
+    surprise_weight: float  # additional weight of early classification at 100 % prediction error
+    future_weight: float  # weight of a cell that joins the frontier if the prediction is correct
+    beam_width: float  # number of states that the beam keeps at each depth
+    beam_depth: float  # depth of the beam, in commands
+    beam_leaves: float  # number of leaves of the beam that are completed
+    run_candidates: float  # 1: runs in one direction are also candidates
+    free_threshold: float  # probability from which a cell is predicted to be free
+    prediction_layers: float  # range of predictions, in cells
+    joint_chance: float  # probability that all cells up to a predicted cell are free
+    lattices: float  # number of lattice models, which have the periods 2, 4, ...
+    learned: float  # 1: the trained network contributes to the prediction
+    force_after: float  # number of moves without classification after which a whole path is sent
+
 
 OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: mean number of simulated moves per move sent
 # number of states that a beam may keep on any board; limit on the words of all boards of one kind in a wider beam
 BEAM_WIDTH, BEAM_WORDS = 24, 2**20
-KEPT_PLACES, KEPT_WORDS = 64, 2**21  # maximum number of kept states of a plan; maximum number of words of their boards of one kind
-KEPT_RESULTS = 128  # number of places for which the results of a plan are kept
 LONGEST_PLAN = 2_000
 FIRST_RATE = 200.0  # simulated moves per millisecond, before the machine's speed has been measured
 ADVANCE = 10  # moves whose time may be spent in advance, because the first moves need most planning
 
 
-def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> occupancy_prior.OccupancyPrior:
+def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> prediction.OccupancyPrior:
     """Return the occupancy prior at the start of an episode, before it has learned from any classified cell.
 
     ``lattices`` is the number of lattice models in the occupancy prior. If ``learned`` is true, the prior contains the trained
     neural network in addition to the lattice models.
     """
-    weights = np.zeros(occupancy_prior.EXPERTS)
+    weights = np.zeros(prediction.EXPERTS)
     weights[: lattices + 1] = (0.5 if learned else 1.0) / (lattices + 1)
-    weights[occupancy_prior.LEARNED] = 0.5 if learned else 0.0
-    return occupancy_prior.OccupancyPrior(
-        tallies=np.zeros((occupancy_prior.size_of(layout.layers), 2), dtype=np.int64),
+    weights[prediction.LEARNED] = 0.5 if learned else 0.0
+    return prediction.OccupancyPrior(
+        tallies=np.zeros((prediction.size_of(layout.layers), 2), dtype=np.int64),
         weights=weights,
-        told=np.full(occupancy_prior.EXPERTS, 0.5),
+        told=np.full(prediction.EXPERTS, 0.5),
         before=empty_boards(layout, 1)[0],
         layers=layout.layers,
         rows=layout.rows,
@@ -60,7 +81,7 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
     def boards(*shape: int) -> Any:
         return np.zeros((*shape, size), dtype=np.uint64)
 
-    foreseen = occupancy_prediction.OccupancyPrediction(
+    foreseen = prediction.OccupancyPrediction(
         open=boards(),
         known=boards(),
         inner=layout.pack(np.pad(np.ones(layout.shape, dtype=np.bool_), 1)).ravel(),
@@ -68,18 +89,18 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         following=np.zeros(64 * size, dtype=np.int64),
         verdicts=np.zeros(64 * size, dtype=np.int8),
         told=np.zeros(64 * size),
-        chances=np.zeros(occupancy_prior.FINE << ((occupancy_prior.MODELS - 1) * (2 if layout.layers == 1 else 3))),
+        chances=np.zeros(prediction.FINE << ((prediction.MODELS - 1) * (2 if layout.layers == 1 else 3))),
         **extents,
     )
     given = dict(zip(OPTIONS.names or (), options, strict=False))
     if "beam_width" in given:
         given["beam_width"] = min(int(given["beam_width"]), max(BEAM_WIDTH, BEAM_WORDS // size))
     learned = mapping and layout.ndim == 2 and given.get("learned", 0) > 0
-    memory = new_record(planner_state.MEMORY)
+    memory = new_record(plan_search.MEMORY)
     memory.random = seed
     memory.remaining = len(belief.frontier)
-    memory.surprise = planner_state.WHOLE // 4 if mapping else 0  # a known map has no prediction errors
-    return planner_state.Planner(
+    memory.surprise = plan_search.WHOLE // 4 if mapping else 0  # a known map has no prediction errors
+    return plan_search.Planner(
         memory=memory,
         options=new_record(OPTIONS, **given),
         scene=forward_model.Scene(
@@ -92,12 +113,10 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         ),
         root=boards(forward_model.BOARDS),
         state=boards(forward_model.BOARDS),
-        ahead=boards(),
-        planes=boards(frontier_paths.PLANES),
+        planes=boards(forward_model.PLANES),
         gains=np.zeros(directions, dtype=np.int64),
         incumbent=np.zeros(longest, dtype=np.int8),
         trial=np.zeros(longest, dtype=np.int8),
-        kept=kept_states_of(size),
         beam=beam_of(size, int(given.get("beam_width", 0)), int(given.get("beam_depth", 0))),
         prior=new_prior(layout, lattices=int(given.get("lattices", 0)), learned=learned),
         prediction=foreseen,
@@ -105,18 +124,9 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
     )
 
 
-def kept_states_of(size: int) -> completion.KeptStates:
-    """Return memory for the states of two plans. Each board (a set of cells) takes ``size`` words of 64 bits."""
-    places = max(1, min(KEPT_PLACES, KEPT_WORDS // size))
-    return completion.KeptStates(
-        states=np.zeros((2, places, forward_model.BOARDS, size), dtype=np.uint64),
-        progress=np.rec.array(np.zeros((2, KEPT_RESULTS), dtype=completion.PROGRESS)),
-    )
-
-
-def beam_of(size: int, width: int, depth: int) -> beam.Beam:
+def beam_of(size: int, width: int, depth: int) -> plan_search.Beam:
     """Return memory for a beam search of ``width`` states and ``depth`` commands. Each board takes ``size`` words of 64 bits."""
-    return beam.Beam(
+    return plan_search.Beam(
         states=np.zeros((2, width, forward_model.BOARDS, size), dtype=np.uint64),
         plans=np.zeros((2, width, depth), dtype=np.int8),
         values=np.zeros((2, width)),
@@ -147,7 +157,7 @@ class Pace:
         planner.options.budget = budget
         # The time that earlier moves have saved or overdrawn, converted into simulated moves, replaces the planner's own count.
         saved = (self.milliseconds * (self.moves + ADVANCE) - self.spent) * rate
-        planner.memory.credit = int(min(SAVINGS * budget, saved))
+        planner.memory.credit = int(min(plan_search.SAVINGS * budget, saved))
         before, began = int(planner.memory.simulated), time.perf_counter()
         yield
         self.spent += (time.perf_counter() - began) * 1e3
