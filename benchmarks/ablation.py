@@ -28,11 +28,13 @@ MECHANISMS: dict[str, str | dict[str, float]] = {
     "learned prior": {"learned": 0},
     "beam": {"beam_leaves": 0},
     "runs": {"run_candidates": 0},
+    "variations": {"variations": 0},
     "extrapolation": {"future_weight": 0},
+    "joint chance": {"joint_chance": 0},
     "higher weight of the cells that a plan classifies early while there are many surprises": {"surprise_weight": 0},
     "simulation to the end if predictions are reliable": {"end_surprise": 0},
     "simulation to the end if few frontier cells are left": {"end_frontier": 0},
-    "far sight": {"far_surprise": 0},
+    "longer horizon if predictions are reliable": {"far_horizon": 120, "far_discount": 0.99},
 }
 
 

@@ -26,7 +26,7 @@ from shoal.swarm.kernels.planning.forward_model import (
     immediate_gains,
     path_to_nearest,
 )
-from shoal.swarm.kernels.planning.plan_search import most
+from shoal.swarm.kernels.planning.plan_search import draw, most
 
 LONGEST_CHANGE = 8  # maximum number of commands that one change inserts or removes
 _FINENESS = 1 << 30  # number of different random numbers between 0 and 1
@@ -40,20 +40,6 @@ class AnnealedPlan(NamedTuple):
     shortest: NDArray[np.int8]  # the shortest plan so far
     kept: NDArray[np.uint64]  # (places, boards, words): the states along the current plan after each ``every`` moves
     every: int
-
-
-@in_place_kernel
-def draw(planner, limit):
-    """Return a random whole number from 0 to ``limit - 1`` by the xorshift method.
-
-    ``planner.memory.random`` holds the state of the generator.
-    """
-    word = np.uint64(planner.memory.random)
-    word ^= word << np.uint64(13)
-    word ^= word >> np.uint64(7)
-    word ^= word << np.uint64(17)
-    planner.memory.random = np.int64(word >> np.uint64(1))
-    return np.int64((word >> np.uint64(33)) % np.uint64(limit))
 
 
 @in_place_kernel

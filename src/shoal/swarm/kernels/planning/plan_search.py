@@ -1,9 +1,9 @@
 """How the planner `best` chooses a command: it completes candidate plans on the predicted map, and follows the best plan.
 
-`choose_best` is the whole decision. `search_plans` collects the candidate plans: the rest of the last plan, a plan of the base
-policy, single commands, runs in one direction, and the best leaves of a beam search (`search_beam`). `evaluate` simulates one
-candidate. `complete` appends commands of the base policy to the candidate: the command that classifies the most cells, or the path
-to the nearest frontier cell.
+`choose_best` is the whole decision. `search_plans` collects the candidate plans: the rest of the last plan, single commands, runs in
+one direction, the best leaves of a beam search (`search_beam`), and random variations of the best plan so far (`vary`). `evaluate`
+simulates one candidate. `complete` appends commands of the base policy to the candidate: the command that classifies the most
+cells, or the path to the nearest frontier cell.
 
 The page docs/concepts/planners.md explains the planner.
 """
@@ -51,7 +51,6 @@ MEMORY = record_type(
 )
 
 NOTHING = -1e18  # lower than the value of any plan
-NO_MOVES = np.int64(0)  # a NumPy number, because Numba would compile a kernel again for each literal argument
 LONGEST_RUN = 40  # maximum length of a candidate plan that moves in one direction until it classifies a cell
 
 BRIEF = 300.0  # budget below which the planner evaluates only the most promising plans, with a short horizon
@@ -154,8 +153,12 @@ def search_plans(planner):
             length = run(planner, command)
             if length > 1:
                 best = evaluate(planner, length, best, few)
-    if not brief:
-        try_leaves(planner, best, few)
+    if brief:
+        return
+    best = try_leaves(planner, best, few)
+    if few > 0:
+        for _ in range(int(options.variations)):
+            best = evaluate(planner, vary(planner), best, few)
 
 
 @in_place_kernel
@@ -185,10 +188,10 @@ def run(planner, command):
 
 @in_place_kernel
 def try_leaves(planner, best, few):
-    """Complete the plans that end at the best leaves of the beam search. ``best`` is the value of the best plan so far."""
+    """Complete the plans that end at the best leaves of the beam search. Return the value of the best plan so far."""
     options, beam, trial = planner.options, planner.beam, planner.trial
     if options.beam_leaves == 0:
-        return
+        return best
     depth = int(options.beam_depth)
     half, size, simulated = search_beam(
         planner.scene, planner.root, beam, planner.gains, options.discount, int(options.beam_width), depth
@@ -199,6 +202,50 @@ def try_leaves(planner, best, few):
         for i in range(depth):
             trial[i] = beam.plans[half, leaf, i]
         best = evaluate(planner, depth, best, few)
+    return best
+
+
+@in_place_kernel
+def vary(planner):
+    """Write a random variation of the incumbent to the trial plan. Return the length of the variation.
+
+    Up to a random place, the variation equals the incumbent (the best plan so far). At this place, the function makes one of four
+    changes: it replaces the rest of the incumbent by one random command, replaces the rest by k equal commands, inserts k equal
+    commands, or removes k commands, where k is 1, 2, 4 or 8.
+    """
+    trial, incumbent = planner.trial, planner.incumbent
+    length = max(1, planner.memory.plan_length)
+    at, kind = draw(planner, length), draw(planner, np.int64(4))
+    command, added, removed = draw(planner, directions(planner.scene)), np.int64(1), length - at
+    if kind > 0:
+        added = np.int64(1) << draw(planner, np.int64(4))
+    if kind == 2:
+        removed = np.int64(0)
+    elif kind == 3:
+        added, removed = np.int64(0), added
+    for i in range(at):
+        trial[i] = incumbent[i]
+    for i in range(at, at + added):
+        trial[i] = command
+    end = at + added
+    for i in range(at + removed, planner.memory.plan_length):
+        trial[end] = incumbent[i]
+        end += 1
+    return end
+
+
+@in_place_kernel
+def draw(planner, limit):
+    """Return a random whole number from 0 to ``limit - 1`` by the xorshift method.
+
+    ``planner.memory.random`` holds the state of the generator.
+    """
+    word = np.uint64(planner.memory.random)
+    word ^= word << np.uint64(13)
+    word ^= word >> np.uint64(7)
+    word ^= word << np.uint64(17)
+    planner.memory.random = np.int64(word >> np.uint64(1))
+    return np.int64((word >> np.uint64(33)) % np.uint64(limit))
 
 
 @in_place_kernel
@@ -215,7 +262,7 @@ def evaluate(planner, length, best, few):
     options, memory, end = planner.options, planner.memory, few > 0
     surprise = memory.surprise / WHOLE
     horizon, discount = options.horizon, options.discount
-    if end and surprise < options.far_surprise:
+    if end and surprise < options.end_surprise:
         horizon, discount = options.far_horizon, options.far_discount
     elif not end and is_brief(planner):
         horizon, discount = min(horizon, BRIEF_HORIZON), BRIEF_DISCOUNT

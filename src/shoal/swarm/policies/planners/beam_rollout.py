@@ -38,7 +38,6 @@ TUNING = Tuning(
     end_surprise=0.3,
     horizon=120,
     discount=0.99,
-    far_surprise=0.03,
     far_horizon=1000,
     far_discount=0.999,
     frontier_worth=25,
@@ -48,6 +47,7 @@ TUNING = Tuning(
     beam_depth=5,
     beam_leaves=8,
     run_candidates=1,
+    variations=3,
     free_threshold=0.75,
     prediction_layers=200,
     joint_chance=0.7,
@@ -130,8 +130,8 @@ class BeamRollout(PlannerPolicy):
 
     The names ``best`` and ``beam-rollout`` mean the same policy.
 
-    The candidate plans are the rest of the last plan, single commands, runs in one direction, and the best plans of a beam search.
-    A greedy base policy completes each candidate plan. After 450 consecutive moves that
+    The candidate plans are the rest of the last plan, single commands, runs in one direction, the best plans of a beam search, and
+    random variations of the best candidate. A greedy base policy completes each candidate plan. After 450 consecutive moves that
     classify no cell, the planner sends all commands of the shortest path to a frontier cell, so that every episode ends. Source:
     docs/concepts/planners.md.
 
@@ -163,17 +163,22 @@ class BeamRollout(PlannerPolicy):
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return the planning budget and the tuning for a number of particles, in the form that kernels expect.
 
-        For fewer or more than 1000 particles, the planning budget is larger than for 1000 particles. For more than 1000 particles,
-        the beam search is also wider and deeper, and the early classification of cells has less weight. The planner then simulates
-        plans to the end even if the frontier is large, because many particles classify all cells in few moves. With a limit on
-        computing time, the size of the beam search does not depend on the number of particles.
+        For fewer than 1000 particles, the planning budget is larger, and the planner tries more random variations of plans. For
+        more than 1000 particles, the planning budget is larger, the beam search is wider and deeper, and the early classification
+        of cells has less weight. The planner then simulates plans to the end even if the frontier is large, because many particles
+        classify all cells in few moves. With a limit on computing time, the number of variations and the size of the beam search do
+        not depend on the number of particles.
         """
-        fewer, more = min(MOST_FEW, (USUAL / max(1, particles)) ** 2), min(MOST_MANY, particles / USUAL)
+        fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)
         tuning = tuning._replace(end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many)
         if not self.milliseconds:
-            tuning = tuning._replace(beam_width=tuning.beam_width * many**2, beam_depth=tuning.beam_depth * many**0.5)
-        return (self.budget * max(fewer, more), *tuning)
+            tuning = tuning._replace(
+                variations=tuning.variations * max(1.0, fewer),
+                beam_width=tuning.beam_width * many**2,
+                beam_depth=tuning.beam_depth * many**0.5,
+            )
+        return (self.budget * max(min(MOST_FEW, fewer**2), more), *tuning)
 
 
 def expected_moves(n_free: int, particles: int, *, noisy: bool = False) -> float:

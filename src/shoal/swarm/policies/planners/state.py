@@ -26,8 +26,7 @@ class Tuning(NamedTuple):
     end_surprise: float  # prediction error below which plans are simulated to the end for any size of frontier
     horizon: float  # in moves
     discount: float
-    far_surprise: float  # prediction error below which the next two numbers apply to plans to the end
-    far_horizon: float
+    far_horizon: float  # with a prediction error below end_surprise
     far_discount: float
     frontier_worth: float  # value of classifying all cells immediately, in moves
     surprise_weight: float  # additional weight of early classification at 100 % prediction error
@@ -36,6 +35,7 @@ class Tuning(NamedTuple):
     beam_depth: float  # depth of the beam, in commands
     beam_leaves: float  # number of leaves of the beam that are completed
     run_candidates: float  # 1: runs in one direction are also candidates
+    variations: float  # number of random variations of the incumbent
     free_threshold: float  # probability from which a cell is predicted to be free
     prediction_layers: float  # range of predictions, in cells
     joint_chance: float  # probability that all cells up to a predicted cell are free
