@@ -24,7 +24,6 @@ MECHANISMS: dict[str, str | dict[str, float]] = {
     "all mechanisms except the choice of the next command": "greedy-classify",
     "prediction": {"prediction_layers": 0},
     "prediction beyond 12 layers": {"prediction_layers": 12, "joint_chance": 0},
-    "lattices": {"lattices": 0},
     "learned prior": {"learned": 0},
     "beam": {"beam_leaves": 0},
     "runs": {"run_candidates": 0},

@@ -229,7 +229,7 @@ def foretold(name, n, trial):
     belief = make_task("mapping").begin(world, state, None)
     game = PlannerGame(make_policy("best"), world.free, state, belief, rule="block", mapping=True, rng=np.random.default_rng(trial))
     prior, field, learned, rows = game.planner.prior, game.field, game.planner.learned, []
-    fresh = new_prior(world.layout, lattices=LEARNED - 1, learned=True)
+    fresh = new_prior(world.layout, learned=True)
     ended = False
     while not ended:
         before, bias, trace = field.known.copy(), learned.bias[0], Trace.empty(1)
@@ -243,7 +243,7 @@ def foretold(name, n, trial):
                 weights = fresh.weights.copy()
                 fresh.told[LEARNED] = learned_chance(learned, field.open, before, cell, np.int64(trace.commands[0]))
                 learn_bias(learned, fresh.told[LEARNED], free)
-                learn(fresh, around(field.open, before, cell, step, side), cell, free)
+                learn(fresh, around(field.open, before, cell, step, side), free)
                 rows.append((*fresh.told, weights @ fresh.told, free))
                 weigh(fresh, free)
     return rows
@@ -251,7 +251,7 @@ def foretold(name, n, trial):
 
 def report(given):
     """Print log loss, area under the curve and expected calibration error of each expert and of the mixture."""
-    names = [*(f"counts, model {model}" for model in range(LEARNED)), "learned", "mixture"]
+    names = ["counts", "learned", "mixture"]
     print("| map | expert | log loss, nats | area under the curve | calibration error |\n|---|---|---|---|---|")
     for name in given.maps.split(","):
         rows = np.array([row for n in given.counts for trial in range(given.trials) for row in foretold(name, n, trial)])

@@ -39,7 +39,6 @@ VARIANTS = {
     "prediction-of-12-cells": {"prediction_layers": 12, "joint_chance": 0},
     "end-always-in-sight": {"end_surprise": 2},
     "no-extrapolation": {"future_weight": 0},
-    "no-lattices": {"lattices": 0},
     "no-learned-prior": {"learned": 0},
     "narrow-beam": {"beam_width": 4, "beam_depth": 8, "beam_leaves": 3},
     "beam-of-few": {"beam_width": 0.625, "beam_depth": 2.5},  # at n = 4000 that of n = 1000

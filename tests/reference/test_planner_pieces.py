@@ -7,22 +7,17 @@ from collections import deque
 import numpy as np
 import pytest
 from tests.reference import plain
-from tests.swarm_runs import run
 
-from shoal import open_map
 from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task
 from shoal.swarm.grid.fields import field_of
-from shoal.swarm.grid.trace import Trace
 from shoal.swarm.kernels.dynamics import steps
 from shoal.swarm.kernels.dynamics.bits import has
 from shoal.swarm.kernels.dynamics.moves import LEFT, RIGHT, UP
 from shoal.swarm.kernels.planning import forward_model, learned_prior, plan_search, prediction
 from shoal.swarm.kernels.planning.plan_search import prepare
 from shoal.swarm.kernels.search.frontier_search import ahead, opposite
-from shoal.swarm.policies import BeamRollout
 from shoal.swarm.policies.planners import learned_weights
 from shoal.swarm.policies.planners.state import planner_of
-from shoal.swarm.simulation.compiled import PlannerGame
 
 SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65), (3, 16, 3))
 
@@ -133,7 +128,7 @@ def test_way_to_the_frontier(shape):
 
 
 class Plain:
-    """What `experience` learns, by names instead of numbers: {(manner, place, surroundings): [cells, free ones]}."""
+    """What a planner learns, by names instead of numbers: {surroundings: (cells, free ones)}."""
 
     def __init__(self, layout, weights):
         self.layout, self.tallies, self.weights = layout, {}, list(weights)
@@ -147,29 +142,22 @@ class Plain:
         pairs = [tuple(sorted(state(*ahead(*cell, way, rows)) for way in sides)) for cell in (near, (row, column))]
         return (state(*behind), *pairs)
 
-    def chain(self, manner, around, row, column):
-        """Return the names of the tallies that a manner asks, from coarse to fine."""
-        within, layer = row % self.layout.rows, row // self.layout.rows if self.layout.ndim == 3 else 0
-        places = [tuple(axis % 2**level for axis in (layer, within, column)) for level in range(manner + 1)]
-        return ["all", *((level, places[level], around[:2]) for level in range(manner + 1)), (manner, places[-1], around)]
-
-    def chance(self, manner, around, row, column):
-        """Return the share of free cells in the finest tally, each smoothed towards the coarser one."""
+    def chance(self, around):
+        """Return the share of free cells with these surroundings, smoothed towards coarser surroundings."""
         likely = 0.5
-        for name in self.chain(manner, around, row, column):
+        for name in ("all", around[:2], around):
             cells, free = self.tallies.get(name, (0, 0))
             likely = (free + 2 * likely) / (cells + 2)
         return likely
 
-    def learn(self, around, row, column, free, told):
-        """Ask all manners and the learned expert, weigh them, then count the cell once in every tally that any manner asks."""
-        chains = [self.chain(manner, around, row, column) for manner in range(prediction.MODELS)]
-        chances = [self.chance(manner, around, row, column) for manner in range(prediction.MODELS)] + [told]
+    def learn(self, around, free, told):
+        """Ask both experts, weigh them, then count the cell."""
+        chances = [self.chance(around), told]
         weighed = [weight * (likely if free else 1 - likely) for weight, likely in zip(self.weights, chances, strict=True)]
         having = sum(weight > 0 for weight in weighed)
         share = prediction.DEALT
         self.weights = [(1 - share) * weight / sum(weighed) + share / having if weight > 0 else 0.0 for weight in weighed]
-        for name in {name for chain in chains for name in chain}:
+        for name in ("all", around[:2], around):
             cells, opened = self.tallies.get(name, (0, 0))
             self.tallies[name] = (cells + 1, opened + free)
 
@@ -191,9 +179,9 @@ def test_experience(shape):
     """What is learnt from the moves of an episode is what the plain one learns from the same cells."""
     layout, planner, field, _, _, rng = scene_of(shape, 3, moves=0)
     learnt, network = planner.prior, planner.learned
-    learnt.tallies[:], learnt.weights[:] = 0, (0.2, 0.1, 0.0, 0.3, 0.4)
+    learnt.tallies[:], learnt.weights[:] = 0, (0.6, 0.4)
     if len(shape) == 3:
-        learnt.weights[prediction.LEARNED] = 0  # it has seen maps of two dimensions only
+        learnt.weights[:] = 1.0, 0.0  # the network has seen maps of two dimensions only
     plainly = Plain(layout, learnt.weights)
     for command in rng.integers(0, 2 * len(shape), 12):
         learnt.before[:] = field.known
@@ -211,7 +199,7 @@ def test_experience(shape):
                     if len(shape) == 2:
                         told = learned_prior.learned_chance(network, field.open, learnt.before, np.int64(64 * i + bit), command)
                     free = bool(has(field.open, field.width, row, column))
-                    plainly.learn(around, row, column, free, told)
+                    plainly.learn(around, free, told)
                     network.bias[0] += free - told if len(shape) == 2 else 0
         assert network.bias[0] == learnt_bias
         assert (learnt_bias != 0) == (len(shape) == 2)
@@ -252,13 +240,10 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
         """Yield, for each side from which a cell may be entered, how likely it is free and how often the like was seen."""
         share = learnt.weights[prediction.LEARNED]
         share = 0 if share <= prediction.LEAST else 1 if share >= 1 - prediction.LEAST else share
-        having = [m for m in range(prediction.MODELS) if learnt.weights[m] > prediction.LEAST]
         for command in ways_in(row, column):
             cell, steps = number_of(row, column), prediction.steps_of(layout.rows, layout.words[1], command)
             number = prediction.around(opened, known, cell, *steps)
-            parts = [learnt.weights[m] * prediction.chance(learnt, m, number, cell) for m in having]
-            counted = sum(parts) / sum(learnt.weights[m] for m in having) if having else 0.5
-            yield share * told + (1 - share) * counted, learnt.tallies[1 + number // 6, 0]
+            yield share * told + (1 - share) * prediction.chance(learnt, number), learnt.tallies[1 + number // 6, 0]
 
     def put(board, cells):
         for row, column in cells:
@@ -336,24 +321,10 @@ def test_sums_of_the_network_fit_their_types():
     assert (abs(stored["second_bias"]) + abs(stored["second"].astype(int)) @ np.maximum(high, 0)).max() < 2**31
 
 
-def test_a_lattice_is_found_out():
-    """Among the experts that count, the place of a cell tells more than what is around it in a maze; in a cave it does not."""
-    counting = type("Counting", (BeamRollout,), {"tuning": BeamRollout.tuning._replace(learned=0)})()
-    for name, lattice in (("maze:41x31", True), ("cave:40x30", False)):
-        workspace = open_map(name)
-        start = run(workspace, particles=30).start
-        world = GridWorld(workspace)
-        state = world.initial(start)
-        belief = make_task("mapping").begin(world, state, None)
-        rng = np.random.default_rng(1)
-        game = PlannerGame(counting, world.free, state, belief, rule="block", mapping=True, rng=rng)
-        game.play_on(Trace.empty(100), 100)
-        assert (np.argmax(game.planner.prior.weights[: prediction.MODELS]) > 0) == lattice
-
-
 @pytest.mark.parametrize("end", [False, True])
 def test_a_plan_is_completed_and_valued(end):
     """The moves of a completed plan, one after the other, classify what `complete` counts; the rest is the greedy base policy's."""
+    finished = set()
     for seed in range(8):
         _, planner, _, _, _, _ = scene_of((24, 31), seed, moves=2)
         for first in range(4):
@@ -373,8 +344,10 @@ def test_a_plan_is_completed_and_valued(end):
                     expected, last = expected + discount**move * classified[-1], move + 1
             assert value == pytest.approx(expected)
             assert (moves, total) == (length, sum(classified))
-            assert time == (last if not state[forward_model.FRONTIER].any() else horizon)
+            assert time == horizon or (time == last and not state[forward_model.FRONTIER].any())
+            finished.add(time < horizon)
             assert (state == planner.state).all()
+    assert True in finished
 
 
 def test_a_plan_that_cannot_become_better_is_dropped():
@@ -392,3 +365,27 @@ def test_a_plan_that_cannot_become_better_is_dropped():
             assert 3.0 * (value + 0.99**moves * max(50 - total, 0)) - moves <= 149.0
             shorter += 1
     assert shorter > 0
+
+
+def variations_of(plan, directions):
+    """Yield all plans that one change makes of a plan."""
+    for at in range(len(plan)):
+        for command in range(directions):
+            yield (*plan[:at], command)
+        for many in (1, 2, 4, 8):
+            yield (*plan[:at], *plan[at + many :])
+            for command in range(directions):
+                yield (*plan[:at], *[command] * many)
+                yield (*plan[:at], *[command] * many, *plan[at:])
+
+
+@pytest.mark.parametrize("shape", [(7, 6), (3, 4, 5)])
+def test_variations_of_a_plan(shape):
+    _, planner, _, _, _, rng = scene_of(shape, 1)
+    plan = tuple(rng.integers(0, 2 * len(shape), 13).tolist())
+    planner.incumbent[: len(plan)] = plan
+    planner.memory.plan_length = len(plan)
+    varied = {tuple(planner.trial[: plan_search.vary(planner)].tolist()) for _ in range(2000)}
+    assert varied <= set(variations_of(plan, 2 * len(shape)))
+    assert len(varied) > 300
+    assert tuple(planner.incumbent[: len(plan)].tolist()) == plan

@@ -38,7 +38,7 @@ class ExpectedGain(NamedTuple):
     """The prices of a scan and a move, the learned counts, and the working memory of an adaptive scan rule."""
 
     prices: Any  # a record of PRICES
-    prior: OccupancyPrior  # the scan rule uses only model 0; ``before`` holds the cells known before the run
+    prior: OccupancyPrior  # the scan rule uses only the counts; ``before`` holds the cells known before the run
     gains: NDArray[np.float64]  # (directions, longest run + 1): expected number of cells that each step of a run classifies
     columns: int  # cells per row, including the rim
 
@@ -55,7 +55,7 @@ def learn_from_run(field, gain, command):
             number = around(field.open, prior.before, cell, step, side)
             if number < BEHIND and is_free(field.open, cell - 2 * step):
                 number += BEHIND  # the particle has passed the cell two steps behind in this run, so that cell is free
-            learn(prior, number, cell, is_free(field.open, cell))
+            learn(prior, number, is_free(field.open, cell))
             new &= new - ONE
 
 
@@ -98,7 +98,7 @@ def look_ahead(field, gain, row, column, command):
         number = around(field.open, field.known, cell, step, side)
         if moves >= 3 and number < BEHIND:  # the path has passed the unknown cell two steps behind, so that cell counts as free
             number += BEHIND
-        likely *= chance(gain.prior, 0, number, cell)
+        likely *= chance(gain.prior, number)
         if likely < _LEAST:
             return
 

@@ -1,9 +1,9 @@
 """How the planner `best` chooses a command: it completes candidate plans on the predicted map, and follows the best plan.
 
-`choose_best` is the whole decision. `search_plans` collects the candidate plans: the rest of the last plan, single commands, runs in
-one direction, the best leaves of a beam search (`search_beam`), and random variations of the best plan so far (`vary`). `evaluate`
-simulates one candidate. `complete` appends commands of the base policy to the candidate: the command that classifies the most
-cells, or the path to the nearest frontier cell.
+`choose_best` is the whole decision. `search_plans` collects the candidate plans: the rest of the last plan, single commands, runs
+in one direction, the best leaves of a beam search (`search_beam`), and random variations of the best plan so far (`vary`).
+`evaluate` simulates one candidate. `complete` appends commands of the base policy to the candidate: the command that classifies the
+most cells, or the path to the nearest frontier cell.
 
 The page docs/concepts/planners.md explains the planner.
 """

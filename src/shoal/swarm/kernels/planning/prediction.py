@@ -1,15 +1,14 @@
 """Prediction of free cells: the experts' probabilities, and the predicted map on and behind the frontier.
 
-The count experts (models 0, 1, ...) compute the fraction of free cells among the classified cells with equal surroundings. The fine
-surroundings of a cell are five cells: the cell behind the free neighbour from which a particle enters, the two cells beside this
-neighbour, and the two cells beside the cell itself. The coarse surroundings are the first three of these five cells. The fraction
-for fine surroundings is smoothed towards the fraction for coarse surroundings. Model m > 0 uses the surroundings and the position
-of the cell modulo ``2**m``, because corridors of mazes, trees and chips often lie on a lattice. In each episode, the count experts
-start without counts. The last expert is a network trained on maps (`learned_prior`).
+Two experts estimate the probability that a cell is free. The count expert computes the fraction of free cells among the classified
+cells with equal surroundings. The fine surroundings of a cell are five cells: the cell behind the free neighbour from which a
+particle enters, the two cells beside this neighbour, and the two cells beside the cell itself. The coarse surroundings are the
+first three of these five cells. The fraction for fine surroundings is smoothed towards the fraction for coarse surroundings. In
+each episode, the count expert starts without counts. The other expert is a network trained on maps (`learned_prior`).
 
-When a cell is classified, every expert estimates the probability of a free cell before the expert learns the result. The weight of
-an expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
-weight is distributed evenly, so that another expert can gain weight again.
+When a cell is classified, both experts estimate the probability of a free cell before they learn the result. The weight of an
+expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
+weight is distributed evenly, so that the other expert can gain weight again.
 
 `predict` applies the experts layer by layer. The first layer is the frontier. Each later layer consists of the unknown neighbours
 of cells that are predicted to be free.
@@ -30,13 +29,12 @@ from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
 from shoal.swarm.kernels.planning.learned_prior import learn_bias, learned_chance
 
-MODELS = 4
-LEARNED = MODELS  # index of the learned expert, after the count experts
-EXPERTS = MODELS + 1
+COUNTED, LEARNED = 0, 1  # indices of the experts
+EXPERTS = 2
 STATES, PAIRS = 3, 6  # number of states of a cell (unknown, free, obstacle); number of unordered pairs of states
 COARSE = STATES * PAIRS  # number of coarse surroundings: cell behind the free neighbour, pair beside the free neighbour
 FINE = COARSE * PAIRS  # number of fine surroundings: coarse surroundings, and the pair beside the cell
-# Order of the tallies: one tally for all cells; then, for each model, tallies of coarse and of fine surroundings at each place.
+TALLIES = 1 + COARSE + FINE  # one tally for all cells, then tallies of coarse and of fine surroundings
 WEIGHT = 2.0  # weight of the coarser fraction, in cells
 DEALT = 0.002  # fraction of all weight that each classification distributes evenly over the experts
 LEAST = 0.01  # weight below which predictions leave out an expert
@@ -47,14 +45,12 @@ NOT_ASKED = -1.0
 
 
 class OccupancyPrior(NamedTuple):
-    """The counts and the weights of the experts."""
+    """The counts of the count expert, and the weights of both experts."""
 
-    # (places, 2): number of classified cells, number of free cells among the classified cells; row 0 is for all cells
-    tallies: NDArray[np.int64]
+    tallies: NDArray[np.int64]  # (TALLIES, 2): number of classified cells, number of free cells among the classified cells
     weights: NDArray[np.float64]  # (EXPERTS,): weights with sum 1; 0 for an unused expert
     told: NDArray[np.float64]  # (EXPERTS,): each expert's probability that the last classified cell is free
     before: NDArray[np.uint64]  # the cells known before the last command
-    layers: int
     rows: int  # rows per layer
     width: int  # words per row
 
@@ -69,16 +65,10 @@ class OccupancyPrediction(NamedTuple):
     following: NDArray[np.int64]  # the cells of the next layer
     verdicts: NDArray[np.int8]  # UNDECIDED, WALL or FREE for each cell of the present layer
     told: NDArray[np.float64]  # results of the learned prior for the cells of the present layer
-    chances: NDArray[np.float64]  # results of `counted_chance` for all surroundings at all places; NOT_ASKED before the first use
+    chances: NDArray[np.float64]  # (FINE,): results of `chance` for all surroundings; NOT_ASKED before the first use
     layers: int
     rows: int
     width: int
-
-
-def size_of(layers: int) -> int:
-    """Return the number of tallies (pairs of counts) that the count experts need for a map with ``layers`` layers."""
-    axes = 2 if layers == 1 else 3
-    return 1 + sum((COARSE + FINE) << (model * axes) for model in range(MODELS))
 
 
 @in_place_kernel
@@ -121,66 +111,27 @@ def around(opened, known, cell, step, side):
 
 
 @in_place_kernel
-def place(prior, model, cell):
-    """Return (index of the cell's position modulo ``2**model``, number of possible positions)."""
-    mask = (np.int64(1) << model) - 1
-    row = (cell >> 6) // prior.width
-    if prior.layers == 1:
-        return ((row & mask) << model) | (cell & mask), np.int64(1) << (2 * model)
-    layer, within = row // prior.rows, row % prior.rows
-    return ((((layer & mask) << model) | (within & mask)) << model) | (cell & mask), np.int64(1) << (3 * model)
-
-
-@in_place_kernel
 def smoothed(tallies, entry, likely):
     """Return the fraction of free cells in one tally, smoothed towards the coarser fraction ``likely``."""
     return (tallies[entry, 1] + WEIGHT * likely) / (tallies[entry, 0] + WEIGHT)
 
 
 @in_place_kernel
-def chance(prior, model, number, cell):
-    """Return one count expert's probability that a cell is free. ``number`` identifies the surroundings of the cell."""
-    tallies, coarse, first = prior.tallies, number // PAIRS, 1
+def chance(prior, number):
+    """Return the count expert's probability that a cell is free. ``number`` identifies the surroundings of the cell."""
+    tallies = prior.tallies
     likely = smoothed(tallies, 0, 0.5)
-    for level in range(model):
-        at, places = place(prior, level, cell)
-        likely = smoothed(tallies, first + coarse * places + at, likely)
-        first += (COARSE + FINE) * places
-    at, places = place(prior, model, cell)
-    likely = smoothed(tallies, first + coarse * places + at, likely)
-    return smoothed(tallies, first + (COARSE + number) * places + at, likely)
+    likely = smoothed(tallies, 1 + number // PAIRS, likely)
+    return smoothed(tallies, 1 + COARSE + number, likely)
 
 
 @in_place_kernel
-def counted_chance(prior, number, cell):
-    """Return the weighted mean of the count experts' probabilities that a cell is free."""
-    some, total = 0.0, 0.0
-    for model in range(MODELS):
-        if prior.weights[model] > LEAST:
-            some += prior.weights[model]
-            total += prior.weights[model] * chance(prior, model, number, cell)
-    return total / some if some > 0.0 else 0.5
-
-
-@in_place_kernel
-def learn(prior, number, cell, free):
-    """Compute every count expert's probability for a cell, as in `chance`, and then add the cell to the counts.
-
-    Each count expert smooths its coarse fraction towards the coarse fraction of the previous count expert.
-    """
-    tallies, coarse, first = prior.tallies, number // PAIRS, 1
-    likely, one = smoothed(tallies, 0, 0.5), np.int64(1) if free else np.int64(0)
-    tallies[0, 0] += 1
-    tallies[0, 1] += one
-    for model in range(MODELS):
-        at, places = place(prior, model, cell)
-        coarsely, finely = first + coarse * places + at, first + (COARSE + number) * places + at
-        likely = smoothed(tallies, coarsely, likely)
-        prior.told[model] = smoothed(tallies, finely, likely)
-        for entry in (coarsely, finely):
-            tallies[entry, 0] += 1
-            tallies[entry, 1] += one
-        first += (COARSE + FINE) * places
+def learn(prior, number, free):
+    """Compute the count expert's probability for a cell, and then add the cell to the counts."""
+    prior.told[COUNTED] = chance(prior, number)
+    for entry in (0, 1 + number // PAIRS, 1 + COARSE + number):
+        prior.tallies[entry, 0] += 1
+        prior.tallies[entry, 1] += 1 if free else 0
 
 
 @in_place_kernel
@@ -211,7 +162,7 @@ def learn_from_command(field, prior, learned, command):
             if prior.weights[LEARNED] > 0.0:
                 prior.told[LEARNED] = learned_chance(learned, field.open, before, cell, command)
                 learn_bias(learned, prior.told[LEARNED], free)
-            learn(prior, around(field.open, before, cell, step, side), cell, free)
+            learn(prior, around(field.open, before, cell, step, side), free)
             weigh(prior, free)
             new &= new - ONE
 
@@ -245,16 +196,11 @@ def list_cells(cells, size, i, word):
 
 
 @in_place_kernel
-def counted(prediction, prior, cell, number):
-    """Return the result of `counted_chance` for a cell.
-
-    The kernel computes each result of `counted_chance` only once, and stores it.
-    """
-    at, places = place(prior, MODELS - 1, cell)
-    entry = number * places + at
-    if prediction.chances[entry] == NOT_ASKED:
-        prediction.chances[entry] = counted_chance(prior, number, cell)
-    return prediction.chances[entry]
+def counted(prediction, prior, number):
+    """Return the result of `chance` for fine surroundings. The kernel computes each result only once in a prediction."""
+    if prediction.chances[number] == NOT_ASKED:
+        prediction.chances[number] = chance(prior, number)
+    return prediction.chances[number]
 
 
 @in_place_kernel
@@ -296,13 +242,13 @@ def find_walls(prediction, prior, learned, size):
 
 @in_place_kernel
 def mixed(prediction, prior, k, number):
-    """Return the weighted mean of all experts' probabilities that cell number k of the layer is free."""
+    """Return the weighted mean of the experts' probabilities that cell number k of the layer is free."""
     share = prior.weights[LEARNED]
     if share <= LEAST:
-        return counted(prediction, prior, prediction.cells[k], number)
+        return counted(prediction, prior, number)
     if share >= 1.0 - LEAST:
         return prediction.told[k]
-    return share * prediction.told[k] + (1.0 - share) * counted(prediction, prior, prediction.cells[k], number)
+    return share * prediction.told[k] + (1.0 - share) * counted(prediction, prior, number)
 
 
 @in_place_kernel

@@ -51,7 +51,6 @@ TUNING = Tuning(
     free_threshold=0.75,
     prediction_layers=200,
     joint_chance=0.7,
-    lattices=3,
     learned=1,
     force_after=450,
 )

@@ -39,7 +39,6 @@ class Tuning(NamedTuple):
     free_threshold: float  # probability from which a cell is predicted to be free
     prediction_layers: float  # range of predictions, in cells
     joint_chance: float  # probability that all cells up to a predicted cell are free
-    lattices: float  # number of lattice models, which have the periods 2, 4, ...
     learned: float  # 1: the trained network contributes to the prediction
     force_after: float  # number of moves without classification after which a whole path is sent
 
@@ -52,21 +51,16 @@ FIRST_RATE = 200.0  # simulated moves per millisecond, before the machine's spee
 ADVANCE = 10  # moves whose time may be spent in advance, because the first moves need most planning
 
 
-def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> prediction.OccupancyPrior:
+def new_prior(layout: GridLayout, *, learned: bool = False) -> prediction.OccupancyPrior:
     """Return the occupancy prior at the start of an episode, before it has learned from any classified cell.
 
-    ``lattices`` is the number of lattice models in the occupancy prior. If ``learned`` is true, the prior contains the trained
-    neural network in addition to the lattice models.
+    If ``learned`` is true, the prior contains the trained neural network in addition to the counts.
     """
-    weights = np.zeros(prediction.EXPERTS)
-    weights[: lattices + 1] = (0.5 if learned else 1.0) / (lattices + 1)
-    weights[prediction.LEARNED] = 0.5 if learned else 0.0
     return prediction.OccupancyPrior(
-        tallies=np.zeros((prediction.size_of(layout.layers), 2), dtype=np.int64),
-        weights=weights,
+        tallies=np.zeros((prediction.TALLIES, 2), dtype=np.int64),
+        weights=np.array([0.5, 0.5] if learned else [1.0, 0.0]),
         told=np.full(prediction.EXPERTS, 0.5),
         before=empty_boards(layout, 1)[0],
-        layers=layout.layers,
         rows=layout.rows,
         width=layout.words[1],
     )
@@ -89,7 +83,7 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         following=np.zeros(64 * size, dtype=np.int64),
         verdicts=np.zeros(64 * size, dtype=np.int8),
         told=np.zeros(64 * size),
-        chances=np.zeros(prediction.FINE << ((prediction.MODELS - 1) * (2 if layout.layers == 1 else 3))),
+        chances=np.zeros(prediction.FINE),
         **extents,
     )
     given = dict(zip(OPTIONS.names or (), options, strict=False))
@@ -118,7 +112,7 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         incumbent=np.zeros(longest, dtype=np.int8),
         trial=np.zeros(longest, dtype=np.int8),
         beam=beam_of(size, int(given.get("beam_width", 0)), int(given.get("beam_depth", 0))),
-        prior=new_prior(layout, lattices=int(given.get("lattices", 0)), learned=learned),
+        prior=new_prior(layout, learned=learned),
         prediction=foreseen,
         learned=learned_prior_of(foreseen.inner, layout.words[1], used=learned),
     )
