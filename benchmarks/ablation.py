@@ -33,7 +33,7 @@ MECHANISMS: dict[str, str | dict[str, float]] = {
     "higher weight of the cells that a plan classifies early while there are many surprises": {"surprise_weight": 0},
     "simulation to the end if predictions are reliable": {"end_surprise": 0},
     "simulation to the end if few frontier cells are left": {"end_frontier": 0},
-    "longer horizon if predictions are reliable": {"far_horizon": 120, "far_discount": 0.99},
+    "far sight": {"far_surprise": 0},
 }
 
 

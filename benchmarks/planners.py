@@ -43,7 +43,7 @@ VARIANTS = {
     "narrow-beam": {"beam_width": 4, "beam_depth": 8, "beam_leaves": 3},
     "beam-of-few": {"beam_width": 0.625, "beam_depth": 2.5},  # at n = 4000 that of n = 1000
     "many-as-few": {"end_frontier": 50, "frontier_worth": 100},  # at n = 4000
-    "no-far-sight": {"far_horizon": 120, "far_discount": 0.99, "prediction_layers": 60},
+    "no-far-sight": {"far_surprise": 0, "prediction_layers": 60},
 }
 
 

@@ -262,7 +262,7 @@ def evaluate(planner, length, best, few):
     options, memory, end = planner.options, planner.memory, few > 0
     surprise = memory.surprise / WHOLE
     horizon, discount = options.horizon, options.discount
-    if end and surprise < options.end_surprise:
+    if end and surprise < options.far_surprise:
         horizon, discount = options.far_horizon, options.far_discount
     elif not end and is_brief(planner):
         horizon, discount = min(horizon, BRIEF_HORIZON), BRIEF_DISCOUNT

@@ -38,6 +38,7 @@ TUNING = Tuning(
     end_surprise=0.3,
     horizon=120,
     discount=0.99,
+    far_surprise=0.1,
     far_horizon=1000,
     far_discount=0.999,
     frontier_worth=25,

@@ -26,7 +26,8 @@ class Tuning(NamedTuple):
     end_surprise: float  # prediction error below which plans are simulated to the end for any size of frontier
     horizon: float  # in moves
     discount: float
-    far_horizon: float  # with a prediction error below end_surprise
+    far_surprise: float  # prediction error below which the next two numbers apply to plans to the end
+    far_horizon: float
     far_discount: float
     frontier_worth: float  # value of classifying all cells immediately, in moves
     surprise_weight: float  # additional weight of early classification at 100 % prediction error
