@@ -52,7 +52,7 @@ class SteeringTask(StartAndGoal):
     seed : int
         Seed of the random numbers that some planners draw.
     deadline : float
-        Time at which the planner must return the best plan so far, in seconds on the clock `time.monotonic`.
+        Time at which the planner must return the best plan so far, in seconds on the clock `shoal.jit.working_time`.
     clearance : float
         Fraction of the workspace's size: largest contact tolerance with which a plan must still reach the goals.
     margin : float
