@@ -31,7 +31,8 @@ def seconds_compiling() -> float:
 def working_time() -> float:
     """Return seconds on a clock that stands still while the current thread loads or compiles kernels; its zero has no meaning.
 
-    Time limits are compared with this clock. A limit of two seconds would otherwise be over before a first use has compiled its kernels.
+    Time limits are compared with this clock. On any other clock, a limit of two seconds is over before a first use has compiled its
+    kernels.
     """
     return time.perf_counter() - seconds_compiling()
 

@@ -222,8 +222,8 @@ def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float], *, f
     from matplotlib.patheffects import withStroke
 
     axes.annotate(
-        words, (float(place[0]), float(place[1])), xytext=offset, textcoords="offset points", fontsize=fontsize, color=INK, zorder=8,
-        path_effects=[withStroke(linewidth=2, foreground="white")],
+        words, (float(place[0]), float(place[1])), xytext=offset, textcoords="offset points", fontsize=fontsize, color=INK,
+        zorder=8, path_effects=[withStroke(linewidth=2, foreground="white")],
     )  # fmt: skip
 
 
