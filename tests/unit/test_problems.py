@@ -23,6 +23,8 @@ SMALLEST = {
     "steering": {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]},
     "search": {"region": "square:60", "robots": 3, "footprint": 10.0},
 }
+NEEDED = {"confidence": {"slip": 0.0}}
+"""What a problem must state beside a field that has an effect on some problems only."""
 COMMANDS = {"swarm": ("map", "cover"), "steering": ("steer",), "search": ("search",)}
 FIELDS = [(part, name) for part in parts.PARTS for name in parts.problem_type(part).declarations()]
 
@@ -44,7 +46,7 @@ def test_every_field_is_everywhere_with_one_default(part, name):
         unsaid = (None, False, "", ())  # no default that a command's help could show
         assert declared.required or str(shown) == str(declared.default) or (shown in unsaid and declared.default in unsaid)
     # a sweep and a file
-    fields = {"kind": part} | SMALLEST[part]
+    fields = {"kind": part} | SMALLEST[part] | NEEDED.get(name, {})
     assert problems.trial_problem(fields) == problems.trial_problem(fields | {name: value})
     assert kind.from_dict(json.loads(json.dumps(fields | {name: value}))) == smallest
     # the reference
