@@ -53,10 +53,10 @@ class Problem:
     In an unfinished episode, the value of such a measure is only a lower bound.
     """
 
-    def __new__(cls, *values: Any, **fields: Any) -> Self:
+    def __new__(cls, *values: Any, **given: Any) -> Self:
         """Keep which fields the caller gives: a field at its default is also refused where it would have no effect."""
         problem = super().__new__(cls)
-        problem.__dict__["_given"] = frozenset([*islice(cls.__dataclass_fields__, len(values)), *fields])
+        problem.__dict__["_given"] = frozenset([*islice(cls.declarations(), len(values)), *given])
         return problem
 
     @property
