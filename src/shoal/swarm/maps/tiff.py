@@ -69,6 +69,19 @@ def _library() -> Any:
         ) from None
 
 
+def size_of(path: Path) -> tuple[int, int]:
+    """Return the columns and rows of the first page of a TIFF file.
+
+    Raises
+    ------
+    MissingExtraError
+        Raised without tifffile, which itself raises many kinds of exceptions for damaged files.
+    """
+    with _library().TiffFile(path) as file:
+        page = file.pages.first
+        return int(page.imagewidth), int(page.imagelength)
+
+
 class Tiff:
     """A TIFF file as pages of the map: each page has the shape (rows, columns) or (rows, columns, samples).
 
