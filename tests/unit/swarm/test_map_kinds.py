@@ -614,8 +614,32 @@ def test_films_and_compressed_images_of_scanners(tmp_path):
     write_dicom(tmp_path, film, name="volume", SpacingBetweenSlices=2, **more)
     volume = read_map(next((tmp_path / "volume").iterdir()))
     assert (volume.shape, volume.spacing) == ((2, 20, 30), (2.0, 0.5, 0.25))
-    with pytest.raises(InvalidInputError, match="frame: expected no frame for DICOM images of grey values, got 2"):
+    with pytest.raises(InvalidInputError, match="frame: expected no frame for DICOM images without several points in time, got 2"):
         read_map(next((tmp_path / "volume").iterdir()), frame=2)
+
+
+@pytest.mark.parametrize(("kind", "planar"), [("RGB", 0), ("RGB", 1), ("YBR_FULL", 0)])
+def test_colour_images_of_scanners(tmp_path, kind, planar):
+    pixels = pytest.importorskip("pydicom.pixels")
+    colours = np.stack([LINES * 200, 200 - LINES * 200, LINES * 0 + 90], axis=-1).astype(np.uint8)
+    stored = colours if kind == "RGB" else pixels.convert_color_space(colours, "RGB", kind)
+    more = {
+        "SamplesPerPixel": 3, "PhotometricInterpretation": kind, "PlanarConfiguration": planar, "BitsAllocated": 8, "BitsStored": 8,
+        "HighBit": 7, "PixelData": (stored.transpose(2, 0, 1) if planar else stored).tobytes(),
+    }  # fmt: skip
+    write_dicom(tmp_path, [LINES], name="one", **more)
+    one = next((tmp_path / "one").iterdir())
+    with pytest.raises(InvalidInputError, match=r"choice of one channel \(--channel\), got 3: 1 \(red\), 2 \(green\), 3 \(blue\)"):
+        read_map(one)
+    np.testing.assert_array_equal(read_map(one, channel="red", level=100).free, FREE)
+    np.testing.assert_array_equal(read_map(one, channel=2, level=100).free, ~FREE)
+    write_dicom(tmp_path, [LINES, LINES], name="several", **more)
+    assert read_map(tmp_path / "several", channel="red", level=100).shape == (20, 2, 30)  # seen from the front
+    with pytest.raises(InvalidInputError, match=r"channel: expected one of 1 \(red\), .*, got 4"):
+        read_map(one, channel=4)
+    write_dicom(tmp_path, [LINES], name="grey")
+    with pytest.raises(InvalidInputError, match="channel: expected no channel for DICOM images without colours, got 1"):
+        read_map(next((tmp_path / "grey").iterdir()), channel=1)
 
 
 # Memory: about the size of the map, whatever the numbers of the file

@@ -58,6 +58,7 @@ USED = {
     "film.nii": ({*NUMBERS, "frame"}, {"label": 220, "frame": 1}),
     "volume.nrrd": (NUMBERS, {"label": 220}),
     "series": (NUMBERS, {"label": 220}),
+    "coloured": ({*NUMBERS, "channel"}, {"channel": 1, "label": 220}),
     "line:7": (set(), {}),
 }
 SCALED_LABEL = {"deep.tif": {"level": 50 * 290, "label": 100 * 290}, "palette.png": {"label": 2}}
