@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import io
 
 import numpy as np
 import pytest
@@ -640,6 +641,58 @@ def test_colour_images_of_scanners(tmp_path, kind, planar):
     write_dicom(tmp_path, [LINES], name="grey")
     with pytest.raises(InvalidInputError, match="channel: expected no channel for DICOM images without colours, got 1"):
         read_map(next((tmp_path / "grey").iterdir()), channel=1)
+
+
+def nrrd_bytes(*more, dimension=2, kind="uchar"):
+    head = ["NRRD0004", f"type: {kind}", f"dimension: {dimension}", "sizes: 4 4", "encoding: raw", *more]
+    return ("\n".join(head) + "\n\n").encode() + bytes([1] * 64)
+
+
+def matlab_bytes(name, value):
+    from scipy.io import savemat
+
+    written = io.BytesIO()
+    savemat(written, {name: value})
+    return written.getvalue()
+
+
+# Strange files, and a word of the one sentence that says what is wrong
+STRANGE = {
+    "skipped.nrrd": (lambda: nrrd_bytes("line skip: 999999999999"), "expected 999999999999 lines before the data, got fewer"),
+    "dimensions.nrrd": (lambda: nrrd_bytes(dimension=999999), "expected 999999 sizes, got 2"),
+    "order.nrrd": (lambda: nrrd_bytes("endian: middle", kind="short"), "endian: expected little or big, got 'middle'"),
+    "report.dcm": (lambda: bytes(128) + b"DICM", "expected a DICOM image, got a DICOM file without rows and columns"),
+    "cells.mat": (lambda: matlab_bytes("m", np.array([LINES, 1], dtype=object)), r"got m 1x2 \(cell\)"),
+    "four.mat": (lambda: matlab_bytes("m", np.ones((2, 2, 2, 2))), r"in 2 or 3 dimensions, got m 2x2x2x2 \(double\)"),
+    "underscore.csv": (lambda: b"1_0,0\n0,0\n", "line 1, column 1: expected 0 or 1, got '1_0'"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_strange_files_get_one_sentence(tmp_path, name):
+    made, words = STRANGE[name]
+    (tmp_path / name).write_bytes(made())
+    with pytest.raises(InvalidInputError, match=words) as refused:
+        read_map(tmp_path / name)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_compression_that_no_library_knows_is_no_damage(tmp_path):
+    tags = [
+        (256, 4, 5),
+        (257, 4, 5),
+        (258, 3, 8),
+        (259, 3, 34712),
+        (262, 3, 1),
+        (273, 4, 200),
+        (277, 3, 1),
+        (278, 4, 5),
+        (279, 4, 25),
+    ]
+    entries = b"".join(struct.pack("<HHII", tag, size, 1, value) for tag, size, value in tags)
+    (tmp_path / "map.tif").write_bytes(struct.pack("<2sHIH", b"II", 42, 8, len(tags)) + entries + bytes(200))
+    with pytest.raises(InvalidInputError, match="got another compression together with numbers that need tifffile"):
+        read_map(tmp_path / "map.tif")
 
 
 # Memory: about the size of the map, whatever the numbers of the file

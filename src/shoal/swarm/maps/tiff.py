@@ -257,13 +257,16 @@ class Tiff:
 
     def _by_pillow(self, source: Any) -> NDArray[Any] | None:
         """Return a compressed page by Pillow, which knows more compressions, or None if Pillow changes the numbers of the page."""
-        from PIL import Image
+        from PIL import Image, UnidentifiedImageError
 
         if self.samples != 1 or self.white_is_zero or not hasattr(source, "index"):
             return None
-        with Image.open(self.path, formats=("TIFF",)) as image:
-            image.seek(int(source.index))
-            page = np.asarray(image)
+        try:
+            with Image.open(self.path, formats=("TIFF",)) as image:
+                image.seek(int(source.index))
+                page = np.asarray(image)
+        except UnidentifiedImageError:  # a compression that Pillow does not know either
+            return None
         return page if page.dtype == self.dtype and page.shape == self.size and self.orientation == 1 else None
 
     def _channel_names(self) -> list[str]:

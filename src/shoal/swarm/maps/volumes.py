@@ -221,6 +221,8 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         header = nrrd.read_header(start)
         begin = start.tell()
         sides = [int(side) for side in header["sizes"]]
+        if len(sides) != header.get("dimension"):
+            raise ValueError(f"expected {header.get('dimension')} sizes, got {len(sides)}")
         kinds = [str(kind).lower() for kind in header.get("kinds", [])] or ["domain"] * len(sides)
         domain: list[int] = []
         picked: dict[int, int] = {}
@@ -253,6 +255,8 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
     kind = NRRD_NUMBERS.get(str(header["type"]).lower().replace("_t", ""))
     if kind is None:
         raise InvalidInputError(f"{path}: expected numbers, got the type {str(header['type'])[:40]!r}")
+    if np.dtype(kind).itemsize > 1 and header.get("endian", "little") not in {"little", "big"}:
+        raise InvalidInputError(f"{path}: endian: expected little or big, got {str(header['endian'])[:20]!r}")
     dtype = np.dtype(kind).newbyteorder("big" if header.get("endian") == "big" else "little")
     size = count * dtype.itemsize
     check_data(path, size)
@@ -274,7 +278,8 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
     with source.open("rb") as file:
         file.seek(begin)
         for _ in range(skip_lines):
-            file.readline(CHUNK)
+            if not file.readline(CHUNK):
+                raise ValueError(f"expected {skip_lines} lines before the data, got fewer")
         if encoding in {"ascii", "text", "txt"}:
             words = file.read(64 * count + CHUNK).split()
             numbers = np.array(words[:count], dtype=np.float64)
@@ -390,7 +395,10 @@ def _dicom_header(path: Path, pydicom: Any) -> Any:
     if not is_dicom(path):
         with path.open("rb") as file:
             raise InvalidInputError(f"{path}: expected a DICOM file, got a damaged or other file (it begins with {file.read(8)!r})")
-    return pydicom.dcmread(path, stop_before_pixels=True)
+    header = pydicom.dcmread(path, stop_before_pixels=True)
+    if "Rows" not in header or "Columns" not in header:
+        raise InvalidInputError(f"{path}: expected a DICOM image, got a DICOM file without rows and columns of pixels")
+    return header
 
 
 def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any, options: MapOptions) -> Cells:
