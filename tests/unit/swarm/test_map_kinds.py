@@ -677,6 +677,17 @@ def test_strange_files_get_one_sentence(tmp_path, name):
     assert "\n" not in str(refused.value)
 
 
+def test_the_size_of_a_film_is_checked_before_its_frames_are_decoded(tmp_path):
+    from shoal.swarm.maps.pictures import read_pixels
+
+    head = b"GIF89a" + bytes([255] * 4) + b"\xf0\0\0" + bytes(6)
+    frame = b"," + bytes(4) + bytes([255] * 4) + b"\0\x02\x02\x4c\x01\0"
+    (tmp_path / "large.gif").write_bytes(head + frame + frame + b";")
+    for read in (read_map, read_pixels):
+        with pytest.raises(InvalidInputError, match="expected at most 268435456 cells, got 65535x65535"):
+            read(tmp_path / "large.gif")
+
+
 def test_a_compression_that_no_library_knows_is_no_damage(tmp_path):
     import struct
 
