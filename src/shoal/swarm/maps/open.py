@@ -74,7 +74,7 @@ def open_map(
     if width is not None:
         check_integer(width, what="width", least=1)
     of_vessels = {"vessels": vessels, "width": width, "low": low, "high": high, "bright": bright, "thickest": thickest}
-    given = {name: value for name, value in of_vessels.items() if value is not None} | chosen.given
+    given = {name: value for name, value in of_vessels.items() if value is not None} | dict(chosen.given)
     if isinstance(place, GridWorkspace):
         check_used(KINDS["workspace"], given)
         return place
