@@ -198,7 +198,7 @@ def check(
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
     searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, hidden=hidden, closed_lines=closed_lines)
-    late = {} if delay_tolerance is None else {"delay_tolerance": delay_tolerance}
+    late: dict[str, Any] = {} if delay_tolerance is None else {"delay_tolerance": delay_tolerance}
     kept = MissionOptions(separation=parse_separation(separation), **late).kept_apart
     flown = None if vehicle is None else vehicle_of(vehicle)
     if sides is None and flown is not None:
