@@ -604,6 +604,7 @@ def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, p
     """Return the pages of a picture that Pillow reads. The size of a page is checked before the page is decoded."""
     film = image.format == "GIF" or int(getattr(image, "n_frames", 1) if image.format == "PNG" else 1) > 1
     if film:
+        _check_pixels(path, image, options, most)  # before counting the frames, which decodes them
         image.seek(_frame_of_film(path, image, options))
     elif options.frame is not None:
         raise InvalidInputError(f"{path}: frame: expected no frame for a file without a time axis, got {options.frame}")
