@@ -343,7 +343,7 @@ def _explored(
             recorder.add(command, rows, scanned=scanned)
             check()
         return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
-    decider = make_decider(problem, swarm.belief, trial_rng(seed), lambda: swarm.finished)
+    decider = make_decider(problem, swarm.belief, trial_rng(seed), swarm.noisy)
     for _ in range(CLOSING):
         _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
         # under noise no scan proves anything by itself: a map is only complete after commands that must move particles
