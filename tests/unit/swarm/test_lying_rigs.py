@@ -643,6 +643,18 @@ def test_commands_carried_out_twice_now_and_then_mark_the_result(noise):
         assert driven.trust.level != "high"
 
 
+@pytest.mark.parametrize("noise", [Noise(0.02, 0.05, 0), Noise(0.1, 0.02, 0.1)], ids=str)
+def test_commands_carried_out_twice_now_and_then_mark_small_maps(noise):
+    """Few motions are seen in a small map: an upper bound of their probability must not ask for as much as an exact one."""
+    for (workspace, particles), seeds in zip(SMALL, ((4, 5, 0, 2), (4, 1)), strict=True):
+        for seed in seeds:
+            rig = Lying(noisy(workspace, particles, seed, noise))
+            rig.command = lambda letter, rig=rig: letter * (2 if len(rig.sent) % 5 == 0 else 1)
+            driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=800)
+            assert driven.trust.level != "high", (seed, driven.trust)
+            assert not driven or "twice" in {alarm.kind for alarm in driven.alarms}
+
+
 def test_honest_rigs_with_few_particles_finish_without_alarms():
     for noise in (*NOISES, Noise(0.4, 0, 0), Noise(0.1, 0.02, 0.1)):
         for workspace, particles in SMALL:

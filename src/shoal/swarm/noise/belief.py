@@ -24,6 +24,7 @@ from shoal.swarm.policies.paths import path_to_frontier
 PAD = 3  # the rim and two more cells that are never free
 NEVER = -700.0  # log-odds
 MAY_HOLD = 0.05  # probability from which a cell counts as one that may hold a particle
+SAFETY = 2.0  # the rest of a map may branch more than the part found so far
 
 
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -228,8 +229,8 @@ class NoisyBelief:
         Let e be the probability of what the scans show at a wall if it is a free cell, divided by this probability if it is a wall.
         Of n free cells, each counts as a wall in the end with a probability of about e, and then hides the cells that particles
         reach only through it: on average a share f of the map (`cells_behind`). The expected share of hidden cells is n f e, and
-        must not exceed 1 - ``confidence``. Behind a wall without unclassified cells beside it, nothing is hidden, and beside a small
-        unclassified part, no more than this part.
+        `SAFETY` times this share must not exceed 1 - ``confidence``. Behind a wall without unclassified cells beside it, nothing is
+        hidden, and beside a small unclassified part, no more than this part.
         """
         from scipy import ndimage
 
@@ -249,7 +250,7 @@ class NoisyBelief:
             return Board.empty(self.layout)
         share = np.minimum(self._share_behind, (1 + behind) / (len(belief.known) + behind))
         mistaken = np.exp(self.logit - log(PRIOR / (1 - PRIOR)))
-        return Board(self.layout, self.layout.pack(walls & (len(belief.open) * share * mistaken > 1 - self.confidence)))
+        return Board(self.layout, self.layout.pack(walls & (len(belief.open) * SAFETY * share * mistaken > 1 - self.confidence)))
 
     @property
     def _share_behind(self) -> float:

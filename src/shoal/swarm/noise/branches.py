@@ -9,7 +9,9 @@ from shoal.swarm.grid.board import Board
 
 
 def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:
-    """Return for each free cell the number of free cells that become unreachable from ``roots`` if the cell is a wall, and 0 for a root.
+    """Return for each free cell the number of free cells that become unreachable from ``roots`` if the cell is a wall.
+
+    Of a root, the function returns 0.
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ class Lookout:
     A policy sees a particle only where the belief is surer than 0.5, and plans only through cells that are classified as free. If
     errors are frequent or particles are few, it may therefore find no path although particles may still enter unclassified cells.
     Commands in all directions in turn then show where the particles are. If every cell in reach is classified, the nearest particle
-    pushes the nearest of the weak walls, behind which more unclassified cells may lie than the confidence allows. If no particle can
-    reach one, particles push the walls between them and the rest of the map.
+    pushes the nearest of the weak walls, behind which more unclassified cells may lie than the confidence allows. If no
+    particle can reach one, particles push the walls between them and the rest of the map.
 
     After `PATIENCE` commands that neither classify a further cell nor leave fewer weak walls, and `TIMES` more for each cell of the
     longest path to a wall, the lookout gives up, so that every episode ends.
