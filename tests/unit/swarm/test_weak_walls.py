@@ -52,7 +52,7 @@ def test_few_particles_in_a_maze_keep_what_the_confidence_promises(place, policy
 
 
 def corridor(pushes):
-    """Return the belief about a corridor of 10 cells, of which a particle explored the left half, and pushed the next cell often."""
+    """Return the belief about a corridor of 10 cells, of which a particle explored the left half, and pushed the next cell."""
     layout = GridLayout((1, 10))
     belief = NoisyBelief((1, 10), Board.of_cells(layout, [(0, 0)]), Noise(slip=0.1, miss=0.1))
     for _ in range(4):
@@ -81,12 +81,15 @@ def test_a_wall_that_may_hide_a_half_is_pushed_until_it_is_sure():
 
 
 def test_a_world_of_a_batch_with_noise_ends_where_an_episode_ends():
-    problem = SwarmProblem(GridWorkspace(np.ones((1, 6))), particles=1, slip=0.1, miss=0.1, policy="closest-frontier")
+    problem = SwarmProblem(
+        GridWorkspace(np.ones((1, 3))), particles=1, slip=0.1, miss=0.1, policy="closest-frontier", max_moves=300
+    )
     batch = WorldBatch(problem, worlds=6)
+    rng = np.random.default_rng(1)
     beyond = 0  # worlds that went on although no frontier cell was left
     while not (batch.terminated | batch.truncated).all():
         running = ~(batch.terminated | batch.truncated)
-        batch.step(np.array([batch.moves[i] // 3 % 4 for i in range(6)]), where=running)
+        batch.step(rng.integers(4, size=6), where=running)
         beyond += int(((batch.frontier == 0) & ~batch.terminated).sum())
         assert (batch.terminated == batch.complete).all()
     assert batch.complete.any()

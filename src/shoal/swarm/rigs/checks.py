@@ -41,6 +41,7 @@ KINDS = {
 CRITICAL = 1e-9  # probability under the stated rates from which on the rates cannot be true
 DEMONSTRATED = 1e-3  # probability of what scans show, if a command moved nothing, from which on the command moves particles
 PLAUSIBLE = 7.0  # logarithm of the likelihood ratio up to which a cell may still hold a particle at rest
+LEAPING = 1e-2  # upper bound of the probability of the motions by two cells from which on they mark the result
 GONE = 1e-4  # probability that all particles are there, but no scan shows all of them, from which on one is gone
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
