@@ -82,7 +82,12 @@ def test_a_wall_that_may_hide_a_half_is_pushed_until_it_is_sure():
 
 def test_a_world_of_a_batch_with_noise_ends_where_an_episode_ends():
     problem = SwarmProblem(
-        GridWorkspace(np.ones((1, 3))), particles=1, slip=0.1, miss=0.1, policy="closest-frontier", max_moves=300
+        GridWorkspace([[0] * 5, [0] * 5, [1] * 5, [0] * 5, [0] * 5]),
+        particles=1,
+        slip=0.1,
+        miss=0.1,
+        policy="closest-frontier",
+        max_moves=300,
     )
     batch = WorldBatch(problem, worlds=6)
     rng = np.random.default_rng(1)

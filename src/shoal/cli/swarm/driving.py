@@ -96,8 +96,8 @@ def drive(
     """
     from shoal.swarm.maps.open import open_map
     from shoal.swarm.problem import spacing_of
-    from shoal.swarm.rigs.driving import load_drive_kernels
     from shoal.swarm.rigs.driving import drive as drive_rig
+    from shoal.swarm.rigs.driving import load_drive_kernels
     from shoal.swarm.rigs.log import DriveLog
     from shoal.swarm.rigs.remote import open_rig
 
