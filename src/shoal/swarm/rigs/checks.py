@@ -443,10 +443,10 @@ class NoiseMonitor:
 
     @property
     def _leaping(self) -> float:
-        """Probability of as many motions by two cells as scans show, if particles are misplaced as stated or as seen aside."""
+        """Probability of as many motions by two cells as scans show, if particles are misplaced as stated or surely seen aside."""
         leaps, trials = self.leapt
         seen = self.rates().get("misplace")
-        share = self.share if seen is None else max(self.share, seen.observed / (2 * self.ndim))
+        share = self.share if seen is None else max(self.share, seen.low / (2 * self.ndim))
         return tail(leaps, trials, 2 * share + 1e-3) if leaps > 1 else 1.0
 
     @property
