@@ -104,8 +104,8 @@ def drive(
     """
     from shoal.swarm.maps.open import open_map
     from shoal.swarm.problem import spacing_of
-    from shoal.swarm.rigs.driving import DriveError, DriveInterrupted, load_drive_kernels
     from shoal.swarm.rigs.driving import drive as drive_rig
+    from shoal.swarm.rigs.driving import load_drive_kernels
     from shoal.swarm.rigs.log import DriveLog
     from shoal.swarm.rigs.remote import open_rig
 
@@ -140,12 +140,14 @@ def drive(
         try:
             _check_shape(opened, shape, truth)
             result = drive_rig(opened, **options, **fields)
-        except (DriveError, DriveInterrupted) as error:
+        except BaseException as error:
+            if not hasattr(error, "drive"):  # nothing was scanned
+                raise
             failure, result = error, error.drive
         finally:
             getattr(opened, "close", lambda: None)()
         _report(result, opened, truth, log, out, film, json_, seed=seed, spacing=spacing)
-        if isinstance(failure, DriveInterrupted):
+        if isinstance(failure, KeyboardInterrupt | SystemExit):
             say(_how_to_go_on(result, log, out))
         if failure is not None:
             raise failure
