@@ -12,7 +12,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.flight.dubins import WORDS, Floats, dubins_parts, dubins_way
+from shoal.search.flight.dubins import WORDS, Floats, dubins_parts, dubins_way, dubins_ways
 from shoal.search.regions.outline_checks import text_of
 
 NEAR = 0.05
@@ -63,16 +63,33 @@ class _Room:
 
     def crossing(self, curves: list[Floats]) -> list[int]:
         """Return the indices of the curves that cross a blocked area or leave the allowed area."""
-        if not curves or (self.blocked is None and self.area is None):
+        if not curves:
             return []
+        numbers = np.repeat(np.arange(len(curves)), [len(curve) for curve in curves])
+        return [int(number) for number in np.flatnonzero(self.crossed(np.concatenate(curves), numbers))]
+
+    def crossed(self, points: Floats, numbers: Any) -> Any:
+        """Return whether each of n curves crosses a blocked area or leaves the allowed area; bool, shape (n,).
+
+        The array ``points`` holds the points of all curves, and ``numbers`` the index of the curve of each point, ascending from 0.
+        """
+        count = int(numbers[-1]) + 1 if len(numbers) else 0
+        if not count or (self.blocked is None and self.area is None):
+            return np.zeros(count, dtype=np.bool_)
         import shapely
 
-        lines = np.array([shapely.linestrings(curve if len(curve) > 1 else np.repeat(curve, 2, axis=0)) for curve in curves])
-        wrong = np.zeros(len(lines), dtype=np.bool_) if self.blocked is None else shapely.intersects(self.blocked, lines)
+        begins = np.searchsorted(numbers, np.arange(count))
+        single = begins[np.diff(np.append(begins, len(numbers))) == 1]
+        if len(single):  # a line needs two points
+            points, numbers = np.insert(points, single, points[single], axis=0), np.insert(numbers, single, numbers[single])
+            begins = np.searchsorted(numbers, np.arange(count))
+        lines = shapely.linestrings(points, indices=numbers)
+        wrong = np.zeros(count, dtype=np.bool_) if self.blocked is None else shapely.intersects(self.blocked, lines)
         if self.area is not None:
-            chords = shapely.linestrings(np.array([curve[[0, -1]] for curve in curves]))
+            ends = np.append(begins[1:], len(numbers)) - 1
+            chords = shapely.linestrings(np.stack([points[begins], points[ends]], axis=1))
             wrong |= ~shapely.covers(self.area, lines) & shapely.covers(self.area, chords)
-        return [int(number) for number in np.flatnonzero(wrong)]
+        return wrong
 
 
 @dataclass
@@ -205,19 +222,25 @@ def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tup
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
     looked: set[int] = set()
+    known_curves: dict[tuple[int, int, int], Floats] = {}
     while True:
         chosen = _cheapest(poses, links, lengths)
         if isinstance(chosen, int):
             stuck = [number for number in looked if not np.isfinite(lengths[number]).any()] or looked
             ends = (poses.vertices[links[number] + end] for number in stuck for end in (0, 1))
             return [*sorted({int(vertex) for vertex in ends}), poses.vertices[chosen]]
-        curves = _curves(poses, links, words, chosen, radius)
-        crossing = [number for number in room.crossing(curves) if number not in looked]
+        keys = [(number, chosen[link], chosen[link + 1]) for number, link in enumerate(links.tolist())]
+        fresh = [key for key in keys if key not in known_curves]
+        curves = _curves(poses, links, words, fresh, radius)
+        known_curves.update(zip(fresh, curves, strict=True))
+        untested = [k for k, key in enumerate(fresh) if key[0] not in looked]
+        crossing = [fresh[untested[k]][0] for k in room.crossing([curves[k] for k in untested])]
         if not crossing:
-            return poses, links, curves
+            return poses, links, [known_curves[key] for key in keys]
         for number in crossing:  # all curves of these links are tested once
             looked.add(number)
             lengths[number], words[number] = _free_costs(poses, int(links[number]), radius, room, known)
+        known_curves = {key: curve for key, curve in known_curves.items() if key[0] not in crossing}
 
 
 def _poses(points: Floats, far: Any) -> _Poses:
@@ -271,14 +294,22 @@ def _free_costs(poses: _Poses, link: int, radius: float, room: _Room, known: Kno
         return known.costs[key]
     parts = _parts(poses, np.array([link]), radius)[0]
     lengths = parts.sum(axis=-1)
-    there = np.argwhere(np.isfinite(lengths))
-    ways = [
-        dubins_way((*poses.points[link], poses.headings[link, one]), WORDS[word], parts[one, other, word], radius)
-        for one, other, word in there.tolist()
-    ]
-    for number in room.crossing(ways):
-        lengths[tuple(there[number])] = np.inf
-    known.costs[key] = lengths.min(axis=-1), lengths.argmin(axis=-1)
+    ranks = np.argsort(lengths, axis=-1, kind="stable")
+    best, words = np.full(lengths.shape[:2], np.inf), np.zeros(lengths.shape[:2], dtype=np.int8)
+    ones, others = np.nonzero(np.isfinite(lengths).any(axis=-1))
+    for rank in range(len(WORDS)):  # the shortest curve of each pair of headings first; a longer one only if it is blocked
+        word = ranks[ones, others, rank]
+        there = np.isfinite(lengths[ones, others, word])
+        ones, others, word = ones[there], others[there], word[there]
+        if not len(ones):
+            break
+        starts = np.column_stack([np.tile(poses.points[link], (len(ones), 1)), poses.headings[link, ones]])
+        blocked = room.crossed(*dubins_ways(starts, word, parts[ones, others, word], radius))
+        free = ones[~blocked], others[~blocked]
+        words[free] = word[~blocked]
+        best[free] = lengths[(*free, word[~blocked])]
+        ones, others = ones[blocked], others[blocked]
+    known.costs[key] = best, words
     return known.costs[key]
 
 
@@ -306,15 +337,20 @@ def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
     return chosen[::-1]
 
 
-def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: float) -> list[Floats]:
+def _curves(poses: _Poses, links: Any, words: Any, chosen: list[tuple[int, int, int]], radius: float) -> list[Floats]:
+    """Return the curve of each chosen link. A chosen link is its number, and the numbers of the headings at its two ends."""
+    if not chosen:
+        return []
+    numbers, ones, others = np.array(chosen).T
+    begins = links[numbers]
+    starts = np.column_stack([poses.points[begins], poses.headings[begins, ones]])
+    ends = np.column_stack([poses.points[begins + 1], poses.headings[begins + 1, others]])
+    types = words[numbers, ones, others]
+    parts = dubins_parts(starts, ends, radius)[np.arange(len(types)), types]
     found = []
-    for number, link in enumerate(links.tolist()):
-        one, other = chosen[link], chosen[link + 1]
-        start = np.append(poses.points[link], poses.headings[link, one])
-        end = np.append(poses.points[link + 1], poses.headings[link + 1, other])
-        word = int(words[number, one, other])
-        way = dubins_way(start, WORDS[word], dubins_parts(start, end, radius)[word], radius)
-        way[-1] = poses.points[link + 1]  # the heading exists except for rounding errors
+    for start, end, word, lengths in zip(starts, ends, types.tolist(), parts, strict=True):
+        way = dubins_way(start, WORDS[word], lengths, radius)
+        way[-1] = end[:2]  # the heading exists except for rounding errors
         found.append(way)
     return found
 
