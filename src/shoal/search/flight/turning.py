@@ -92,9 +92,15 @@ class _Room:
         return wrong
 
 
+Costs = dict[bytes, tuple[Floats, Any]]
+"""Costs of links, as `KnownCurves` holds them."""
+
+
 @dataclass
 class KnownCurves:
     """A cache of curves, which all candidate sorties along one route share.
+
+    Several routes may share the costs, but not the vertices: the result for a route must not depend on the routes before it.
 
     Parameters
     ----------
@@ -105,7 +111,7 @@ class KnownCurves:
         Vertices at which straight legs had to be shortened, because all curves at the vertex were blocked.
     """
 
-    costs: dict[bytes, tuple[Floats, Any]] = field(default_factory=dict)
+    costs: Costs = field(default_factory=dict)
     loose: set[bytes] = field(default_factory=set)
 
 
