@@ -25,6 +25,8 @@ _KEPT, _CUT = 1, 2  # marks of vertices
 _AT_ONCE = 1000  # number of links whose curves are computed at once
 _TOUCH = 0.005  # metres by which a curve may enter a blocked area because of rounding
 _SAME = 1e-6  # metres, and radians
+_AHEAD = np.array([0.0, 1.0, 2.0, 4.0])  # lengths of straight ends of a detour, divided by the radius
+_RETRIED = 4  # number of links before an unreachable point that may become detours
 
 
 @dataclass
@@ -133,7 +135,8 @@ def turned_way(
     without a straight leg, the function compares `HEADINGS` headings.
 
     If all curves at an end of a straight leg are blocked, the path near this end passes a series of points on the leg, each in any
-    direction. The distance between neighbouring points is at most max(``link`` / `LINK`, ``radius`` / 8).
+    direction. The distance between neighbouring points is at most max(``link`` / `LINK`, ``radius`` / 8). If this does not suffice,
+    the path makes detours: it leaves a point straight on, out of a gap between blocked areas, before it turns.
 
     Parameters
     ----------
@@ -182,14 +185,19 @@ def turned_way(
     room = _Room.of(blocked, area)
     memory = KnownCurves() if known is None else known
     loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in memory.loose]
+    detours = False
     while True:
         for vertex in reversed(loosen):
             points, straight, marks = _loosened(points, straight, marks, vertex, 3 * radius, max(link / LINK, radius / 8))
-        found = _along(_poses(points, straight), radius, room, memory)
+        found = _along(_poses(points, straight), radius, room, memory, detours=detours)
         if not isinstance(found, list):
             return _joined(*found, marks)
         *stuck, lost = found
-        if not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck):
+        exhausted = not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck)
+        if exhausted and not detours:
+            detours, loosen = True, []
+            continue
+        if exhausted:
             allowed = "outside the no-go zones" if area is None else "in the airspace around the region"
             raise InvalidInputError(
                 f"turn_radius: expected room for turns of {radius:.4g} m {allowed}, got none at {text_of(points[lost])}"
@@ -220,18 +228,31 @@ def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: flo
     return points, straight, marks
 
 
-def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tuple[_Poses, Any, list[Floats]] | list[int]:
+def _along(
+    poses: _Poses, radius: float, room: _Room, known: KnownCurves, *, detours: bool
+) -> tuple[_Poses, Any, list[Floats]] | list[int]:
     """Return the shortest path through all points.
 
+    With ``detours``, the links before a point that is otherwise unreachable may make detours.
     If no path exists, return the vertices at which straight legs must be shortened, followed by the first unreachable vertex.
     """
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
     looked: set[int] = set()
+    extended: set[int] = set()
     known_curves: dict[tuple[int, int, int], Floats] = {}
     while True:
         chosen = _cheapest(poses, links, lengths)
         if isinstance(chosen, int):
+            before = range(*np.searchsorted(links, (chosen - _RETRIED, chosen)).tolist()) if detours else ()
+            retried = [number for number in before if number not in extended]
+            if retried:
+                for number in retried:
+                    looked.add(number)
+                    extended.add(number)
+                    lengths[number], words[number] = _detour_costs(poses, int(links[number]), radius, room, known)
+                known_curves = {key: curve for key, curve in known_curves.items() if key[0] not in extended}
+                continue
             stuck = [number for number in looked if not np.isfinite(lengths[number]).any()] or looked
             ends = (poses.vertices[links[number] + end] for number in stuck for end in (0, 1))
             return [*sorted({int(vertex) for vertex in ends}), poses.vertices[chosen]]
@@ -319,6 +340,56 @@ def _free_costs(poses: _Poses, link: int, radius: float, room: _Room, known: Kno
     return known.costs[key]
 
 
+def _detour_costs(poses: _Poses, link: int, radius: float, room: _Room, known: KnownCurves) -> tuple[Floats, Any]:
+    """Return the lengths and types of the shortest unblocked curves of one link, with detours where all Dubins curves are blocked.
+
+    A detour is a Dubins curve with a straight leg before it, a straight leg after it, or both. The type is the index of the curve
+    type in `WORDS` plus 6 times the index of the pair of straight legs.
+    """
+    key = poses.points[link : link + 2].tobytes() + poses.headings[link : link + 2].tobytes() + b"detours"
+    if key in known.costs:
+        return known.costs[key]
+    best, types = (array.copy() for array in _free_costs(poses, link, radius, room, known))
+    there = ~np.isnan(poses.headings[link])[:, None] & ~np.isnan(poses.headings[link + 1])
+    ones, others = np.nonzero(there & ~np.isfinite(best))
+    poses_at = [
+        np.column_stack([np.tile(poses.points[link + end], (len(k), 1)), poses.headings[link + end, k]])
+        for end, k in ((0, ones), (1, others))
+    ]
+    count = len(_AHEAD)
+    before, after = np.repeat(_AHEAD, count), np.tile(_AHEAD, count)
+    starts = _moved(poses_at[0][:, None], radius * before)  # shape (pairs, combinations of straight legs, 3)
+    ends = _moved(poses_at[1][:, None], -radius * after)
+    parts = dubins_parts(starts, ends, radius)
+    lengths = (parts.sum(axis=-1) + (before + after)[:, None]).reshape(len(ones), len(before) * len(WORDS))
+    lengths[:, : len(WORDS)] = np.inf  # without straight legs: already blocked
+    ranks = np.argsort(lengths, axis=-1, kind="stable")
+    left = np.arange(len(ones))
+    for rank in range(lengths.shape[1] - len(WORDS)):
+        kind = ranks[left, rank]
+        possible = np.isfinite(lengths[left, kind])
+        left, kind = left[possible], kind[possible]
+        if not len(left):
+            break
+        legs, word = kind // len(WORDS), kind % len(WORDS)
+        points, numbers = dubins_ways(starts[left, legs], word, parts[left, legs, word], radius)
+        points = np.concatenate([poses_at[0][left, :2], points, poses_at[1][left, :2]])
+        numbers = np.concatenate([np.arange(len(left)), numbers, np.arange(len(left))])
+        order = np.argsort(numbers, kind="stable")
+        free = ~room.crossed(points[order], numbers[order])
+        best[ones[left[free]], others[left[free]]] = lengths[left[free], kind[free]]
+        types[ones[left[free]], others[left[free]]] = kind[free]
+        left = left[~free]
+    known.costs[key] = best, types
+    return known.costs[key]
+
+
+def _moved(poses: Floats, lengths: Floats) -> Floats:
+    """Return poses moved straight ahead by given lengths in metres."""
+    x, y, heading = np.moveaxis(poses, -1, 0)
+    return np.stack([*np.broadcast_arrays(x + lengths * np.cos(heading), y + lengths * np.sin(heading), heading)], axis=-1)
+
+
 def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
     """Return the heading of each point on the shortest path, as a column index of ``headings``.
 
@@ -351,12 +422,19 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[tuple[int, int, 
     begins = links[numbers]
     starts = np.column_stack([poses.points[begins], poses.headings[begins, ones]])
     ends = np.column_stack([poses.points[begins + 1], poses.headings[begins + 1, others]])
-    types = words[numbers, ones, others]
+    legs, types = np.divmod(words[numbers, ones, others].astype(np.int64), len(WORDS))
+    before, after = (radius * _AHEAD[index] for index in np.divmod(legs, len(_AHEAD)))
+    starts, ends = _moved(starts, before), _moved(ends, -after)
     parts = dubins_parts(starts, ends, radius)[np.arange(len(types)), types]
     found = []
-    for start, end, word, lengths in zip(starts, ends, types.tolist(), parts, strict=True):
+    for start, end, word, lengths, straight in zip(
+        starts, ends, types.tolist(), parts, np.stack([before, after], axis=1), strict=True
+    ):
         way = dubins_way(start, WORDS[word], lengths, radius)
         way[-1] = end[:2]  # the heading exists except for rounding errors
+        if straight.any():
+            first, last = _moved(start[None], -straight[:1])[0, :2], _moved(end[None], straight[1:])[0, :2]
+            way = np.vstack([first, way, last])
         found.append(way)
     return found
 
