@@ -233,7 +233,7 @@ SCRIPTS = {
     "batches": BATCHES,
 }
 LINES = {
-    "planners": 3 * 2 * 3 * 2 + 4 * 2 * 2 * 2 + 6,  # and the plans of the small ones
+    "planners": 4 * 2 * 3 * 2 + 3 * 2 * 2 * 2 + 6,  # and the plans of the small ones
     "plans": 13 + 9,
     "clearances": 4 * 8 * 4,
     "tours": 20 + 7 + 7 * 12 + 2,
