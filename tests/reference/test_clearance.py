@@ -194,3 +194,61 @@ def test_sampling_with_friction_keeps_the_plans_that_it_finds_without_the_cleara
     assert episode.status == "solved"
     assert worst_error(episode) <= episode.problem.tolerance * 1.0001
     assert episode.length <= 1.1 * steer(episode.problem, clearance=0.0).length
+
+
+CORRIDOR = region(
+    [(0, 0), (0.9, 0), (0.9, 0.37), (1.1, 0.37), (1.1, 0), (2, 0), (2, 1), (1.1, 1), (1.1, 0.45), (0.9, 0.45), (0.9, 1), (0, 1)]
+)
+TRIANGLE_INSIDE = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(2.707, 2.0634), (3.0538, 1.973), (2.9587, 2.3185)]])
+NEAR_CORNERS = [  # of two places near walls, no move leads both off all walls that they are within the clearance of
+    (TRIANGLE_INSIDE, [(8e-7, 3.999996), (2.93, 2.289471)], [(1.67, 0.007), (2.28, 1.7)]),
+    (U_SHAPE, [(0.999999, 2.999997), (2.775, 1e-8)], [(1.3189, 0.9999995), (0.999999996, 2.9982)]),
+    (CORRIDOR, [(0.72, 0.797), (0.303, 0.53)], [(1.547, 0.85), (1.595, 0.49)]),
+]
+
+
+@pytest.mark.parametrize(("space", "start", "goal"), NEAR_CORNERS, ids=["an obstacle", "a U", "a corridor"])
+def test_sampling_finds_plans_between_walls(space, start, goal, small_searches):
+    episode = steer(SteeringProblem(space, start, goal, planner="sampling"))
+    assert episode.status == "solved", episode.reason
+    assert worst_error(episode) <= episode.problem.tolerance * 1.0001
+
+
+FLAT = [
+    ([(0.9983, 0.0124), (0.8279, 0.12), (-0.108, 0.2128), (-0.7874, -0.1319), (-0.6488, -0.1629), (-0.5876, -0.1732),
+      (0.9739, -0.0486)], [(-0.38, 0.042), (-0.07, 0.146)], [(0.201, 0.125), (0.107, 0.009)]),
+    ([(0.804, 0.0621), (0.4418, 0.0937), (0.3772, 0.0968), (-0.4162, 0.095), (-0.8976, 0.0461), (0.6076, -0.083)],
+     [(0.098, 0.005), (-0.166, 0.037)], [(0.153, 0.059), (0.226, -0.039)]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("corners_start_goal", FLAT, ids=["7 sides", "6 sides"])
+@pytest.mark.parametrize("planner", ["shortest", "auto", "fewest-moves", "sampling"])
+def test_no_time_limit_makes_a_plan_longer_than_that_of_greedy(planner, corners_start_goal):
+    corners, start, goal = corners_start_goal
+    problem = SteeringProblem(polygon(corners), start, goal)
+    greedy = steer(problem, planner="greedy")
+    hurried = steer(problem, planner=planner, time=1e-6)  # over when planning begins
+    assert greedy.status == hurried.status == "solved"
+    assert hurried.moves <= greedy.moves if planner == "fewest-moves" else hurried.length <= 1.001 * greedy.length
+
+
+# The clearance added a tiny move off a wall, and with it a move more than a plan that was equally long.
+TINY_MOVES = [
+    (prism(regular_polygon(5), 1.0), [(0.1, 0.2, 0.3), (0.05, 0.03, 0.6)], [(0.1, 0.2, 0.4), (0.0, 0.1, 0.6)], 4),
+]
+
+
+def useless_runs(episode):
+    """How many runs of moves can be left out or merged, so that the plan arrives with every contact tolerance."""
+    form, moves = describe(episode.problem.place), [tuple(move) for move in episode.inputs.tolist()]
+    start, goal = episode.problem.start.tolist(), episode.goal.tolist()
+    found = 0
+    for first in range(len(moves)):
+        for last in range(first + 1, min(first + 4, len(moves)) + 1):
+            merged = tuple(sum(parts) for parts in zip(*moves[first:last], strict=True))
+            for between in [[], *([[merged]] if last - first > 1 else [])]:
+                fewer = moves[:first] + between + moves[last:]
+                errors = (replay.error_of(form, start, goal, fewer, touch=touch, turned=turned) for turned in TURNS for touch in TOUCHES)
+                found += bool(fewer) and all(error <= episode.problem.tolerance for error in errors)
+    return found

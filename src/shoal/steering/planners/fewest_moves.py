@@ -10,7 +10,7 @@ import numpy as np
 from shoal.steering.planners.chains.chain import refined
 from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.chains.search import shortest_chain
-from shoal.steering.planners.choice import choose, misses
+from shoal.steering.planners.choice import choose, misses, plans_of
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest
@@ -62,9 +62,8 @@ class FewestMoves:
         best = None
         for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)
-            moves = None if chain is None else task.moves_of(chain, query)
-            if moves is not None:
-                best = choose(task, [best, np.array([*first, *moves])], by_moves=True)
+            if chain is not None:
+                best = choose(task, [best, *plans_of(task, first, chain, query)], by_moves=True)
         if best is None or misses(task, best) or not task.is_sure(best):
             best = choose(task, [best, self._long(task), Shortest().plan(task)], by_moves=True)
         return best

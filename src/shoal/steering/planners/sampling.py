@@ -17,7 +17,7 @@ from shoal.steering.contact.world import ContactWorld
 from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
-from shoal.steering.planners.choice import choose
+from shoal.steering.planners.choice import choose, with_fewer_moves
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shortening import Shortening
 from shoal.steering.planners.task import SteeringTask, path_length
@@ -359,16 +359,8 @@ def _shortened(task: SteeringTask, moves: Points) -> Points:
     changed, sure = True, task.is_sure(moves)
     while changed:
         changed = False
-        for index in range(len(moves)):
-            fewer = [np.delete(moves, index, axis=0)]
-            if index:
-                fewer.append(
-                    np.concatenate([moves[: index - 1], moves[index - 1 : index + 1].sum(axis=0)[None], moves[index + 1 :]])
-                )
-            for trial in fewer:
-                if len(trial) and task.reaches_goal(trial) and (not sure or task.is_sure(trial)):
-                    moves, changed = trial, True
-                    break
-            if changed:
+        for fewer in with_fewer_moves(moves):
+            if task.reaches_goal(fewer) and (not sure or task.is_sure(fewer)):
+                moves, changed = fewer, True
                 break
     return moves
