@@ -8,7 +8,8 @@ from tests.reference import replay
 from tests.reference.test_steering import random_polygon
 from tests.steering import steer
 
-from shoal.steering import Region, SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
+from shoal.steering import ContactWorld, Region, SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
+from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.planners import sampling, shortening
 from shoal.steering.planners.choice import worthwhile
 from shoal.steering.workspaces.formats import describe
@@ -233,22 +234,52 @@ def test_no_time_limit_makes_a_plan_longer_than_that_of_greedy(planner, corners_
     assert hurried.moves <= greedy.moves if planner == "fewest-moves" else hurried.length <= 1.001 * greedy.length
 
 
-# The clearance added a tiny move off a wall, and with it a move more than a plan that was equally long.
+# The clearance added a tiny move off a wall: a move more than a plan that is as long, or a longer plan with as many moves.
+HEXAGON = polygon(
+    [(0.43784298800144994, -0.8990514545107873), (0.9975228929164164, -0.07034257677725414),
+     (0.559679904914967, 0.8287088777335335), (-0.43784298800144994, 0.8990514545107873),
+     (-0.9975228929164164, 0.07034257677725414), (-0.559679904914967, -0.8287088777335335)]
+)  # fmt: skip
 TINY_MOVES = [
-    (prism(regular_polygon(5), 1.0), [(0.1, 0.2, 0.3), (0.05, 0.03, 0.6)], [(0.1, 0.2, 0.4), (0.0, 0.1, 0.6)], 4),
-]
+    (polygon([(0, 0), (10, 0), (10, 10), (0, 10)]),
+     [(3.4546, 3.5625), (6.8272, 1.4666)], [(6.9485, 4.8186), (3.1624, 8.2891)], 1e-5),
+    (prism(HEXAGON, 0.5),
+     [(0.53576395168198, 0.43772471937826873, 0.11057476701202051),
+      (0.18152258476536265, 0.4881322690831891, 0.033250274399370894)],
+     [(-0.5033041763597434, -0.046689767434167306, 0.05453537406979708),
+      (0.4193549544687264, 0.6960395178487455, 0.39590972496526167)], 1e-6),
+]  # fmt: skip
 
 
-def useless_runs(episode):
-    """How many runs of moves can be left out or merged, so that the plan arrives with every contact tolerance."""
-    form, moves = describe(episode.problem.place), [tuple(move) for move in episode.inputs.tolist()]
-    start, goal = episode.problem.start.tolist(), episode.goal.tolist()
-    found = 0
-    for first in range(len(moves)):
-        for last in range(first + 1, min(first + 4, len(moves)) + 1):
-            merged = tuple(sum(parts) for parts in zip(*moves[first:last], strict=True))
-            for between in [[], *([[merged]] if last - first > 1 else [])]:
-                fewer = moves[:first] + between + moves[last:]
-                errors = (replay.error_of(form, start, goal, fewer, touch=touch, turned=turned) for turned in TURNS for touch in TOUCHES)
-                found += bool(fewer) and all(error <= episode.problem.tolerance for error in errors)
-    return found
+@pytest.mark.parametrize(("space", "start", "goal", "tolerance"), TINY_MOVES, ids=["square", "prism"])
+def test_the_clearance_adds_no_tiny_moves(space, start, goal, tolerance):
+    problem = SteeringProblem(space, start, goal, tolerance)
+    shortest, fewest = (steer(problem, planner=planner) for planner in ("shortest", "fewest-moves"))
+    exact = steer(problem, planner="fewest-moves", clearance=0.0)
+    for episode in (shortest, fewest):
+        assert worst_error(episode) <= tolerance * 1.0001
+        assert episode.moves == exact.moves == 4
+        assert episode.length <= 1.001 * exact.length
+
+
+def test_moves_that_can_be_merged_are_merged():
+    class Slow:
+        name = "slow"
+
+        def plan(self, task):
+            return np.array([(-0.1, 0.0), (-0.05, 0.0), (-0.05, 0.0), (0.0, 0.25), (0.1, 0.0), (0.1, 0.1), (0.1, -0.1)])
+
+    problem = SteeringProblem(SQUARE, [(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.5, 0.75)])
+    episode = steer(problem, planner=Slow())
+    assert episode.status == "solved"
+    assert episode.moves == 3
+
+
+def test_a_particle_that_hardly_leaves_a_round_wall_is_sensitive():
+    world = ContactWorld(disk(0.5))
+    start = np.array([(0.0, -0.5), (0.0, 0.1)])
+    for slope, sensitive in ((1e-8, True), (1e-5, False)):
+        moves = np.array([(0.3, 0.3 * slope)])
+        goal = world.final(start, moves)
+        reason = why_sensitive(world, start, goal, moves, 1e-6, 1e-6)
+        assert (reason is not None and "slope" in reason) == sensitive, reason

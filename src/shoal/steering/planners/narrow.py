@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf
-from typing import Any
 
 import numpy as np
 
-from shoal.steering.contact.clearance import HELD, PLANNED
+from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.contact.wall_release import touched_normals
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.planners.choice import choose, misses, without_useless_moves
 from shoal.steering.planners.greedy import Greedy
 from shoal.steering.planners.protocol import Planner
-from shoal.steering.planners.task import PUSH, SteeringTask
-from shoal.steering.workspaces.base import TOUCH
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
-from shoal.steering.workspaces.region import Region
 
 _LENGTHS = (0.2, 0.05)  # relative to the size: length of the last move
 _PUSH = 0.1  # least component of the last move into a wall, relative to its length
@@ -53,37 +50,7 @@ def plan_with_clearance(task: SteeringTask, planner: Planner) -> Points | None:
         sure = best is not None and not misses(task, best) and task.is_sure(best)
         if task.late or solved or (sure and not everywhere):
             break
-    return with_pushes(task, without_useless_moves(task, best))
-
-
-def with_pushes(task: SteeringTask, moves: Points | None) -> Points | None:
-    """Return a plan in which each move along a wall also pushes the particle that the wall holds a little into the wall.
-
-    By the rules of motion, a wall also holds a particle during a move along the wall, but in another arithmetic the same move may
-    lead off the wall. The function returns ``moves`` if the plan with pushes misses the goals.
-    """
-    if moves is None or task.world.friction < inf or misses(task, moves) or not task.is_sure(moves):
-        return moves
-    room, state = task.world.room, task.start
-    push, pushing = min(PUSH * room.size, 0.02 * task.tolerance), np.array(moves)
-    for k, move in enumerate(moves):
-        for wall in np.concatenate([_walls_at(room, point) for point in state]):
-            if -push / 2 < float(wall @ move) <= HELD * float(np.linalg.norm(move)):
-                pushing[k] -= (float(wall @ pushing[k]) + push) * wall
-        state = task.world.moved(np.array(state, order="C"), pushing[k])
-    return pushing if task.reaches_goal(pushing) and task.is_sure(pushing) else moves
-
-
-def _walls_at(room: Any, point: Points) -> Points:
-    """Return the inward unit normals of the walls that a particle at ``point`` touches; float64, shape (walls, d)."""
-    if not isinstance(room, Region):
-        return touched_normals(room, point, within=TOUCH)
-    begin, along = room.edges[:, :2], room.edges[:, 2:] - room.edges[:, :2]
-    lengths = np.hypot(*along.T)
-    along = along / lengths[:, None]
-    places = np.clip(((point - begin) * along).sum(axis=1), 0, lengths)
-    near = np.linalg.norm(begin + places[:, None] * along - point, axis=1) <= TOUCH * room.size
-    return np.stack([-along[near, 1], along[near, 0]], axis=1)
+    return without_useless_moves(task, best)
 
 
 def _needs_narrow(task: SteeringTask) -> bool:

@@ -25,7 +25,7 @@ from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 _SURE = 3e-9  # relative to the size: overshoot of a move to a wall, against rounding errors
-PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
+_PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
 _SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle off a wall
 _ERROR = 0.05  # relative to the tolerance: error of an adjustment that a surer contact is worth
 _STEEP = 2e-4  # least height of a lift before a move to a wall, relative to this move, because flat contacts are sensitive
@@ -230,7 +230,7 @@ class SteeringTask(StartAndGoal):
             return move
         wall = normals[int(np.argmin(normals @ move))]
         size = self.world.room.size
-        off = float(wall @ move) + min(PUSH * size, 0.02 * self.tolerance)
+        off = float(wall @ move) + min(_PUSH * size, 0.02 * self.tolerance)
         slight = max(_SLIGHT * size, 2 * _ERROR * self.tolerance)
         return np.asarray(move - off * wall) if 0 < off < slight else move
 
