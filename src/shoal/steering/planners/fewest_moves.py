@@ -53,8 +53,11 @@ class FewestMoves:
             if found is not None and task.is_sure(found):
                 shot = True
                 break
-        if not shot and chains is not None:
-            plans.append(_finished(task, chains))
+        if not shot and most > 3 and not task.late:  # the shortest chain may need fewer moves than its number of cycles suggests
+            plans.append(Shortest().plan(task))
+        few = choose(task, plans, by_moves=True)
+        if not shot and few is not None:
+            plans.append(_finished(task, few))
         return choose(task, plans, by_moves=True)
 
     def _chains(self, task: SteeringTask) -> Points | None:

@@ -28,7 +28,8 @@ from shoal.steering.workspaces.region import Region
 NODES = 60_000  # maximum number of nodes of one tree
 ROUNDS = 80_000  # maximum number of manoeuvres tried in one tree
 STRETCH = 5000  # manoeuvres between two checks of the time
-TREES, TREES_AROUND = 10, 60  # maximum number of trees until one reaches the goal, in convex workspaces and in regions
+TREES = 60  # maximum number of trees until one reaches the goal
+ALL_ROUNDS = 10 * ROUNDS  # maximum number of manoeuvres in all these trees
 MORE_ROUNDS = 10_000  # nodes of each further tree, which may contain a shorter plan
 MORE_TREES, FEW_TREES = 39, 8  # fewer for more particles and with sliding
 SLIDING = 0.1  # number of changes with sliding particles
@@ -94,18 +95,22 @@ def _grown(task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: 
     translations = Translations(task)
     found: list[Points] = []
     narrow: list[Points] = []
-    first = TREES_AROUND if isinstance(task.world.room, Region) else TREES
-    for tree in range(first + (MORE_TREES if simple else FEW_TREES)):
-        if task.late or (tree >= first and not found):
-            break
-        if tree < first and found:
-            continue  # further trees are smaller
-        grown = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS)))
+    left = int(share * ALL_ROUNDS)
+    for _tree in range(TREES):
+        rounds = min(int(share * ROUNDS), left)
+        grown = Tree(task, world, rng, left=rounds)
         moves = grown.search(translations)
+        left -= rounds - grown.left
         if moves is not None:
             (found if task.is_sure(moves) else narrow).append(moves)
-        elif grown.total == 1 and not task.late:
-            break  # no manoeuvre leads away from the start
+        if found or left <= 0 or task.late or (moves is None and grown.total == 1):  # nothing leads away from the start
+            break
+    for _tree in range((MORE_TREES if simple else FEW_TREES) if found else 0):  # these trees are smaller
+        if task.late:
+            break
+        moves = Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
+        if moves is not None:
+            (found if task.is_sure(moves) else narrow).append(moves)
     return found, narrow
 
 
