@@ -97,14 +97,16 @@ def _grown(task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: 
     narrow: list[Points] = []
     left = int(share * ALL_ROUNDS)
     for _tree in range(TREES):
+        if found or left <= 0 or task.late:
+            break
         rounds = min(int(share * ROUNDS), left)
         grown = Tree(task, world, rng, left=rounds)
         moves = grown.search(translations)
         left -= rounds - grown.left
         if moves is not None:
             (found if task.is_sure(moves) else narrow).append(moves)
-        if found or left <= 0 or task.late or (moves is None and grown.total == 1):  # nothing leads away from the start
-            break
+        elif grown.total == 1:
+            break  # no manoeuvre leads away from the start
     for _tree in range((MORE_TREES if simple else FEW_TREES) if found else 0):  # these trees are smaller
         if task.late:
             break
