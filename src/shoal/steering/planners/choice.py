@@ -16,7 +16,7 @@ WORTH = 1e-3
 
 _EQUAL = 1e-6  # relative to the length: plans of as many moves that differ by less are equal
 _STEP = 1e-9  # relative to the size: displacement of a start that measures how sensitive a plan is
-_MOST = 40  # number of moves of a plan that is searched for useless moves
+_MOST = 100  # number of moves of a plan that is searched for useless moves
 _RUN = 4  # largest number of consecutive moves that are left out or merged at once
 
 
