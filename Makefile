@@ -18,7 +18,7 @@ help:
 	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
-	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies'
+	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
 	@echo 'make kernels  after a change of kernels: lower them ahead of time'
 	@echo 'make bench    measure speed against the plain reference, in one run'
@@ -91,8 +91,9 @@ test-wheel: $(VENV)/.dev-installed
 	  environment/bin/python -m pip --disable-pip-version-check -q install "$$wheel[imaging]" pytest hypothesis; \
 	  environment/bin/python -m pytest -q $(WHEEL_SAMPLE)
 
-# Only here do versions other than those of the lock run.
+# Only here do versions other than those of the lock run. uv finds the lowest versions; nothing else needs it.
 versions: $(VENV)/.dev-installed
+	@$(PIP) install uv
 	@$(BIN)/python -m tests.versions
 
 lint: $(VENV)/.dev-installed

@@ -4,6 +4,6 @@ Kernels run without Python's global interpreter lock. In a kernel, a division by
 """
 
 from shoal.jit.entry import in_place_kernel, kernel
-from shoal.jit.watch import COMPILING, Stopwatch, seconds_compiling
+from shoal.jit.watch import COMPILING, Stopwatch, seconds_compiling, working_time
 
-__all__ = ["COMPILING", "Stopwatch", "in_place_kernel", "kernel", "seconds_compiling"]
+__all__ = ["COMPILING", "Stopwatch", "in_place_kernel", "kernel", "seconds_compiling", "working_time"]
