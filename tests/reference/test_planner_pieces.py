@@ -9,26 +9,40 @@ import pytest
 from tests.reference import plain
 
 from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task
-from shoal.swarm.grid.fields import field_of
-from shoal.swarm.kernels.dynamics import steps
-from shoal.swarm.kernels.dynamics.bits import has
-from shoal.swarm.kernels.dynamics.moves import LEFT, RIGHT, UP
+from shoal.swarm.grid.state import field_of
+from shoal.swarm.kernels import moves as steps
+from shoal.swarm.kernels.moves import LEFT, RIGHT, UP, has
 from shoal.swarm.kernels.planning import forward_model, learned_prior, plan_search, prediction
 from shoal.swarm.kernels.planning.plan_search import prepare
-from shoal.swarm.kernels.search.frontier_search import ahead, opposite
+from shoal.swarm.kernels.search import ahead, opposite
 from shoal.swarm.policies.planners import learned_weights
 from shoal.swarm.policies.planners.state import planner_of
 
-SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65), (3, 16, 3))
+SHAPES = (
+    (1, 9),
+    (7, 6),
+    (5, 62),
+    (4, 63),
+    (3, 64),
+    (3, 65),
+    (2, 127),
+    (3, 4, 5),
+    (2, 3, 65),
+    (3, 16, 3),
+)
 
 
 def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
-    """A running episode, its planner with the scene filled, and the world as the plain reference has it."""
+    """A running episode, its planner with the scene filled, and the world as the plain reference
+    has it.
+    """
     rng = np.random.default_rng(seed)
     free = rng.random(shape) < rng.choice([0.6, 0.8, 1.0])
     free.flat[rng.integers(free.size)] = True
     workspace = GridWorkspace(free).largest_component()
-    start = workspace.cells[rng.choice(workspace.n_free, size=max(1, workspace.n_free // 4), replace=False)]
+    start = workspace.cells[
+        rng.choice(workspace.n_free, size=max(1, workspace.n_free // 4), replace=False)
+    ]
     world, todo = GridWorld(workspace, rule), make_task(task)
     state = world.initial(start)
     belief = todo.begin(world, state, workspace.free if task == "coverage" else None)
@@ -38,7 +52,14 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
         belief = todo.update(belief, "lurdio"[command], state.occupied, after.occupied)
         state = after
     policy = make_policy("best")
-    planner = planner_of(world.layout, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start)))
+    planner = planner_of(
+        world.layout,
+        belief,
+        rule=rule,
+        mapping=task == "mapping",
+        seed=1,
+        options=policy.settings(len(start)),
+    )
     tallies = planner.prior.tallies
     tallies[:, 0] = rng.integers(0, 6, len(tallies))
     tallies[:, 1] = rng.integers(0, 1 + tallies[:, 0])
@@ -55,7 +76,9 @@ def cells_of(layout, board):
 
 
 def plain_copy(layout, planner, task):
-    """Return counts, free, state and frontier of the simulated world; the rim is the reference's own."""
+    """Return counts, free, state and frontier of the simulated world; the rim is the reference's
+    own.
+    """
 
     def grid(board):
         mask = cells_of(layout, board).mask
@@ -65,7 +88,9 @@ def plain_copy(layout, planner, task):
     ground, frontier = grid(planner.scene.ground), grid(planner.root[forward_model.FRONTIER])
     unseen = grid(planner.root[forward_model.UNSEEN])
     known = ~(frontier | unseen) if task == "mapping" else np.ones_like(frontier)
-    state = np.where(known, np.where(ground, plain.FREE, plain.OBSTACLE), plain.UNKNOWN).astype(np.uint8)
+    state = np.where(known, np.where(ground, plain.FREE, plain.OBSTACLE), plain.UNKNOWN).astype(
+        np.uint8
+    )
     return counts, ground.copy(), state, frontier.copy()
 
 
@@ -80,18 +105,32 @@ def test_imagined_moves(shape, task, rule):
         for command in rng.integers(0, 2 * len(shape), 12):
             forward_model.immediate_gains(planner.scene, planner.root, planner.gains)
             expected = plain.step(
-                counts, ground, state, frontier, command, code, plain.MAPPING if task == "mapping" else plain.COVERAGE
+                counts,
+                ground,
+                state,
+                frontier,
+                command,
+                code,
+                plain.MAPPING if task == "mapping" else plain.COVERAGE,
             )
             settled = forward_model.advance(planner.scene, planner.root, np.int64(command))
             assert settled == expected[1] == planner.gains[command]
-            occupied = cells_of(layout, planner.root[forward_model.OCCUPIED]).mask.reshape(counts.shape)
+            occupied = cells_of(layout, planner.root[forward_model.OCCUPIED]).mask.reshape(
+                counts.shape
+            )
             assert (occupied == (counts > 0)).all()
-            assert (cells_of(layout, planner.root[forward_model.FRONTIER]).mask.reshape(counts.shape) == frontier).all()
+            assert (
+                cells_of(layout, planner.root[forward_model.FRONTIER]).mask.reshape(counts.shape)
+                == frontier
+            ).all()
 
 
 def distances_of(layout, planner):
     """Breadth-first search, cell by cell, over ground and frontier; stops at the frontier."""
-    ground, frontier = cells_of(layout, planner.scene.ground).mask, cells_of(layout, planner.root[forward_model.FRONTIER]).mask
+    ground, frontier = (
+        cells_of(layout, planner.scene.ground).mask,
+        cells_of(layout, planner.root[forward_model.FRONTIER]).mask,
+    )
     occupied = cells_of(layout, planner.root[forward_model.OCCUPIED]).mask
     distance = np.full(ground.shape, -1)
     queue = deque(tuple(cell) for cell in np.argwhere(occupied))
@@ -117,7 +156,9 @@ def test_way_to_the_frontier(shape):
     for seed in range(6):
         layout, planner, _, _, _, _ = scene_of(shape, seed, moves=seed)
         distances = distances_of(layout, planner)
-        length = forward_model.path_to_nearest(planner.scene, planner.root, planner.planes, planner.trial, np.int64(0), 500)
+        length = forward_model.path_to_nearest(
+            planner.scene, planner.root, planner.planes, planner.trial, np.int64(0), 500
+        )
         nearest = distances[distances > 0].min(initial=10**6)
         assert length == (0 if nearest == 10**6 else nearest)
         settled = 0
@@ -134,16 +175,23 @@ class Plain:
         self.layout, self.tallies, self.weights = layout, {}, list(weights)
 
     def surroundings(self, state, row, column, command):
-        """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state` tells that of a cell."""
+        """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state`
+        tells that of a cell.
+        """
         rows = self.layout.rows
         sides = (LEFT, RIGHT) if command not in (LEFT, RIGHT) else (UP, opposite(UP))
         near = ahead(row, column, opposite(command), rows)
         behind = ahead(*near, opposite(command), rows)
-        pairs = [tuple(sorted(state(*ahead(*cell, way, rows)) for way in sides)) for cell in (near, (row, column))]
+        pairs = [
+            tuple(sorted(state(*ahead(*cell, way, rows)) for way in sides))
+            for cell in (near, (row, column))
+        ]
         return (state(*behind), *pairs)
 
     def chance(self, around):
-        """Return the share of free cells with these surroundings, smoothed towards coarser surroundings."""
+        """Return the share of free cells with these surroundings, smoothed towards coarser
+        surroundings.
+        """
         likely = 0.5
         for name in ("all", around[:2], around):
             cells, free = self.tallies.get(name, (0, 0))
@@ -153,21 +201,31 @@ class Plain:
     def learn(self, around, free, told):
         """Ask both experts, weigh them, then count the cell."""
         chances = [self.chance(around), told]
-        weighed = [weight * (likely if free else 1 - likely) for weight, likely in zip(self.weights, chances, strict=True)]
+        weighed = [
+            weight * (likely if free else 1 - likely)
+            for weight, likely in zip(self.weights, chances, strict=True)
+        ]
         having = sum(weight > 0 for weight in weighed)
         share = prediction.DEALT
-        self.weights = [(1 - share) * weight / sum(weighed) + share / having if weight > 0 else 0.0 for weight in weighed]
+        self.weights = [
+            (1 - share) * weight / sum(weighed) + share / having if weight > 0 else 0.0
+            for weight in weighed
+        ]
         for name in ("all", around[:2], around):
             cells, opened = self.tallies.get(name, (0, 0))
             self.tallies[name] = (cells + 1, opened + free)
 
 
 def states(layout, known, opened):
-    """Return a function that tells the state of a cell: 0 unknown, as all beyond the board, 1 free, 2 obstacle."""
+    """Return a function that tells the state of a cell: 0 unknown, as all beyond the board, 1 free,
+    2 obstacle.
+    """
     width = layout.words[1]
 
     def state(row, column):
-        if not (0 <= row < layout.words[0] and 0 <= column < 64 * width) or not has(known, width, row, column):
+        if not (0 <= row < layout.words[0] and 0 <= column < 64 * width) or not has(
+            known, width, row, column
+        ):
             return 0
         return 1 if has(opened, width, row, column) else 2
 
@@ -176,7 +234,9 @@ def states(layout, known, opened):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_experience(shape):
-    """What is learnt from the moves of an episode is what the plain one learns from the same cells."""
+    """What is learnt from the moves of an episode is what the plain one learns from the
+    same cells.
+    """
     layout, planner, field, _, _, rng = scene_of(shape, 3, moves=0)
     learnt, network = planner.prior, planner.learned
     learnt.tallies[:], learnt.weights[:] = 0, (0.6, 0.4)
@@ -197,7 +257,9 @@ def test_experience(shape):
                     around = plainly.surroundings(state, row, column, command)
                     told = 0.5
                     if len(shape) == 2:
-                        told = learned_prior.learned_chance(network, field.open, learnt.before, np.int64(64 * i + bit), command)
+                        told = learned_prior.learned_chance(
+                            network, field.open, learnt.before, np.int64(64 * i + bit), command
+                        )
                     free = bool(has(field.open, field.width, row, column))
                     plainly.learn(around, free, told)
                     network.bias[0] += free - told if len(shape) == 2 else 0
@@ -206,13 +268,18 @@ def test_experience(shape):
     assert learnt.weights == pytest.approx(plainly.weights)
     assert plainly.tallies["all"][0] > 0
     assert learnt.tallies[0].tolist() == list(plainly.tallies["all"])
-    assert sorted(map(tuple, learnt.tallies[learnt.tallies[:, 0] > 0].tolist())) == sorted(map(tuple, plainly.tallies.values()))
+    assert sorted(map(tuple, learnt.tallies[learnt.tallies[:, 0] > 0].tolist())) == sorted(
+        map(tuple, plainly.tallies.values())
+    )
 
 
 def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
     """The rule of `guess`, one cell after the other."""
     known, opened = field.known.copy(), field.open.copy()
-    layer = [tuple(cell) for cell in np.argwhere(cells_of(layout, field.frontier).mask.reshape(layout.words[0], -1))]
+    layer = [
+        tuple(cell)
+        for cell in np.argwhere(cells_of(layout, field.frontier).mask.reshape(layout.words[0], -1))
+    ]
 
     def inside(row, column):
         in_layer, within = divmod(row, layout.rows)
@@ -224,7 +291,11 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
         """Yield the commands that lead into a cell from one taken to be free."""
         for command in range(2 * layout.ndim):
             r, c = ahead(row, column, opposite(command), layout.rows)
-            if 0 <= r < layout.words[0] and 0 <= c < layout.columns and has(opened, field.width, r, c):
+            if (
+                0 <= r < layout.words[0]
+                and 0 <= c < layout.columns
+                and has(opened, field.width, r, c)
+            ):
                 yield command
 
     def number_of(row, column):
@@ -234,16 +305,26 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
         if learnt.weights[prediction.LEARNED] <= prediction.LEAST:
             return 0.5
         command = next(ways_in(row, column))
-        return learned_prior.learned_chance(network, opened, known, number_of(row, column), np.int64(command))
+        return learned_prior.learned_chance(
+            network, opened, known, number_of(row, column), np.int64(command)
+        )
 
     def chances(row, column, told):
-        """Yield, for each side from which a cell may be entered, how likely it is free and how often the like was seen."""
+        """Yield, for each side from which a cell may be entered, how likely it is free and how
+        often the like was seen.
+        """
         share = learnt.weights[prediction.LEARNED]
         share = 0 if share <= prediction.LEAST else 1 if share >= 1 - prediction.LEAST else share
         for command in ways_in(row, column):
-            cell, steps = number_of(row, column), prediction.steps_of(layout.rows, layout.words[1], command)
+            cell, steps = (
+                number_of(row, column),
+                prediction.steps_of(layout.rows, layout.words[1], command),
+            )
             number = prediction.around(opened, known, cell, *steps)
-            yield share * told + (1 - share) * prediction.chance(learnt, number), learnt.tallies[1 + number // 6, 0]
+            yield (
+                share * told + (1 - share) * prediction.chance(learnt, number),
+                learnt.tallies[1 + number // 6, 0],
+            )
 
     def put(board, cells):
         for row, column in cells:
@@ -257,7 +338,10 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
         walls += [
             cell
             for cell, first in asked.items()
-            if any(c < prediction.UNLIKELY and (sure_of_walls or seen >= prediction.FEWEST) for c, seen in chances(*cell, first))
+            if any(
+                c < prediction.UNLIKELY and (sure_of_walls or seen >= prediction.FEWEST)
+                for c, seen in chances(*cell, first)
+            )
         ]
         put(known, walls)
         found = []
@@ -269,7 +353,11 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
             break
         put(opened, found)
         put(known, layer)
-        near = {ahead(row, column, command, layout.rows) for row, column in found for command in range(2 * layout.ndim)}
+        near = {
+            ahead(row, column, command, layout.rows)
+            for row, column in found
+            for command in range(2 * layout.ndim)
+        }
         layer = [(r, c) for r, c in near if not has(known, field.width, r, c)]
     return opened
 
@@ -279,15 +367,23 @@ def test_prediction(shape):
     for seed in range(5):
         layout, planner, field, _, _, _ = scene_of(shape, seed, moves=seed)
         for layers, likely, sure in ((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5)):
-            prediction.predict(field, planner.prior, planner.learned, planner.prediction, layers, likely, sure)
-            expected = predicted_plainly(layout, field, planner.prior, planner.learned, layers, likely, sure)
+            prediction.predict(
+                field, planner.prior, planner.learned, planner.prediction, layers, likely, sure
+            )
+            expected = predicted_plainly(
+                layout, field, planner.prior, planner.learned, layers, likely, sure
+            )
             assert (planner.prediction.open == expected).all()
-    assert {"prediction_layers", "free_threshold", "joint_chance"} < set(planner.options.dtype.names)
+    assert {"prediction_layers", "free_threshold", "joint_chance"} < set(
+        planner.options.dtype.names
+    )
 
 
 @pytest.mark.parametrize("shape", [shape for shape in SHAPES if len(shape) == 2])
 def test_network(shape):
-    """What is cut out of words of 64 cells and added up is what the same weights tell of a window that NumPy turns."""
+    """What is cut out of words of 64 cells and added up is what the same weights tell of a window
+    that NumPy turns.
+    """
     stored, span = np.load(learned_weights.WEIGHTS), learned_prior.SPAN
     for seed in range(3):
         layout, planner, field, _, _, _ = scene_of(shape, seed)
@@ -300,14 +396,24 @@ def test_network(shape):
                 window = np.rot90(states[row : row + span, column : column + span], turns).ravel()
                 seen = np.concatenate([window == 1, window == 2])
                 hidden = np.maximum(seen @ stored["first"].astype(int) + stored["first_bias"], 0)
-                hidden = np.maximum(stored["second"].astype(int) @ hidden + stored["second_bias"], 0) >> learned_prior.SHIFT
-                odds = (learned_prior.ODDS * int(stored["last"] @ hidden + stored["last_bias"][0])) >> (2 * learned_prior.SHIFT)
+                hidden = (
+                    np.maximum(stored["second"].astype(int) @ hidden + stored["second_bias"], 0)
+                    >> learned_prior.SHIFT
+                )
+                odds = (
+                    learned_prior.ODDS * int(stored["last"] @ hidden + stored["last_bias"][0])
+                ) >> (2 * learned_prior.SHIFT)
                 odds = int(np.clip(odds + learned_prior.ODDS * learned_prior.MOST_ODDS, 0, 255))
                 cell = np.int64(64 * layout.words[1] * row + column)
                 for bias in (0.0, 0.49, -20.6):  # from the second time on, the window is remembered
                     planner.learned.bias[0] = bias
                     likely = stored["chances"][np.clip(odds + round(bias), 0, 255)] / 65536
-                    assert learned_prior.learned_chance(planner.learned, field.open, field.known, cell, np.int64(command)) == likely
+                    assert (
+                        learned_prior.learned_chance(
+                            planner.learned, field.open, field.known, cell, np.int64(command)
+                        )
+                        == likely
+                    )
 
 
 def test_sums_of_the_network_fit_their_types():
@@ -318,12 +424,16 @@ def test_sums_of_the_network_fit_their_types():
     low = stored["first_bias"] + np.minimum(first.min(axis=0), 0).sum(axis=0)
     assert low.min() >= -(2**15)
     assert high.max() < 2**15
-    assert (abs(stored["second_bias"]) + abs(stored["second"].astype(int)) @ np.maximum(high, 0)).max() < 2**31
+    assert (
+        abs(stored["second_bias"]) + abs(stored["second"].astype(int)) @ np.maximum(high, 0)
+    ).max() < 2**31
 
 
 @pytest.mark.parametrize("end", [False, True])
 def test_a_plan_is_completed_and_valued(end):
-    """The moves of a completed plan, one after the other, classify what `complete` counts; the rest is the greedy base policy's."""
+    """The moves of a completed plan, one after the other, classify what `complete` counts; the rest
+    is the greedy base policy's.
+    """
     finished = set()
     for seed in range(8):
         _, planner, _, _, _, _ = scene_of((24, 31), seed, moves=2)
@@ -331,13 +441,21 @@ def test_a_plan_is_completed_and_valued(end):
             planner.state[:], planner.trial[0] = planner.root, first
             horizon, discount = 90, 0.99
             time, value, length, moves, total = plan_search.complete(
-                planner, np.int64(1), horizon, discount, 3.0 if end else 0.0, 1e6 if end else 0.0, plan_search.NOTHING
+                planner,
+                np.int64(1),
+                horizon,
+                discount,
+                3.0 if end else 0.0,
+                1e6 if end else 0.0,
+                plan_search.NOTHING,
             )
             state, classified, last, expected = planner.root.copy(), [], 0, 0.0
             plan = planner.trial[:length].copy()
             for move, command in enumerate(plan):
                 forward_model.immediate_gains(planner.scene, state, planner.gains)
-                if move > 0 and planner.gains.max() > 0 and classified[-1] > 0:  # no path is being followed
+                if (
+                    move > 0 and planner.gains.max() > 0 and classified[-1] > 0
+                ):  # no path is being followed
                     assert planner.gains[command] == planner.gains.max()
                 classified.append(forward_model.advance(planner.scene, state, np.int64(command)))
                 if classified[-1]:
@@ -351,14 +469,20 @@ def test_a_plan_is_completed_and_valued(end):
 
 
 def test_a_plan_that_cannot_become_better_is_dropped():
-    """If about 50 cells are left, and each is worth 3 moves, no plan is worth more than 149 after its first move."""
+    """If about 50 cells are left, and each is worth 3 moves, no plan is worth more than 149 after
+    its first move.
+    """
     shorter = 0
     for seed in range(6):
         _, planner, _, _, _, _ = scene_of((24, 31), seed, moves=2)
         planner.state[:] = planner.root
-        reached = plan_search.complete(planner, np.int64(0), 90, 0.99, 3.0, 50.0, plan_search.NOTHING)[3]
+        reached = plan_search.complete(
+            planner, np.int64(0), 90, 0.99, 3.0, 50.0, plan_search.NOTHING
+        )[3]
         planner.state[:] = planner.root
-        time, value, _, moves, total = plan_search.complete(planner, np.int64(0), 90, 0.99, 3.0, 50.0, 149.0)
+        time, value, _, moves, total = plan_search.complete(
+            planner, np.int64(0), 90, 0.99, 3.0, 50.0, 149.0
+        )
         assert moves <= reached
         if moves < reached:
             assert time == 90

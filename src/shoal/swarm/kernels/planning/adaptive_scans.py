@@ -1,14 +1,17 @@
-"""Plans of the adaptive scan rule: long runs into unknown cells, and paths through known cells followed by one more command.
+"""Plans of the adaptive scan rule: long runs into unknown cells, and paths through known cells
+followed by one more command.
 
-**Runs** (`ExpectedGain`). For each particle, a run of equal commands classifies unknown cells on the particle's path. The run
-certainly classifies the first unknown cell on the path. The run classifies a later unknown cell only if all cells before it on the
-path are free. The adaptive scan rule learns the probability of a free cell only from the present episode. The probability that a
-cell is free is the fraction of free cells among the classified cells with equal surroundings. This fraction is smoothed towards the
-fraction for coarser surroundings.
+**Runs** (`ExpectedGain`). For each particle, a run of equal commands classifies unknown cells on
+the particle's path. The run certainly classifies the first unknown cell on the path. The run
+classifies a later unknown cell only if all cells before it on the path are free. The adaptive scan
+rule learns the probability of a free cell only from the present episode. The probability that a
+cell is free is the fraction of free cells among the classified cells with equal surroundings. This
+fraction is smoothed towards the fraction for coarser surroundings.
 
-**Paths** (`Lookahead`). If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The search
-looks for two shifts (runs of equal commands), in perpendicular directions, that bring many particles beside unknown cells. After
-the two shifts, many particles try to enter unknown cells with one command. The best path has the largest number of classified cells
+**Paths** (`Lookahead`). If no particle tries to enter an unknown cell, the belief determines the
+outcome of a command. The search looks for two shifts (runs of equal commands), in perpendicular
+directions, that bring many particles beside unknown cells. After the two shifts, many particles try
+to enter unknown cells with one command. The best path has the largest number of classified cells
 divided by the cost of all commands and the scan.
 """
 
@@ -20,26 +23,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, copy_board, has, lowest, popcount
-from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, Field, move_across, move_along
-from shoal.swarm.kernels.planning.prediction import PAIRS, OccupancyPrior, around, chance, learn, steps_of
-from shoal.swarm.kernels.records import record_type
-from shoal.swarm.kernels.search.frontier_search import ahead
+from shoal.swarm.kernels.moves import (
+    DOWN,
+    IN,
+    LEFT,
+    ONE,
+    RIGHT,
+    TOP,
+    UP,
+    ZERO,
+    Field,
+    copy_board,
+    has,
+    lowest,
+    move_across,
+    move_along,
+    popcount,
+    record_type,
+)
+from shoal.swarm.kernels.planning.prediction import (
+    PAIRS,
+    OccupancyPrior,
+    around,
+    chance,
+    learn,
+    steps_of,
+)
+from shoal.swarm.kernels.search import ahead
 
-BEHIND = PAIRS * PAIRS  # number of different surroundings for each state of the cell two steps behind a cell
+BEHIND = (
+    PAIRS * PAIRS
+)  # number of different surroundings for each state of the cell two steps behind a cell
 _LEAST = 0.01  # probability of free space below which the kernel stops following a path
-FIRST_STEPS, SECOND_STEPS = 12, 8  # maximum numbers of commands in the first and in the second shift
+FIRST_STEPS, SECOND_STEPS = (
+    12,
+    8,
+)  # maximum numbers of commands in the first and in the second shift
 LONGEST_PLAN = FIRST_STEPS + SECOND_STEPS + 1
 BEST = record_type(np.int64, "first", "first_length", "second", "second_length", "last")
 PRICES = record_type(np.float64, "scan", "move")
 
 
 class ExpectedGain(NamedTuple):
-    """The prices of a scan and a move, the learned counts, and the working memory of an adaptive scan rule."""
+    """The prices of a scan and a move, the learned counts, and the working memory of an adaptive
+    scan rule.
+    """
 
     prices: Any  # a record of PRICES
-    prior: OccupancyPrior  # the scan rule uses only the counts; ``before`` holds the cells known before the run
-    gains: NDArray[np.float64]  # (directions, longest run + 1): expected number of cells that each step of a run classifies
+    # the scan rule uses only the counts; ``before`` holds the cells known before the run
+    prior: OccupancyPrior
+    gains: NDArray[
+        np.float64
+    ]  # (directions, longest run + 1): expected number of cells that each step of a run classifies
     columns: int  # cells per row, including the rim
 
 
@@ -54,7 +89,9 @@ def learn_from_run(field, gain, command):
             cell = 64 * i + lowest(new)
             number = around(field.open, prior.before, cell, step, side)
             if number < BEHIND and is_free(field.open, cell - 2 * step):
-                number += BEHIND  # the particle has passed the cell two steps behind in this run, so that cell is free
+                # the particle has passed the cell two steps behind in this run, so that cell is
+                # free
+                number += BEHIND
             learn(prior, number, is_free(field.open, cell))
             new &= new - ONE
 
@@ -76,9 +113,11 @@ def on_rim(field, columns, row, column):
 
 @in_place_kernel
 def look_ahead(field, gain, row, column, command):
-    """Add to ``gain.gains`` the expected number of cells that one particle classifies with each step of a run.
+    """Add to ``gain.gains`` the expected number of cells that one particle classifies with each
+    step of a run.
 
-    The path ends at the next particle on the path, because the next particle classifies the cells beyond its own cell.
+    The path ends at the next particle on the path, because the next particle classifies the cells
+    beyond its own cell.
     """
     gains, width, rows = gain.gains[command], field.width, field.rows
     step, side = steps_of(rows, width, command)
@@ -96,7 +135,9 @@ def look_ahead(field, gain, row, column, command):
             return
         cell = 64 * width * row + column
         number = around(field.open, field.known, cell, step, side)
-        if moves >= 3 and number < BEHIND:  # the path has passed the unknown cell two steps behind, so that cell counts as free
+        if (
+            moves >= 3 and number < BEHIND
+        ):  # the path has passed the unknown cell two steps behind, so that cell counts as free
             number += BEHIND
         likely *= chance(gain.prior, number)
         if likely < _LEAST:
@@ -105,7 +146,9 @@ def look_ahead(field, gain, row, column, command):
 
 @in_place_kernel
 def gains_of_runs(field, gain, command):
-    """Write to ``gain.gains`` the expected number of cells that each step of a run in the direction ``command`` classifies."""
+    """Write to ``gain.gains`` the expected number of cells that each step of a run in the direction
+    ``command`` classifies.
+    """
     gains = gain.gains[command]
     for step in range(gains.shape[0]):
         gains[step] = 0.0
@@ -119,7 +162,9 @@ def gains_of_runs(field, gain, command):
 
 @in_place_kernel
 def best_length(gain, command, least):
-    """Return (number of steps, classified cells per cost) of the best run in one direction with at least ``least`` steps."""
+    """Return (number of steps, classified cells per cost) of the best run in one direction with at
+    least ``least`` steps.
+    """
     gains = gain.gains[command]
     classified, best, best_rate = 0.0, least, 0.0
     for step in range(1, gains.shape[0]):
@@ -141,7 +186,9 @@ class Lookahead(NamedTuple):
 
 @in_place_kernel
 def tried(field, occupied, command):
-    """Return the number of unknown cells that particles in the cells ``occupied`` would try to enter with one command."""
+    """Return the number of unknown cells that particles in the cells ``occupied`` would try to
+    enter with one command.
+    """
     known, size = field.known, field.known.shape[0]
     total = 0
     if command == LEFT:
@@ -170,14 +217,25 @@ def predicted(field, occupied, counts):
     Unknown cells count as walls, because no particle tries to enter them.
     """
     return Field(
-        field.open, occupied, field.open, field.known, field.frontier, field.tried, field.moving, counts,
-        field.layers, field.rows, field.width,
-    )  # fmt: skip
+        field.open,
+        occupied,
+        field.open,
+        field.known,
+        field.frontier,
+        field.tried,
+        field.moving,
+        counts,
+        field.layers,
+        field.rows,
+        field.width,
+    )
 
 
 @in_place_kernel
 def shift(field, predicted_field, command, rule):
-    """Move the particles of a predicted field if the outcome of the command is certain. Return whether a particle has moved."""
+    """Move the particles of a predicted field if the outcome of the command is certain. Return
+    whether a particle has moved.
+    """
     if tried(field, predicted_field.occupied, command) > 0:
         return False
     if command == LEFT or command == RIGHT:
@@ -187,7 +245,8 @@ def shift(field, predicted_field, command, rule):
 
 @in_place_kernel
 def best_last_command(field, lookahead, occupied, prices, steps, rate):
-    """Return the best last command for particles in the cells ``occupied``, and its rate of classified cells per cost.
+    """Return the best last command for particles in the cells ``occupied``, and its rate of
+    classified cells per cost.
 
     If no command has a higher rate than ``rate``, return -1 and ``rate``.
     """
@@ -207,10 +266,12 @@ def axis(command):
 
 @in_place_kernel
 def explore(field, rule, lookahead, prices, rate):
-    """Find a path and a last command that classify more cells per cost than ``rate``. Return the rate of the best path.
+    """Find a path and a last command that classify more cells per cost than ``rate``. Return the
+    rate of the best path.
 
-    ``lookahead.best`` receives the best path: a first shift with its length, a perpendicular second shift with its length, and the
-    last command. If no path has a higher rate than ``rate``, the result is ``rate``.
+    ``lookahead.best`` receives the best path: a first shift with its length, a perpendicular second
+    shift with its length, and the last command. If no path has a higher rate than ``rate``, the
+    result is ``rate``.
     """
     best = lookahead.best
     once = predicted(field, lookahead.shifted, lookahead.counts)
@@ -223,7 +284,12 @@ def explore(field, rule, lookahead, prices, rate):
                 break
             last, rate = best_last_command(field, lookahead, once.occupied, prices, length, rate)
             if last >= 0:
-                best.first, best.first_length, best.second_length, best.last = first, length, 0, last
+                best.first, best.first_length, best.second_length, best.last = (
+                    first,
+                    length,
+                    0,
+                    last,
+                )
             for second in range(directions):
                 if axis(first) == axis(second):
                     continue
@@ -231,7 +297,9 @@ def explore(field, rule, lookahead, prices, rate):
                 for further in range(1, SECOND_STEPS + 1):
                     if not shift(field, twice, second, rule):
                         break
-                    last, rate = best_last_command(field, lookahead, twice.occupied, prices, length + further, rate)
+                    last, rate = best_last_command(
+                        field, lookahead, twice.occupied, prices, length + further, rate
+                    )
                     if last >= 0:
                         best.first, best.first_length, best.last = first, length, last
                         best.second, best.second_length = second, further

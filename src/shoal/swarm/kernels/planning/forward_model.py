@@ -1,11 +1,13 @@
-"""Forward model: simulation of commands on the predicted map, without any effect on the running episode.
+"""Forward model: simulation of commands on the predicted map, without any effect on the running
+episode.
 
-The second half of the module searches for the nearest frontier cell of a simulated state. This search is a variant of
-`frontier_search` with fewer boards.
+The second half of the module searches for the nearest frontier cell of a simulated state. This
+search is a variant of `frontier_search` with fewer boards.
 
-A state consists of three boards (sets of cells): the cells of the particles, the frontier cells, and the unseen cells, which are
-the unknown cells outside the frontier. In mapping and in coverage, the forward model classifies a frontier cell when a particle
-tries to enter the cell. In coverage, every attempt to enter a frontier cell succeeds, because a frontier cell is free and holds no
+A state consists of three boards (sets of cells): the cells of the particles, the frontier cells,
+and the unseen cells, which are the unknown cells outside the frontier. In mapping and in coverage,
+the forward model classifies a frontier cell when a particle tries to enter the cell. In coverage,
+every attempt to enter a frontier cell succeeds, because a frontier cell is free and holds no
 particle.
 """
 
@@ -17,13 +19,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, lowest, popcount
-from shoal.swarm.kernels.dynamics.moves import DOWN, GROUP, IN, LEFT, OUT, RIGHT, UP, segments, shift_across, shift_along
-from shoal.swarm.kernels.search.frontier_search import ahead, dilate, opposite
+from shoal.swarm.kernels.moves import (
+    DOWN,
+    GROUP,
+    IN,
+    LEFT,
+    ONE,
+    OUT,
+    RIGHT,
+    TOP,
+    UP,
+    ZERO,
+    has,
+    lowest,
+    popcount,
+    segments,
+    shift_across,
+    shift_along,
+)
+from shoal.swarm.kernels.search import ahead, dilate, opposite
 
-OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen cells are unknown cells outside the frontier
+OCCUPIED, FRONTIER, UNSEEN = (
+    0,
+    1,
+    2,
+)  # boards of a state; unseen cells are unknown cells outside the frontier
 BOARDS = 3
-UNREACHED, MOD = 0, 1  # planes of a path search; MOD, MOD + 1, MOD + 2 hold cells with path lengths 0, 1, 2 modulo 3
+UNREACHED, MOD = (
+    0,
+    1,
+)  # planes of a path search; MOD, MOD + 1, MOD + 2 hold cells with path lengths 0, 1, 2 modulo 3
 PLANES = 4
 TOO_FAR = -1
 _MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558CCD), np.uint64(32)
@@ -69,7 +94,12 @@ def immediate_gains(scene, state, gains):
     """
     occupied, frontier, size, width = state[OCCUPIED], state[FRONTIER], state.shape[1], scene.width
     inner = size - 2 * width
-    here, wanted, over, under = occupied[width:], frontier[width:], frontier[:inner], frontier[2 * width :]
+    here, wanted, over, under = (
+        occupied[width:],
+        frontier[width:],
+        frontier[:inner],
+        frontier[2 * width :],
+    )
     before, after = frontier[width - 1 :], frontier[width + 1 :]
     left, up, right, down = 0, 0, 0, 0
     for i in range(inner):
@@ -89,7 +119,8 @@ def immediate_gains(scene, state, gains):
 
 @in_place_kernel
 def advance(scene, state, command):
-    """Simulate one command, which changes ``state`` in place. Return the number of classified frontier cells.
+    """Simulate one command, which changes ``state`` in place. Return the number of classified
+    frontier cells.
 
     After the call, ``scene.tried`` contains the classified cells.
     """
@@ -108,12 +139,23 @@ def advance(scene, state, command):
 
 @in_place_kernel
 def push(scene, occupied, frontier, command):
-    """Move the particles in place. Write to ``scene.tried`` the frontier cells that a particle tries to enter.
+    """Move the particles in place. Write to ``scene.tried`` the frontier cells that a particle
+    tries to enter.
 
     Return a word that is nonzero if ``scene.tried`` contains a cell.
     """
     if command == LEFT or command == RIGHT:
-        return shift_along(occupied, scene.ground, frontier, ZERO, scene.tried, scene.moving, command, scene.rule, None)[0]
+        return shift_along(
+            occupied,
+            scene.ground,
+            frontier,
+            ZERO,
+            scene.tried,
+            scene.moving,
+            command,
+            scene.rule,
+            None,
+        )[0]
     for i in range(scene.tried.shape[0]):
         scene.tried[i] = ZERO
     lines, stride, first, length, ahead = segments(scene, command)
@@ -122,9 +164,16 @@ def push(scene, occupied, frontier, command):
         source = line * stride + first
         target, end = source + ahead, source + ahead + length
         some |= shift_across(
-            occupied[source : source + length], occupied[target:end], scene.ground[target:end], frontier[target:end], ZERO,
-            scene.tried[target:end], ahead, scene.rule, None,
-        )[0]  # fmt: skip
+            occupied[source : source + length],
+            occupied[target:end],
+            scene.ground[target:end],
+            frontier[target:end],
+            ZERO,
+            scene.tried[target:end],
+            ahead,
+            scene.rule,
+            None,
+        )[0]
     return some
 
 
@@ -132,7 +181,11 @@ def push(scene, occupied, frontier, command):
 def discover(scene, frontier, unseen):
     """Add the unseen neighbours of all newly found free cells to the frontier."""
     for start in range(0, frontier.shape[0], GROUP):
-        tried, ground, some = scene.tried[start : start + GROUP], scene.ground[start : start + GROUP], ZERO
+        tried, ground, some = (
+            scene.tried[start : start + GROUP],
+            scene.ground[start : start + GROUP],
+            ZERO,
+        )
         for i in range(tried.shape[0]):
             some |= tried[i] & ground[i]
         if some == ZERO:
@@ -144,7 +197,9 @@ def discover(scene, frontier, unseen):
 
 @in_place_kernel
 def reveal_around(scene, frontier, unseen, i, found):
-    """Add the unseen neighbours of the cells ``found``, which lie in word ``i``, to the frontier."""
+    """Add the unseen neighbours of the cells ``found``, which lie in word ``i``, to the
+    frontier.
+    """
     width, layer = scene.width, scene.width * scene.rows
     reveal(frontier, unseen, i, (found << ONE) | (found >> ONE))
     if found >> TOP != ZERO:
@@ -185,7 +240,8 @@ def directions(scene):
 def digest(state):
     """Return a hash of the particles and the frontier as uint64.
 
-    The hash is a sum of words mixed with their indices, because the compiler can compute a sum with vector instructions.
+    The hash is a sum of words mixed with their indices, because the compiler can compute a sum with
+    vector instructions.
     """
     value = ZERO
     for board in range(2):
@@ -214,28 +270,51 @@ def begin_waves(scene, state, planes):
 def spread(scene, planes, frontier, level):
     """Add the cells at the path length ``level``, including rim cells, to their plane.
 
-    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero if the kernel has added a
-    frontier cell. Three planes hold all path lengths in turn, so the plane of the previous path length may also hold cells at
-    smaller path lengths. These cells have no effect, because the search has already reached all their neighbours.
+    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero
+    if the kernel has added a frontier cell. Three planes hold all path lengths in turn, so the
+    plane of the previous path length may also hold cells at smaller path lengths. These cells have
+    no effect, because the search has already reached all their neighbours.
     """
-    wave, mark, unreached = planes[MOD + (level - 1) % 3], planes[MOD + level % 3], planes[UNREACHED]
-    width, layer, size, some, hits = scene.width, scene.width * scene.rows, wave.shape[0], ZERO, ZERO
+    wave, mark, unreached = (
+        planes[MOD + (level - 1) % 3],
+        planes[MOD + level % 3],
+        planes[UNREACHED],
+    )
+    width, layer, size, some, hits = (
+        scene.width,
+        scene.width * scene.rows,
+        wave.shape[0],
+        ZERO,
+        ZERO,
+    )
     first = layer if scene.layers > 1 else width
     last = size - first
     here, before, after = wave[first:last], wave[first - 1 : last - 1], wave[first + 1 : last + 1]
     above, below = wave[first - width : last - width], wave[first + width : last + width]
     free, out, goals = unreached[first:last], mark[first:last], frontier[first:last]
     for i in range(out.shape[0]):
-        new = ((here[i] << ONE) | (here[i] >> ONE) | (before[i] >> TOP) | (after[i] << TOP) | above[i] | below[i]) & free[i]
+        new = (
+            (here[i] << ONE)
+            | (here[i] >> ONE)
+            | (before[i] >> TOP)
+            | (after[i] << TOP)
+            | above[i]
+            | below[i]
+        ) & free[i]
         free[i] &= ~new
         out[i] |= new
         some |= new
         hits |= new & goals[i]
-    for step in (-first, first):  # into the outermost rows (layers), which may contain frontier cells; and from layer to layer
+    for step in (
+        -first,
+        first,
+    ):  # into the outermost rows (layers), which may contain frontier cells; and from layer to layer
         low, high = max(0, -step), min(size, size - step)
         if scene.layers == 1:
             low, high = (low, low + first) if step > 0 else (high - first, high)
-        new, goal = join(wave[low + step : high + step], unreached[low:high], mark[low:high], frontier[low:high])
+        new, goal = join(
+            wave[low + step : high + step], unreached[low:high], mark[low:high], frontier[low:high]
+        )
         some, hits = some | new, hits | goal
     return some, hits
 
@@ -244,8 +323,8 @@ def spread(scene, planes, frontier, level):
 def join(near, unreached, mark, frontier):
     """Add the unreached cells among ``near`` to the plane ``mark``.
 
-    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero if the kernel has added a
-    frontier cell.
+    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero
+    if the kernel has added a frontier cell.
     """
     some, hits = ZERO, ZERO
     for i in range(mark.shape[0]):
@@ -280,15 +359,18 @@ def trace(scene, state, planes, index, level, plan, at):
 @in_place_kernel
 def on_board(scene, row, column):
     """Return whether a cell lies within the words of a board."""
-    return row >= 0 and row < scene.layers * scene.rows and column >= 0 and column < 64 * scene.width
+    return (
+        row >= 0 and row < scene.layers * scene.rows and column >= 0 and column < 64 * scene.width
+    )
 
 
 @in_place_kernel
 def path_to_nearest(scene, state, planes, plan, at, limit):
     """Write the path to the nearest frontier cell to ``plan[at:]``. Return the length of the path.
 
-    If no path exists, return 0. If the path has more than ``limit`` moves, return TOO_FAR. If several frontier cells are equally
-    near, the path leads to the first of these cells in row-major order.
+    If no path exists, return 0. If the path has more than ``limit`` moves, return TOO_FAR. If
+    several frontier cells are equally near, the path leads to the first of these cells in row-major
+    order.
     """
     begin_waves(scene, state, planes)
     frontier = state[FRONTIER]
@@ -307,7 +389,8 @@ def path_to_nearest(scene, state, planes, plan, at, limit):
 
 @in_place_kernel
 def beside(scene, cells, within, out):
-    """Write to ``out`` the cells of the board ``within`` that have a neighbour in the board ``cells``.
+    """Write to ``out`` the cells of the board ``within`` that have a neighbour in the board
+    ``cells``.
 
     The board ``cells`` must not contain rim cells.
     """

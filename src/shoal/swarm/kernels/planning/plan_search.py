@@ -1,8 +1,10 @@
-"""How the planner `best` chooses a command: it completes candidate plans on the predicted map, and follows the best plan.
+"""How the planner `best` chooses a command: it completes candidate plans on the predicted map, and
+follows the best plan.
 
-`choose_best` is the whole decision. `search_plans` collects the candidate plans: the rest of the last plan, single commands, runs
-in one direction, the best leaves of a beam search (`search_beam`), and random variations of the best plan so far (`vary`).
-`evaluate` simulates one candidate. `complete` appends commands of the base policy to the candidate: the command that classifies the
+`choose_best` is the whole decision. `search_plans` collects the candidate plans: the rest of the
+last plan, single commands, runs in one direction, the best leaves of a beam search (`search_beam`),
+and random variations of the best plan so far (`vary`). `evaluate` simulates one candidate.
+`complete` appends commands of the base policy to the candidate: the command that classifies the
 most cells, or the path to the nearest frontier cell.
 
 The page docs/concepts/planners.md explains the planner.
@@ -16,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
+from shoal.swarm.kernels.moves import record_type
 from shoal.swarm.kernels.planning.forward_model import (
     FRONTIER,
     MOD,
@@ -34,7 +37,6 @@ from shoal.swarm.kernels.planning.forward_model import (
 )
 from shoal.swarm.kernels.planning.learned_prior import LearnedPrior
 from shoal.swarm.kernels.planning.prediction import OccupancyPrediction, OccupancyPrior, predict
-from shoal.swarm.kernels.records import record_type
 
 WHOLE = 1 << 20  # denominator of fractions that records store as whole numbers
 MEMORY = record_type(
@@ -47,15 +49,20 @@ MEMORY = record_type(
     "simulated",  # number of moves simulated so far
     "remaining",  # number of frontier cells
     "credit",  # number of moves that the planner may simulate
-    "surprise",  # recent share of new free cells that were not predicted to be free, in units of 1 / WHOLE
+    # recent share of new free cells that were not predicted to be free, in units of 1 / WHOLE
+    "surprise",
 )
 
 NOTHING = -1e18  # lower than the value of any plan
-LONGEST_RUN = 40  # maximum length of a candidate plan that moves in one direction until it classifies a cell
+LONGEST_RUN = (
+    40  # maximum length of a candidate plan that moves in one direction until it classifies a cell
+)
 
-BRIEF = 300.0  # budget below which the planner evaluates only the most promising plans, with a short horizon
+# budget below which the planner evaluates only the most promising plans, with a short horizon
+BRIEF = 300.0
 PLENTY = 900.0  # number of saved simulated moves from which the limit BRIEF does not apply
-SAVINGS = 20.0  # for a budget below BRIEF: maximum number of saved simulated moves, as a multiple of the budget
+# for a budget below BRIEF: maximum number of saved simulated moves, as a multiple of the budget
+SAVINGS = 20.0
 BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
 
 
@@ -76,7 +83,9 @@ class Planner(NamedTuple):
     """The memory, the options and the working memory of a planner."""
 
     memory: Any  # a record of MEMORY
-    options: Any  # a record: budget, and the fields of shoal.swarm.policies.planners.beam_rollout.Tuning
+    options: (
+        Any  # a record: budget, and the fields of shoal.swarm.policies.planners.beam_rollout.Tuning
+    )
     scene: Scene
     root: NDArray[np.uint64]  # the current state of the episode
     state: NDArray[np.uint64]  # the state of the simulated plan
@@ -123,10 +132,16 @@ def is_brief(planner):
 
 @in_place_kernel
 def prepare(field, mapping, planner):
-    """Write the predicted world to ``planner.scene``, and the state of the episode to ``planner.root``."""
+    """Write the predicted world to ``planner.scene``, and the state of the episode to
+    ``planner.root``.
+    """
     if mapping:
         options = planner.options
-        layers, likely, joint = int(options.prediction_layers), options.free_threshold, options.joint_chance
+        layers, likely, joint = (
+            int(options.prediction_layers),
+            options.free_threshold,
+            options.joint_chance,
+        )
         predict(field, planner.prior, planner.learned, planner.prediction, layers, likely, joint)
     else:
         for i in range(field.open.shape[0]):
@@ -136,7 +151,9 @@ def prepare(field, mapping, planner):
 
 @in_place_kernel
 def search_plans(planner):
-    """Replace the incumbent (the plan that the planner follows) by the best plan that the search finds."""
+    """Replace the incumbent (the plan that the planner follows) by the best plan that the search
+    finds.
+    """
     memory, trial, options = planner.memory, planner.trial, planner.options
     remaining, few = count(planner.root[FRONTIER]), 0.0
     if remaining <= options.end_frontier or memory.surprise < options.end_surprise * WHOLE:
@@ -173,7 +190,8 @@ def predicted_frontier(planner):
 
 @in_place_kernel
 def run(planner, command):
-    """Write a run of equal commands to the trial plan. The run ends with its first command that classifies a cell.
+    """Write a run of equal commands to the trial plan. The run ends with its first command that
+    classifies a cell.
 
     Return the length of the run, or 0 if no cell is classified within LONGEST_RUN commands.
     """
@@ -188,13 +206,21 @@ def run(planner, command):
 
 @in_place_kernel
 def try_leaves(planner, best, few):
-    """Complete the plans that end at the best leaves of the beam search. Return the value of the best plan so far."""
+    """Complete the plans that end at the best leaves of the beam search. Return the value of the
+    best plan so far.
+    """
     options, beam, trial = planner.options, planner.beam, planner.trial
     if options.beam_leaves == 0:
         return best
     depth = int(options.beam_depth)
     half, size, simulated = search_beam(
-        planner.scene, planner.root, beam, planner.gains, options.discount, int(options.beam_width), depth
+        planner.scene,
+        planner.root,
+        beam,
+        planner.gains,
+        options.discount,
+        int(options.beam_width),
+        depth,
     )
     planner.memory.simulated += simulated
     for _ in range(min(int(options.beam_leaves), size)):
@@ -207,11 +233,13 @@ def try_leaves(planner, best, few):
 
 @in_place_kernel
 def vary(planner):
-    """Write a random variation of the incumbent to the trial plan. Return the length of the variation.
+    """Write a random variation of the incumbent to the trial plan. Return the length of the
+    variation.
 
-    Up to a random place, the variation equals the incumbent (the best plan so far). At this place, the function makes one of four
-    changes: it replaces the rest of the incumbent by one random command, replaces the rest by k equal commands, inserts k equal
-    commands, or removes k commands, where k is 1, 2, 4 or 8.
+    Up to a random place, the variation equals the incumbent (the best plan so far). At this place,
+    the function makes one of four changes: it replaces the rest of the incumbent by one random
+    command, replaces the rest by k equal commands, inserts k equal commands, or removes k commands,
+    where k is 1, 2, 4 or 8.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)
@@ -250,14 +278,17 @@ def draw(planner, limit):
 
 @in_place_kernel
 def evaluate(planner, length, best, few):
-    """Complete the trial plan. If its value is above ``best``, the trial plan becomes the incumbent (the best plan so far).
+    """Complete the trial plan. If its value is above ``best``, the trial plan becomes the incumbent
+    (the best plan so far).
 
     Return the value of the trial plan or ``best``, whichever is higher.
 
-    Let c_t be the number of cells that move t classifies. If the end is not in sight, ``few`` is 0, and the value of a plan is
-    V = sum(discount^t c_t). If the planner simulates plans to the end of the task, ``few`` is F, the expected number of cells left
-    to classify, and the value is V = w / F * sum(discount^t c_t) - T, where T is the number of moves up to the last
-    classification. With reliable predictions, T includes an estimate of the moves for cells that are left at the horizon.
+    Let c_t be the number of cells that move t classifies. If the end is not in sight, ``few`` is 0,
+    and the value of a plan is V = sum(discount^t c_t). If the planner simulates plans to the end of
+    the task, ``few`` is F, the expected number of cells left to classify, and the value is V = w /
+    F * sum(discount^t c_t) - T, where T is the number of moves up to the last classification. With
+    reliable predictions, T includes an estimate of the moves for cells that are left at the
+    horizon.
     """
     options, memory, end = planner.options, planner.memory, few > 0
     surprise = memory.surprise / WHOLE
@@ -266,10 +297,14 @@ def evaluate(planner, length, best, few):
         horizon, discount = options.far_horizon, options.far_discount
     elif not end and is_brief(planner):
         horizon, discount = min(horizon, BRIEF_HORIZON), BRIEF_DISCOUNT
-    worth = options.frontier_worth * (1.0 + options.surprise_weight * surprise) / few if end else 0.0
+    worth = (
+        options.frontier_worth * (1.0 + options.surprise_weight * surprise) / few if end else 0.0
+    )
     copy_state(planner.root, planner.state)
     bound = best if end else NOTHING
-    time, value, length, moves, classified = complete(planner, length, int(horizon), discount, worth, few, bound)
+    time, value, length, moves, classified = complete(
+        planner, length, int(horizon), discount, worth, few, bound
+    )
     memory.simulated += moves
     if end:
         value = worth * value - time
@@ -286,15 +321,17 @@ def evaluate(planner, length, best, few):
 
 @in_place_kernel
 def complete(planner, length, horizon, discount, worth, expected, best):
-    """Simulate the first ``length`` commands of the trial plan, and append commands of the base policy up to the horizon.
+    """Simulate the first ``length`` commands of the trial plan, and append commands of the base
+    policy up to the horizon.
 
-    The simulation changes ``planner.state``. The simulation stops early if the plan cannot become better than ``best``. The early
-    stop assumes that the immediate classification of a cell is worth ``worth`` moves, and that about ``expected`` cells are left to
-    classify.
+    The simulation changes ``planner.state``. The simulation stops early if the plan cannot become
+    better than ``best``. The early stop assumes that the immediate classification of a cell is
+    worth ``worth`` moves, and that about ``expected`` cells are left to classify.
 
-    Return five numbers: time, value, length, moves and classified. ``time`` is the number of moves up to the last classification,
-    or ``horizon`` if cells are left. ``value`` is the discounted number of classified cells. ``length`` is the number of commands
-    in the plan. ``moves`` is the number of simulated commands. ``classified`` is the number of classified cells.
+    Return five numbers: time, value, length, moves and classified. ``time`` is the number of moves
+    up to the last classification, or ``horizon`` if cells are left. ``value`` is the discounted
+    number of classified cells. ``length`` is the number of commands in the plan. ``moves`` is the
+    number of simulated commands. ``classified`` is the number of classified cells.
     """
     scene, state, plan, gains = planner.scene, planner.state, planner.trial, planner.gains
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
@@ -342,9 +379,11 @@ def most(gains, last):
 
 @in_place_kernel
 def search_beam(scene, root, beam, gains, discount, width, depth):
-    """Search from the state ``root``. Return (index of the half of ``beam`` with the leaves, number of leaves, simulated moves).
+    """Search from the state ``root``. Return (index of the half of ``beam`` with the leaves, number
+    of leaves, simulated moves).
 
-    The leaves are the states at the last depth. The search ranks states by the discounted number of classified cells.
+    The leaves are the states at the last depth. The search ranks states by the discounted number of
+    classified cells.
     """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
@@ -385,9 +424,9 @@ def search_beam(scene, root, beam, gains, discount, width, depth):
 def place_for(values, marks, size, value, mark):
     """Return the place in the beam for a new state, or -1 if the beam rejects the new state.
 
-    If the beam contains an equal state, the new state replaces the equal state only if the new state has a higher value. If the
-    beam has a free place, the new state takes the free place. In a full beam, the new state replaces the worst state only if the
-    new state has a higher value.
+    If the beam contains an equal state, the new state replaces the equal state only if the new
+    state has a higher value. If the beam has a free place, the new state takes the free place. In a
+    full beam, the new state replaces the worst state only if the new state has a higher value.
     """
     for i in range(size):
         if marks[i] == mark:
@@ -403,7 +442,9 @@ def place_for(values, marks, size, value, mark):
 
 @in_place_kernel
 def lowest_value(values, size):
-    """Return the value that a new state must exceed: the worst value in a full beam, or -1 if the beam has a free place."""
+    """Return the value that a new state must exceed: the worst value in a full beam, or -1 if the
+    beam has a free place.
+    """
     if size < values.shape[0]:
         return -1.0
     worst = values[0]
@@ -414,7 +455,9 @@ def lowest_value(values, size):
 
 @in_place_kernel
 def take_best(values, size):
-    """Return the index of the best leaf, and clear the value of this leaf, so that the next call returns the next best leaf."""
+    """Return the index of the best leaf, and clear the value of this leaf, so that the next call
+    returns the next best leaf.
+    """
     best = 0
     for i in range(1, size):
         if values[i] > values[best]:
@@ -427,8 +470,8 @@ def take_best(values, size):
 def choose_greedy(field, planner):
     """Return the next command of the policy greedy-classify, or -1 if no command is left.
 
-    The policy sends the command that classifies the most cells with one move. If no single command classifies a cell, the policy
-    sends the commands of the path to the nearest frontier cell.
+    The policy sends the command that classifies the most cells with one move. If no single command
+    classifies a cell, the policy sends the commands of the path to the nearest frontier cell.
     """
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
@@ -438,9 +481,11 @@ def choose_greedy(field, planner):
 
 @in_place_kernel
 def take_greedily(field, planner):
-    """Replace the incumbent (the best plan so far) by the command that classifies the most cells with one move.
+    """Replace the incumbent (the best plan so far) by the command that classifies the most cells
+    with one move.
 
-    If no single command classifies a cell, the new incumbent is the path to the nearest frontier cell.
+    If no single command classifies a cell, the new incumbent is the path to the nearest frontier
+    cell.
     """
     memory = planner.memory
     take_state(field, planner.root)
@@ -462,13 +507,20 @@ def force(field, planner):
     for i in range(field.open.shape[0]):
         planner.prediction.open[i] = field.open[i]
     limit = planner.incumbent.shape[0]
-    memory.forced = max(0, path_to_nearest(planner.scene, planner.root, planner.planes, planner.incumbent, np.int64(0), limit))
+    memory.forced = max(
+        0,
+        path_to_nearest(
+            planner.scene, planner.root, planner.planes, planner.incumbent, np.int64(0), limit
+        ),
+    )
     memory.plan_at, memory.plan_length = 0, memory.forced
 
 
 @in_place_kernel
 def next_command(planner):
-    """Return the next command of the incumbent (the best plan so far), or -1 at the end of the plan."""
+    """Return the next command of the incumbent (the best plan so far), or -1 at the end of the
+    plan.
+    """
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
         return -1

@@ -1,20 +1,25 @@
-"""Prediction of free cells: the experts' probabilities, and the predicted map on and behind the frontier.
+"""Prediction of free cells: the experts' probabilities, and the predicted map on and behind the
+frontier.
 
-Two experts estimate the probability that a cell is free. The count expert computes the fraction of free cells among the classified
-cells with equal surroundings. The fine surroundings of a cell are five cells: the cell behind the free neighbour from which a
-particle enters, the two cells beside this neighbour, and the two cells beside the cell itself. The coarse surroundings are the
-first three of these five cells. The fraction for fine surroundings is smoothed towards the fraction for coarse surroundings. In
-each episode, the count expert starts without counts. The other expert is a network trained on maps (`learned_prior`).
+Two experts estimate the probability that a cell is free. The count expert computes the fraction of
+free cells among the classified cells with equal surroundings. The fine surroundings of a cell are
+five cells: the cell behind the free neighbour from which a particle enters, the two cells beside
+this neighbour, and the two cells beside the cell itself. The coarse surroundings are the first
+three of these five cells. The fraction for fine surroundings is smoothed towards the fraction for
+coarse surroundings. In each episode, the count expert starts without counts. The other expert is a
+network trained on maps (`learned_prior`).
 
-When a cell is classified, both experts estimate the probability of a free cell before they learn the result. The weight of an
-expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
-weight is distributed evenly, so that the other expert can gain weight again.
+When a cell is classified, both experts estimate the probability of a free cell before they learn
+the result. The weight of an expert is multiplied by the probability that the expert gave to the
+result. After each classification, a small fraction of all weight is distributed evenly, so that the
+other expert can gain weight again.
 
-`predict` applies the experts layer by layer. The first layer is the frontier. Each later layer consists of the unknown neighbours
-of cells that are predicted to be free.
+`predict` applies the experts layer by layer. The first layer is the frontier. Each later layer
+consists of the unknown neighbours of cells that are predicted to be free.
 
-Sources: docs/concepts/prediction.md; Dawid, Statistical theory: the prequential approach, Journal of the Royal Statistical Society
-A 147 (1984); Herbster and Warmuth, Tracking the best expert, Machine Learning 32 (1998).
+Sources: docs/concepts/prediction.md; Dawid, Statistical theory: the prequential approach, Journal
+of the Royal Statistical Society A 147 (1984); Herbster and Warmuth, Tracking the best expert,
+Machine Learning 32 (1998).
 """
 
 from __future__ import annotations
@@ -25,21 +30,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
-from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
+from shoal.swarm.kernels.moves import DOWN, IN, LEFT, ONE, RIGHT, UP, ZERO, lowest
 from shoal.swarm.kernels.planning.learned_prior import learn_bias, learned_chance
 
 COUNTED, LEARNED = 0, 1  # indices of the experts
 EXPERTS = 2
-STATES, PAIRS = 3, 6  # number of states of a cell (unknown, free, obstacle); number of unordered pairs of states
-COARSE = STATES * PAIRS  # number of coarse surroundings: cell behind the free neighbour, pair beside the free neighbour
-FINE = COARSE * PAIRS  # number of fine surroundings: coarse surroundings, and the pair beside the cell
-TALLIES = 1 + COARSE + FINE  # one tally for all cells, then tallies of coarse and of fine surroundings
+STATES, PAIRS = (
+    3,
+    6,
+)  # number of states of a cell (unknown, free, obstacle); number of unordered pairs of states
+COARSE = (
+    STATES * PAIRS
+)  # number of coarse surroundings: cell behind the free neighbour, pair beside the free neighbour
+FINE = (
+    COARSE * PAIRS
+)  # number of fine surroundings: coarse surroundings, and the pair beside the cell
+TALLIES = (
+    1 + COARSE + FINE
+)  # one tally for all cells, then tallies of coarse and of fine surroundings
 WEIGHT = 2.0  # weight of the coarser fraction, in cells
 DEALT = 0.002  # fraction of all weight that each classification distributes evenly over the experts
 LEAST = 0.01  # weight below which predictions leave out an expert
 UNLIKELY = 0.25  # probability of a free cell below which the kernel predicts a wall
-FEWEST = 4  # minimum number of classified cells with similar surroundings for the prediction of a wall
+FEWEST = (
+    4  # minimum number of classified cells with similar surroundings for the prediction of a wall
+)
 UNDECIDED, WALL, FREE = 0, 1, 2
 NOT_ASKED = -1.0
 
@@ -47,9 +62,13 @@ NOT_ASKED = -1.0
 class OccupancyPrior(NamedTuple):
     """The counts of the count expert, and the weights of both experts."""
 
-    tallies: NDArray[np.int64]  # (TALLIES, 2): number of classified cells, number of free cells among the classified cells
+    tallies: NDArray[
+        np.int64
+    ]  # (TALLIES, 2): number of classified cells, number of free cells among the classified cells
     weights: NDArray[np.float64]  # (EXPERTS,): weights with sum 1; 0 for an unused expert
-    told: NDArray[np.float64]  # (EXPERTS,): each expert's probability that the last classified cell is free
+    told: NDArray[
+        np.float64
+    ]  # (EXPERTS,): each expert's probability that the last classified cell is free
     before: NDArray[np.uint64]  # the cells known before the last command
     rows: int  # rows per layer
     width: int  # words per row
@@ -65,7 +84,9 @@ class OccupancyPrediction(NamedTuple):
     following: NDArray[np.int64]  # the cells of the next layer
     verdicts: NDArray[np.int8]  # UNDECIDED, WALL or FREE for each cell of the present layer
     told: NDArray[np.float64]  # results of the learned prior for the cells of the present layer
-    chances: NDArray[np.float64]  # (FINE,): results of `chance` for all surroundings; NOT_ASKED before the first use
+    chances: NDArray[
+        np.float64
+    ]  # (FINE,): results of `chance` for all surroundings; NOT_ASKED before the first use
     layers: int
     rows: int
     width: int
@@ -73,7 +94,9 @@ class OccupancyPrediction(NamedTuple):
 
 @in_place_kernel
 def state_of(opened, known, cell):
-    """Return 0 for an unknown cell, 1 for a free cell, and 2 for an obstacle. ``cell`` is 64 * word + bit."""
+    """Return 0 for an unknown cell, 1 for a free cell, and 2 for an obstacle. ``cell`` is 64 * word
+    + bit.
+    """
     word, bit = cell >> 6, np.uint64(cell & 63)
     certain = (known[word] >> bit) & ONE
     return np.int64(certain + certain - (certain & (opened[word] >> bit)))
@@ -81,7 +104,9 @@ def state_of(opened, known, cell):
 
 @in_place_kernel
 def steps_of(rows, width, command):
-    """Return two offsets in cell numbers: a step in the direction of a command, and a step at right angles to it."""
+    """Return two offsets in cell numbers: a step in the direction of a command, and a step at right
+    angles to it.
+    """
     row = 64 * width
     if command == LEFT or command == RIGHT:
         return (-1 if command == LEFT else 1), row
@@ -93,7 +118,9 @@ def steps_of(rows, width, command):
 
 @in_place_kernel
 def pair_at(opened, known, cell, side):
-    """Return a number from 0 to 5 that identifies the states of the two cells beside a cell, regardless of their order."""
+    """Return a number from 0 to 5 that identifies the states of the two cells beside a cell,
+    regardless of their order.
+    """
     one, other = state_of(opened, known, cell - side), state_of(opened, known, cell + side)
     low, high = min(one, other), max(one, other)
     return high * (high + 1) // 2 + low
@@ -101,9 +128,11 @@ def pair_at(opened, known, cell, side):
 
 @in_place_kernel
 def around(opened, known, cell, step, side):
-    """Return the number of the surroundings of a cell that a particle enters by ``step`` from a free cell.
+    """Return the number of the surroundings of a cell that a particle enters by ``step`` from a
+    free cell.
 
-    The free cell from which the particle comes is not on the rim of the board, so all surrounding cells are on the board.
+    The free cell from which the particle comes is not on the rim of the board, so all surrounding
+    cells are on the board.
     """
     number = state_of(opened, known, cell - 2 * step)
     number = number * PAIRS + pair_at(opened, known, cell - step, side)
@@ -112,13 +141,17 @@ def around(opened, known, cell, step, side):
 
 @in_place_kernel
 def smoothed(tallies, entry, likely):
-    """Return the fraction of free cells in one tally, smoothed towards the coarser fraction ``likely``."""
+    """Return the fraction of free cells in one tally, smoothed towards the coarser fraction
+    ``likely``.
+    """
     return (tallies[entry, 1] + WEIGHT * likely) / (tallies[entry, 0] + WEIGHT)
 
 
 @in_place_kernel
 def chance(prior, number):
-    """Return the count expert's probability that a cell is free. ``number`` identifies the surroundings of the cell."""
+    """Return the count expert's probability that a cell is free. ``number`` identifies the
+    surroundings of the cell.
+    """
     tallies = prior.tallies
     likely = smoothed(tallies, 0, 0.5)
     likely = smoothed(tallies, 1 + number // PAIRS, likely)
@@ -169,7 +202,9 @@ def learn_from_command(field, prior, learned, command):
 
 @in_place_kernel
 def predict(field, prior, learned, prediction, depth, likely, sure):
-    """Write to ``prediction.open`` the known free cells and the cells predicted to be free, layer by layer."""
+    """Write to ``prediction.open`` the known free cells and the cells predicted to be free, layer
+    by layer.
+    """
     size = np.int64(0)
     prediction.chances[:] = NOT_ASKED
     for i in range(field.open.shape[0]):
@@ -197,7 +232,9 @@ def list_cells(cells, size, i, word):
 
 @in_place_kernel
 def counted(prediction, prior, number):
-    """Return the result of `chance` for fine surroundings. The kernel computes each result only once in a prediction."""
+    """Return the result of `chance` for fine surroundings. The kernel computes each result only
+    once in a prediction.
+    """
     if prediction.chances[number] == NOT_ASKED:
         prediction.chances[number] = chance(prior, number)
     return prediction.chances[number]
@@ -205,7 +242,9 @@ def counted(prediction, prior, number):
 
 @in_place_kernel
 def ask_learned(prediction, learned, cell):
-    """Return the learned prior's probability that a cell is free, for the first side from which a particle can enter the cell."""
+    """Return the learned prior's probability that a cell is free, for the first side from which a
+    particle can enter the cell.
+    """
     for command in range(4):
         if is_open(prediction.open, cell - steps_of(prediction.rows, prediction.width, command)[0]):
             return learned_chance(learned, prediction.open, prediction.known, cell, command)
@@ -216,9 +255,15 @@ def ask_learned(prediction, learned, cell):
 def find_walls(prediction, prior, learned, size):
     """Predict walls in the cells of the layer that are probably not free.
 
-    The kernel predicts walls before `find_free` predicts free cells, because the experts recognize corridors between known walls.
+    The kernel predicts walls before `find_free` predicts free cells, because the experts recognize
+    corridors between known walls.
     """
-    opened, known, seen, share = prediction.open, prediction.known, prior.tallies[1:], prior.weights[LEARNED]
+    opened, known, seen, share = (
+        prediction.open,
+        prediction.known,
+        prior.tallies[1:],
+        prior.weights[LEARNED],
+    )
     directions = 4 if prediction.layers == 1 else 6
     for k in range(size):
         cell = prediction.cells[k]
@@ -232,7 +277,9 @@ def find_walls(prediction, prior, learned, size):
             if not is_open(opened, cell - step):
                 continue
             number = around(opened, known, cell, step, side)
-            if mixed(prediction, prior, k, number) < UNLIKELY and (share > 0.5 or seen[number // PAIRS, 0] >= FEWEST):
+            if mixed(prediction, prior, k, number) < UNLIKELY and (
+                share > 0.5 or seen[number // PAIRS, 0] >= FEWEST
+            ):
                 prediction.verdicts[k] = WALL
                 break
     for k in range(size):
@@ -242,7 +289,9 @@ def find_walls(prediction, prior, learned, size):
 
 @in_place_kernel
 def mixed(prediction, prior, k, number):
-    """Return the weighted mean of the experts' probabilities that cell number k of the layer is free."""
+    """Return the weighted mean of the experts' probabilities that cell number k of the layer is
+    free.
+    """
     share = prior.weights[LEARNED]
     if share <= LEAST:
         return counted(prediction, prior, number)
@@ -253,9 +302,11 @@ def mixed(prediction, prior, k, number):
 
 @in_place_kernel
 def find_free(prediction, prior, learned, size, needed):
-    """Predict which cells of the layer are free. Return whether any cell of the layer is predicted to be free.
+    """Predict which cells of the layer are free. Return whether any cell of the layer is predicted
+    to be free.
 
-    A cell is predicted to be free if its probability exceeds ``needed`` for every side from which a particle can enter the cell.
+    A cell is predicted to be free if its probability exceeds ``needed`` for every side from which a
+    particle can enter the cell.
     """
     opened, known, share = prediction.open, prediction.known, prior.weights[LEARNED]
     directions, some = 4 if prediction.layers == 1 else 6, False
@@ -263,7 +314,9 @@ def find_free(prediction, prior, learned, size, needed):
         cell = prediction.cells[k]
         if prediction.verdicts[k] == WALL:
             continue
-        if share > LEAST and prediction.told[k] <= needed:  # walls predicted by `find_walls` may change the result
+        if (
+            share > LEAST and prediction.told[k] <= needed
+        ):  # walls predicted by `find_walls` may change the result
             prediction.told[k] = ask_learned(prediction, learned, cell)
         for command in range(directions):
             step, side = steps_of(prediction.rows, prediction.width, command)
@@ -279,7 +332,9 @@ def find_free(prediction, prior, learned, size, needed):
 
 @in_place_kernel
 def is_open(board, cell):
-    """Return whether a board contains a cell. For a cell outside the words of the board, return false."""
+    """Return whether a board contains a cell. For a cell outside the words of the board, return
+    false.
+    """
     word = cell >> 6
     return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
 
@@ -292,7 +347,8 @@ def mark(board, cell):
 
 @in_place_kernel
 def next_layer(prediction, size):
-    """Mark the cells of the layer as known, and list the unknown neighbours of the layer's free cells as the next layer.
+    """Mark the cells of the layer as known, and list the unknown neighbours of the layer's free
+    cells as the next layer.
 
     Return the number of cells in the next layer.
     """

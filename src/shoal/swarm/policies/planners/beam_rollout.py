@@ -1,7 +1,8 @@
-"""The planners beam-rollout, alias ``best``, and greedy-classify: their options, their decisions, and what planning costs.
+"""The planners beam-rollout, alias ``best``, and greedy-classify: their options, their decisions,
+and what planning costs.
 
-The kernels of `shoal.swarm.kernels.planning.plan_search` choose the commands. A planner observes every move, and keeps its memory
-in arrays for these kernels. Source: docs/concepts/planners.md.
+The kernels of `shoal.swarm.kernels.planning.plan_search` choose the commands. A planner observes
+every move, and keeps its memory in arrays for these kernels. Source: docs/concepts/planners.md.
 """
 
 from __future__ import annotations
@@ -15,23 +16,25 @@ from numpy.random import Generator
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.grid.fields import field_of
-from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.kernels.episodes import planner_episode
-from shoal.swarm.policies.compiled_policy import Compiled
+from shoal.swarm.grid.board import Board, GridLayout, letters_of
+from shoal.swarm.grid.state import Belief, SwarmState, field_of
+from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.planners.state import Pace, Tuning, planner_of, seed_of
 from shoal.swarm.policies.protocol import Decision, View
 
 USUAL = 1000  # number of particles for which the budget is used unchanged
 MOST_FEW, MOST_MANY = 10.0, 4.0  # maximum budget factor for fewer and for more particles
-MOST_SECONDS = 60.0  # longest planning time, estimated for a usual machine, that the policy auto chooses
+MOST_SECONDS = (
+    60.0  # longest planning time, estimated for a usual machine, that the policy auto chooses
+)
 LEAST_BUDGET = 10.0  # a smaller budget gives no fewer moves than the policy closest-frontier
 SHARE = 0.65  # moves of the planner best relative to the policy closest-frontier
 NOISY = 1.6  # moves with noise relative to moves without noise
-PREDICTION, SIMULATION = 1.5e-6, 1e-8  # seconds per word of a board: for each move sent, and for each simulated move
+PREDICTION, SIMULATION = (
+    1.5e-6,
+    1e-8,
+)  # seconds per word of a board: for each move sent, and for each simulated move
 
 TUNING = Tuning(
     end_frontier=200,
@@ -66,26 +69,42 @@ class PlannerPolicy(Compiled):
     milliseconds: ClassVar[float] = 0.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the planning budget and the tuning for a number of particles, in the form that kernels expect."""
+        """Return the planning budget and the tuning for a number of particles, in the form that
+        kernels expect.
+        """
         return ()
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command. ``memory`` holds the last command and everything that the planner has learnt."""
+        """Return the next command. ``memory`` holds the last command and everything that the
+        planner has learnt.
+        """
         layout, memory = view.occupied.layout, copy.deepcopy(memory)
         belief = _plannable(view.belief)
-        field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # planners do not read the true state
+        field = field_of(
+            belief.open.words, SwarmState(view.occupied), belief
+        )  # planners do not read the true state
         if memory is None:
             options = self.settings(len(view.occupied))
-            planner = planner_of(layout, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=options)
+            planner = planner_of(
+                layout,
+                belief,
+                rule=view.rule,
+                mapping=view.mapping,
+                seed=seed_of(rng),
+                options=options,
+            )
             pace = Pace(self.milliseconds)
         else:
             planner, pace = memory.planner, memory.pace
             planner.memory.remaining = len(belief.frontier)
-            # With noise, a scan may classify cells that no particle tried to enter with the last command. The prior does not learn
-            # from them: the cells around such a cell may lie outside the board.
+            # With noise, a scan may classify cells that no particle tried to enter with the last
+            # command. The prior does not learn from them: the cells around such a cell may lie
+            # outside the board.
             entered = belief.open.shifted(letters_of(layout.ndim)[memory.command])
             planner.prior.before[:] |= (belief.known - entered).words.ravel()
-            planner_episode.observe_outcome(field, view.mapping, planner, memory.command, view.classified)
+            planner_episode.observe_outcome(
+                field, view.mapping, planner, memory.command, view.classified
+            )
         with pace.timed(planner, 1):
             command = int(planner_episode.choose(self.code, field, view.mapping, planner))
         if command < 0:
@@ -95,8 +114,12 @@ class PlannerPolicy(Compiled):
 
 
 def _plannable(belief: Belief) -> Belief:
-    """Return a belief without free cells on the rim, where kernels expect none. With noise, a belief may err there."""
-    rim = belief.open & Board.full(belief.open.layout) - Board.of_mask(np.ones(belief.open.layout.shape, dtype=np.bool_))
+    """Return a belief without free cells on the rim, where kernels expect none. With noise, a
+    belief may err there.
+    """
+    rim = belief.open & Board.full(belief.open.layout) - Board.of_mask(
+        np.ones(belief.open.layout.shape, dtype=np.bool_)
+    )
     if not rim:
         return belief
     inside = belief.open - rim
@@ -114,10 +137,11 @@ class _Remembered:
 class GreedyClassify(PlannerPolicy):
     """Send the command that immediately classifies the most frontier cells.
 
-    If no command classifies a cell immediately, send the commands of a shortest path to a frontier cell.
+    If no command classifies a cell immediately, send the commands of a shortest path to a frontier
+    cell.
 
-    Every episode of the policy greedy-classify ends, because each command or path classifies at least one cell. Source:
-    docs/concepts/planners.md.
+    Every episode of the policy greedy-classify ends, because each command or path classifies at
+    least one cell. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "greedy-classify"
@@ -130,48 +154,60 @@ class BeamRollout(PlannerPolicy):
 
     The names ``best`` and ``beam-rollout`` mean the same policy.
 
-    The candidate plans are the rest of the last plan, single commands, runs in one direction, the best plans of a beam search, and
-    random variations of the best candidate. A greedy base policy completes each candidate plan. After 450 consecutive moves that
-    classify no cell, the planner sends all commands of the shortest path to a frontier cell, so that every episode ends. Source:
+    The candidate plans are the rest of the last plan, single commands, runs in one direction, the
+    best plans of a beam search, and random variations of the best candidate. A greedy base policy
+    completes each candidate plan. After 450 consecutive moves that classify no cell, the planner
+    sends all commands of the shortest path to a frontier cell, so that every episode ends. Source:
     docs/concepts/planners.md.
 
     Parameters
     ----------
     budget : float
-        Planning budget for 1000 particles: the mean number of simulated moves per move sent. For n < 1000 particles, the budget is
-        multiplied by min(10, (1000 / n)^2), because a small swarm needs more moves and gains more from planning than a large swarm.
-        For n > 1000 particles, the budget is multiplied by min(4, n / 1000), because a large swarm needs few moves in total. Equal
-        seeds and equal budgets give equal commands on every machine.
+        Planning budget for 1000 particles: the mean number of simulated moves per move sent. For n
+        < 1000 particles, the budget is multiplied by min(10, (1000 / n)^2), because a small swarm
+        needs more moves and gains more from planning than a large swarm. For n > 1000 particles,
+        the budget is multiplied by min(4, n / 1000), because a large swarm needs few moves in
+        total. Equal seeds and equal budgets give equal commands on every machine.
     milliseconds : float
-        Mean computing time per move in milliseconds. A computing time above 0 replaces the budget, and the planner's commands
-        then depend on the speed and load of the machine. Shoal can replay an episode with a limit on computing time, because
-        the episode contains the commands.
+        Mean computing time per move in milliseconds. A computing time above 0 replaces the budget,
+        and the planner's commands then depend on the speed and load of the machine. Shoal can
+        replay an episode with a limit on computing time, because the episode contains the commands.
     """
 
     kind: ClassVar[str] = "beam-rollout"
     code: ClassVar[int] = planner_episode.BEAM_ROLLOUT
     tuning: ClassVar[Tuning] = TUNING
     budget: float = 1000.0
-    milliseconds: float = 0.0  # type: ignore[misc]  # an option of this class, but not of the base class
+    # an option of this class, but not of the base class
+    milliseconds: float = 0.0  # type: ignore[misc]
 
     def __post_init__(self) -> None:
         if not 0 < self.budget <= 1e12:
-            raise InvalidInputError(f"budget: expected simulated moves a move, above 0 and at most 1e12, got {self.budget:g}")
+            raise InvalidInputError(
+                "budget: expected simulated moves a move, above 0 and at most 1e12, got"
+                f" {self.budget:g}"
+            )
         if not 0 <= self.milliseconds <= 1e9:
-            raise InvalidInputError(f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}")
+            raise InvalidInputError(
+                f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}"
+            )
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the planning budget and the tuning for a number of particles, in the form that kernels expect.
+        """Return the planning budget and the tuning for a number of particles, in the form that
+        kernels expect.
 
-        For fewer than 1000 particles, the planning budget is larger, and the planner tries more random variations of plans. For
-        more than 1000 particles, the planning budget is larger, the beam search is wider and deeper, and the early classification
-        of cells has less weight. The planner then simulates plans to the end even if the frontier is large, because many particles
-        classify all cells in few moves. With a limit on computing time, the number of variations and the size of the beam search do
-        not depend on the number of particles.
+        For fewer than 1000 particles, the planning budget is larger, and the planner tries more
+        random variations of plans. For more than 1000 particles, the planning budget is larger, the
+        beam search is wider and deeper, and the early classification of cells has less weight. The
+        planner then simulates plans to the end even if the frontier is large, because many
+        particles classify all cells in few moves. With a limit on computing time, the number of
+        variations and the size of the beam search do not depend on the number of particles.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)
-        tuning = tuning._replace(end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many)
+        tuning = tuning._replace(
+            end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many
+        )
         if not self.milliseconds:
             tuning = tuning._replace(
                 variations=tuning.variations * max(1.0, fewer),
@@ -184,31 +220,43 @@ class BeamRollout(PlannerPolicy):
 def expected_moves(n_free: int, particles: int, *, noisy: bool = False) -> float:
     """Return the number of moves that the planner best usually needs for a mapping.
 
-    The formula is a fit to episodes of 500 to 100,000 free cells with 5 to 200 free cells for each particle. It is right within
-    a factor of 2.
+    The formula is a fit to episodes of 500 to 100,000 free cells with 5 to 200 free cells for each
+    particle. It is right within a factor of 2.
     """
     crowding = max(1.0, n_free / max(1, particles))
     return SHARE * 8.0 * float(crowding**0.8 * n_free**0.25) * (NOISY if noisy else 1.0)
 
 
-def planning_seconds(policy: BeamRollout, shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bool = False) -> float:
+def planning_seconds(
+    policy: BeamRollout, shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bool = False
+) -> float:
     """Return the planning time of an episode of mapping on a usual machine, in seconds."""
     moves = expected_moves(n_free, particles, noisy=noisy)
     if policy.milliseconds:
         return moves * policy.milliseconds / 1000
-    return moves * prod(GridLayout(shape).words) * (PREDICTION + SIMULATION * policy.settings(particles)[0])
+    return (
+        moves
+        * prod(GridLayout(shape).words)
+        * (PREDICTION + SIMULATION * policy.settings(particles)[0])
+    )
 
 
-def fit_planner(shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bool = False) -> BeamRollout | None:
+def fit_planner(
+    shape: tuple[int, ...], n_free: int, particles: int, *, noisy: bool = False
+) -> BeamRollout | None:
     """Return the planner best with a budget at which an episode takes at most about `MOST_SECONDS`.
 
-    If the usual budget is small enough, the planner has the usual budget. If even the budget `LEAST_BUDGET` takes longer, return
-    None.
+    If the usual budget is small enough, the planner has the usual budget. If even the budget
+    `LEAST_BUDGET` takes longer, return None.
     """
     usual = BeamRollout()
     if planning_seconds(usual, shape, n_free, particles, noisy=noisy) <= MOST_SECONDS:
         return usual
-    per_move = MOST_SECONDS / expected_moves(n_free, particles, noisy=noisy) / prod(GridLayout(shape).words)
+    per_move = (
+        MOST_SECONDS
+        / expected_moves(n_free, particles, noisy=noisy)
+        / prod(GridLayout(shape).words)
+    )
     budget = (per_move - PREDICTION) / (SIMULATION * BeamRollout(budget=1.0).settings(particles)[0])
     if budget < LEAST_BUDGET:
         return None

@@ -1,4 +1,6 @@
-"""Data of the planners: tuning, the memory between two moves, working arrays of the kernels, and the measured computing time."""
+"""Data of the planners: tuning, the memory between two moves, working arrays of the kernels, and
+the measured computing time.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +12,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.board import GridLayout
-from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.grid.fields import RULE_CODES, empty_boards
+from shoal.swarm.grid.board import GridLayout, letters_of
+from shoal.swarm.grid.state import RULE_CODES, Belief, empty_boards
+from shoal.swarm.kernels.moves import new_record, record_type
 from shoal.swarm.kernels.planning import forward_model, plan_search, prediction
-from shoal.swarm.kernels.records import new_record, record_type
 from shoal.swarm.policies.planners.learned_weights import learned_prior_of
 
 
 class Tuning(NamedTuple):
-    """The tuning parameters of a planner. The page docs/concepts/planners.md explains the values of the tuning parameters."""
+    """The tuning parameters of a planner. The page docs/concepts/planners.md explains the values of
+    the tuning parameters.
+    """
 
     end_frontier: float  # largest frontier for which plans are simulated to the end, in cells
-    end_surprise: float  # prediction error below which plans are simulated to the end for any size of frontier
+    # prediction error below which plans are simulated to the end for any size of frontier
+    end_surprise: float
     horizon: float  # in moves
     discount: float
-    far_surprise: float  # prediction error below which the next two numbers apply to plans to the end
+    far_surprise: (
+        float  # prediction error below which the next two numbers apply to plans to the end
+    )
     far_horizon: float
     far_discount: float
     frontier_worth: float  # value of classifying all cells immediately, in moves
@@ -44,8 +49,11 @@ class Tuning(NamedTuple):
     force_after: float  # number of moves without classification after which a whole path is sent
 
 
-OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: mean number of simulated moves per move sent
-# number of states that a beam may keep on any board; limit on the words of all boards of one kind in a wider beam
+OPTIONS = record_type(
+    np.float64, "budget", *Tuning._fields
+)  # budget: mean number of simulated moves per move sent
+# number of states that a beam may keep on any board; limit on the words of all boards of one kind
+# in a wider beam
 BEAM_WIDTH, BEAM_WORDS = 24, 2**20
 LONGEST_PLAN = 2_000
 FIRST_RATE = 200.0  # simulated moves per millisecond, before the machine's speed has been measured
@@ -53,7 +61,8 @@ ADVANCE = 10  # moves whose time may be spent in advance, because the first move
 
 
 def new_prior(layout: GridLayout, *, learned: bool = False) -> prediction.OccupancyPrior:
-    """Return the occupancy prior at the start of an episode, before it has learned from any classified cell.
+    """Return the occupancy prior at the start of an episode, before it has learned from any
+    classified cell.
 
     If ``learned`` is true, the prior contains the trained neural network in addition to the counts.
     """
@@ -67,7 +76,15 @@ def new_prior(layout: GridLayout, *, learned: bool = False) -> prediction.Occupa
     )
 
 
-def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
+def planner_of(
+    layout: GridLayout,
+    belief: Belief,
+    *,
+    rule: str,
+    mapping: bool,
+    seed: int,
+    options: tuple[float, ...] = (),
+) -> Any:
     """Return the memory and the working arrays of a planner before its first decision."""
     size, directions = layout.words[0] * layout.words[1], len(letters_of(layout.ndim))
     longest = int(np.prod(layout.shape)) + LONGEST_PLAN
@@ -94,7 +111,9 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
     memory = new_record(plan_search.MEMORY)
     memory.random = seed
     memory.remaining = len(belief.frontier)
-    memory.surprise = plan_search.WHOLE // 4 if mapping else 0  # a known map has no prediction errors
+    memory.surprise = (
+        plan_search.WHOLE // 4 if mapping else 0
+    )  # a known map has no prediction errors
     return plan_search.Planner(
         memory=memory,
         options=new_record(OPTIONS, **given),
@@ -120,7 +139,9 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
 
 
 def beam_of(size: int, width: int, depth: int) -> plan_search.Beam:
-    """Return memory for a beam search of ``width`` states and ``depth`` commands. Each board takes ``size`` words of 64 bits."""
+    """Return memory for a beam search of ``width`` states and ``depth`` commands. Each board takes
+    ``size`` words of 64 bits.
+    """
     return plan_search.Beam(
         states=np.zeros((2, width, forward_model.BOARDS, size), dtype=np.uint64),
         plans=np.zeros((2, width, depth), dtype=np.int8),
@@ -136,21 +157,26 @@ def seed_of(rng: Generator) -> int:
 
 
 class Pace:
-    """Converts a time limit per move into a budget of simulated moves. The conversion uses the simulation speed measured so far."""
+    """Converts a time limit per move into a budget of simulated moves. The conversion uses the
+    simulation speed measured so far.
+    """
 
     def __init__(self, milliseconds: float) -> None:
         self.milliseconds, self.spent, self.simulated, self.moves = milliseconds, 0.0, 0, 0
 
     @contextmanager
     def timed(self, planner: Any, moves: int) -> Iterator[None]:
-        """Set the planner's budget for a number of ``moves``, and measure the computing time of the ``with`` block."""
+        """Set the planner's budget for a number of ``moves``, and measure the computing time of the
+        ``with`` block.
+        """
         if not self.milliseconds:
             yield
             return
         rate = self.simulated / self.spent if self.simulated else FIRST_RATE
         budget = max(1.0, self.milliseconds * rate)
         planner.options.budget = budget
-        # The time that earlier moves have saved or overdrawn, converted into simulated moves, replaces the planner's own count.
+        # The time that earlier moves have saved or overdrawn, converted into simulated moves,
+        # replaces the planner's own count.
         saved = (self.milliseconds * (self.moves + ADVANCE) - self.spent) * rate
         planner.memory.credit = int(min(plan_search.SAVINGS * budget, saved))
         before, began = int(planner.memory.simulated), time.perf_counter()
