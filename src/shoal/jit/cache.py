@@ -1,11 +1,14 @@
-"""Storage of compiled kernels with Numba's cache interface: lowered code in archives, and machine code in a cache.
+"""Storage of compiled kernels with Numba's cache interface: lowered code in archives, and machine
+code in a cache.
 
-Lowered code is LLVM code that is not yet optimized for a processor. For each kernel that Python calls, the cache of machine code
-has one file for each processor and each combination of argument types.
+Lowered code is LLVM code that is not yet optimized for a processor. For each kernel that Python
+calls, the cache of machine code has one file for each processor and each combination of argument
+types.
 
-Shoal compiles a kernel again after a change of any source file in the kernel's folder (see `part_of`), because the code of a kernel
-contains the code of all kernels that it calls. If the cache file of a kernel is damaged, Shoal compiles the kernel again and
-replaces the file. If the cache folder is read-only or the disk is full, Shoal compiles kernels again in each run, but the run
+Shoal compiles a kernel again after a change of any source file in the kernel's folder (see
+`part_of`), because the code of a kernel contains the code of all kernels that it calls. If the
+cache file of a kernel is damaged, Shoal compiles the kernel again and replaces the file. If the
+cache folder is read-only or the disk is full, Shoal compiles kernels again in each run, but the run
 continues.
 """
 
@@ -32,7 +35,9 @@ from shoal.jit.watch import COMPILING, Compiling
 
 
 class _Watch(event.Listener):
-    """Print a notice when Numba compiles a kernel, and measure the time that Numba needs for loading and compiling."""
+    """Print a notice when Numba compiles a kernel, and measure the time that Numba needs for
+    loading and compiling.
+    """
 
     def on_start(self, event: Any) -> None:
         if event.kind == "numba:compiler_lock":
@@ -60,11 +65,15 @@ def cached(compiled: Any) -> Any:
 
 
 class _KernelCache(NullCache):
-    """The stored forms of one kernel, with the interface that Numba requires. Damaged or missing files never raise an error."""
+    """The stored forms of one kernel, with the interface that Numba requires. Damaged or missing
+    files never raise an error.
+    """
 
     def __init__(self, function: Any) -> None:
         self._function, self._part = function, part_of(function)
-        self.kinds: Any = None  # the argument types for which Numba compiles the kernel, or None if unknown
+        self.kinds: Any = (
+            None  # the argument types for which Numba compiles the kernel, or None if unknown
+        )
 
     @property
     def cache_path(self) -> str:
@@ -72,8 +81,12 @@ class _KernelCache(NullCache):
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         arguments = tuple(getattr(signature, "args", signature))
-        with suppress(Exception):  # without an archive, find raises; with a damaged archive, pickle may raise any error
-            result = self._rebuilt(lowered.find(self._part, self._member(arguments)), arguments, target)
+        with suppress(
+            Exception
+        ):  # without an archive, find raises; with a damaged archive, pickle may raise any error
+            result = self._rebuilt(
+                lowered.find(self._part, self._member(arguments)), arguments, target
+            )
             self._save(result)
             return result
         return None
@@ -93,7 +106,9 @@ class _KernelCache(NullCache):
 
     def _rebuilt(self, content: bytes, arguments: tuple[Any, ...], target: Any) -> Any:
         """Generate machine code for a kernel from its lowered form."""
-        name, bitcode, description, environment, signature, reloads, environments = pickle.loads(content)
+        name, bitcode, description, environment, signature, reloads, environments = pickle.loads(
+            content
+        )
         if tuple(signature.args) != arguments:
             raise ValueError("compiled for other arguments")
         if b"NRT_" in bitcode:
@@ -106,14 +121,24 @@ class _KernelCache(NullCache):
         for each in environments:
             library.codegen.set_env(each.env_name, each)
         return compile_result(
-            target_context=target, typing_context=target.typing_context, library=library, environment=environment,
-            entry_point=callable_, fndesc=description, signature=signature, objectmode=False, lifted=(), type_annotation="",
-            reload_init=list(reloads), referenced_envs=environments,
-        )  # fmt: skip
+            target_context=target,
+            typing_context=target.typing_context,
+            library=library,
+            environment=environment,
+            entry_point=callable_,
+            fndesc=description,
+            signature=signature,
+            objectmode=False,
+            lifted=(),
+            type_annotation="",
+            reload_init=list(reloads),
+            referenced_envs=environments,
+        )
 
 
 def _environments(result: Any) -> tuple[Any, ...]:
-    """Return the environments of a kernel (Numba's objects for global data), and omit environments without constants.
+    """Return the environments of a kernel (Numba's objects for global data), and omit environments
+    without constants.
 
     Environments without constants are useless, and their loading would take time for imports.
     """
@@ -124,19 +149,32 @@ def _reduced(result: Any) -> bytes:
     """Return the lowered form of a compiled kernel as pickled bytes."""
     result.fndesc.typemap = result.fndesc.calltypes = None
     library = result.library
-    about = (result.fndesc, result.environment, result.signature, tuple(result.reload_init), _environments(result))
+    about = (
+        result.fndesc,
+        result.environment,
+        result.signature,
+        tuple(result.reload_init),
+        _environments(result),
+    )
     return bytes(dumps((library.name, library.lowered, *about)))
 
 
 def _machine_code(result: Any) -> MachineCode:
-    """Return the machine code of a compiled kernel, with the data that a call of the kernel needs."""
+    """Return the machine code of a compiled kernel, with the data that a call of the
+    kernel needs.
+    """
     description, module = result.fndesc, result.library._final_module
-    outside = [one.name for one in (*module.functions, *module.global_variables) if one.is_declaration]
+    outside = [
+        one.name for one in (*module.functions, *module.global_variables) if one.is_declaration
+    ]
     return MachineCode(
         code=result.library._get_compiled_object(),
         name=description.qualname.split(".")[-1],
         entry=description.llvm_cpython_wrapper_name,
         own=description.env_name,
-        constants={each.env_name: list(each.consts) for each in (result.environment, *_environments(result))},
+        constants={
+            each.env_name: list(each.consts)
+            for each in (result.environment, *_environments(result))
+        },
         required=tuple(name for name in outside if not name.startswith("llvm.")),
     )

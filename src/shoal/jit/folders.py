@@ -1,4 +1,6 @@
-"""Folders for compiled kernels: the folder in SHOAL_CACHE, a folder beside the sources, the user's cache, or a private folder."""
+"""Folders for compiled kernels: the folder in SHOAL_CACHE, a folder beside the sources, the user's
+cache, or a private folder.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,21 @@ ENVIRONMENT = "SHOAL_CACHE"
 
 @cache
 def folder_of(sources: Path) -> Path | None:
-    """Return the cache folder for the kernels of a source folder, or None if no folder is writable."""
-    subfolder = f"{sources.name}-{hashlib.blake2b(str(sources).encode(), digest_size=6).hexdigest()}"
+    """Return the cache folder for the kernels of a source folder, or None if no folder
+    is writable.
+    """
+    subfolder = (
+        f"{sources.name}-{hashlib.blake2b(str(sources).encode(), digest_size=6).hexdigest()}"
+    )
     named = os.environ.get(ENVIRONMENT)
     if named:
         folder = Path(named).expanduser() / subfolder
         if _is_usable(folder):
             return folder
-        tell_once(f"{ENVIRONMENT}: expected a folder that can be written, got {named}; kernels are compiled without a cache")
+        tell_once(
+            f"{ENVIRONMENT}: expected a folder that can be written, got {named}; kernels are"
+            " compiled without a cache"
+        )
         return None
     for folder in (sources / "__pycache__", users_cache() / subfolder):
         if _is_usable(folder):
@@ -36,19 +45,21 @@ def folder_of(sources: Path) -> Path | None:
     private = _private_folder()
     if private is None:
         tell_once(
-            f"kernels are compiled anew by each run: no cache folder can be written (the variable {ENVIRONMENT} chooses "
-            "another folder)"
+            "kernels are compiled anew by each run: no cache folder can be written (the variable"
+            f" {ENVIRONMENT} chooses another folder)"
         )
         return None
     tell_once(
-        f"compiled kernels are kept in {private}: no other folder can be written (the variable {ENVIRONMENT} chooses another "
-        "folder)"
+        f"compiled kernels are kept in {private}: no other folder can be written (the variable"
+        f" {ENVIRONMENT} chooses another folder)"
     )
     return private / subfolder if _is_usable(private / subfolder) else None
 
 
 def _is_usable(folder: Path) -> bool:
-    """Return whether Shoal can create files in a folder. If the folder is missing, create the folder first."""
+    """Return whether Shoal can create files in a folder. If the folder is missing, create the
+    folder first.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -61,7 +72,8 @@ def _is_usable(folder: Path) -> bool:
 def _private_folder() -> Path | None:
     """Return a private folder for temporary files, or None if no safe folder exists.
 
-    Only the current user can write to the private folder, because Shoal runs the code in the folder.
+    Only the current user can write to the private folder, because Shoal runs the code in the
+    folder.
     """
     user = os.getuid() if hasattr(os, "getuid") else 0
     folder = Path(tempfile.gettempdir()) / f"shoal-kernels-{user}"
@@ -69,7 +81,9 @@ def _private_folder() -> Path | None:
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700)
         found = folder.lstat()
-        if hasattr(os, "getuid") and (folder.is_symlink() or found.st_uid != user or found.st_mode & 0o077):
+        if hasattr(os, "getuid") and (
+            folder.is_symlink() or found.st_uid != user or found.st_mode & 0o077
+        ):
             return None
     except OSError:
         return None
@@ -96,4 +110,6 @@ def stamp(part: Path) -> bytes:
 
 def kernel_name(function: Callable[..., Any]) -> str:
     """Return the name of a kernel in archives and caches."""
-    return re.sub(r"[^\w.-]", "", f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}")
+    return re.sub(
+        r"[^\w.-]", "", f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}"
+    )

@@ -1,7 +1,7 @@
 """Two forms of kernel code: an entry, which Python calls, and a part, which other kernels call.
 
-Numba links a part into the code of other kernels, without optimization. LLVM optimizes an entry together with all parts of the
-entry.
+Numba links a part into the code of other kernels, without optimization. LLVM optimizes an entry
+together with all parts of the entry.
 """
 
 from __future__ import annotations
@@ -29,10 +29,14 @@ class LinkedPart(JITCodeLibrary):
 
 
 class Entry(JITCodeLibrary):
-    """The code of a kernel that Python calls. No other code links to an entry, so Shoal keeps only the entry's machine code."""
+    """The code of a kernel that Python calls. No other code links to an entry, so Shoal keeps only
+    the entry's machine code.
+    """
 
     lowered = b""
-    """LLVM code of the entry and of all its parts, before optimization. LLVM code does not depend on features of the processor."""
+    """LLVM code of the entry and of all its parts, before optimization. LLVM code does not depend
+    on features of the processor.
+    """
 
     def _optimize_final_module(self) -> None:
         self.lowered = self._final_module.as_bitcode()
@@ -41,7 +45,9 @@ class Entry(JITCodeLibrary):
 
     @classmethod
     def of_lowered(cls, codegen: Any, name: str, lowered: bytes) -> Entry:
-        """Optimize lowered code (LLVM code) for this processor, and generate machine code from it."""
+        """Optimize lowered code (LLVM code) for this processor, and generate machine
+        code from it.
+        """
         self = cls(codegen, name)
         self.enable_object_caching()
         self._final_module = binding.parse_bitcode(lowered)
@@ -55,8 +61,8 @@ class Entry(JITCodeLibrary):
 def _hide_parts(module: Any) -> None:
     """Tell LLVM that no code outside the module calls the parts of an entry.
 
-    Without calls from outside, LLVM inlines each part that has only one call, and removes unused arguments. In LLVM code, one array
-    argument consists of seven arguments.
+    Without calls from outside, LLVM inlines each part that has only one call, and removes unused
+    arguments. In LLVM code, one array argument consists of seven arguments.
     """
     wrappers = [one.name for one in module.functions if one.name.startswith(_WRAPPER)]
     called = {*wrappers, *(name.replace(_WRAPPER, "_ZN", 1) for name in wrappers)}

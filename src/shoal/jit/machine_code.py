@@ -1,4 +1,5 @@
-"""Loading and calling of machine code from the cache without Numba. The import of Numba takes longer than most commands of Shoal.
+"""Loading and calling of machine code from the cache without Numba. The import of Numba takes
+longer than most commands of Shoal.
 
 The machine code of kernels needs LLVM's loader and the modules of Numba that are written in C.
 """
@@ -30,10 +31,16 @@ from shoal.core.files import with_checksum, without_checksum
 from shoal.core.notices import tell_once
 from shoal.jit.folders import folder_of, kernel_name, part_of, stamp
 
-_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = 0x1, 0x2, 0x100 | 0x400  # NumPy's array flags that change the compiled code
+_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = (
+    0x1,
+    0x2,
+    0x100 | 0x400,
+)  # NumPy's array flags that change the compiled code
 _SAME = {int: np.int64, float: np.float64, bool: np.bool_}
 _of_array = attrgetter("dtype", "ndim", "flags.num")
-_PLAIN = frozenset([bool, float, type(None), np.random.Generator, *(np.dtype(name).type for name in "?bhilBHILfd")])
+_PLAIN = frozenset(
+    [bool, float, type(None), np.random.Generator, *(np.dtype(name).type for name in "?bhilBHILfd")]
+)
 
 
 @dataclass(frozen=True)
@@ -44,15 +51,17 @@ class MachineCode:
     name: str  # name of the function
     entry: str  # symbol of the function that accepts Python objects
     own: str  # symbol of the variable that points to the kernel's constants
-    constants: dict[str, list[Any]]  # lists of constants, by the symbol of the variable that points to the list
+    constants: dict[
+        str, list[Any]
+    ]  # lists of constants, by the symbol of the variable that points to the list
     required: tuple[str, ...]  # symbols that the machine code uses but does not define
 
 
 def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return one key for each argument of a kernel. All keys together determine the compiled code.
 
-    For example, the key of an array contains the dtype and the memory order of the array. Every call of a kernel runs this
-    function, so the function must be fast.
+    For example, the key of an array contains the dtype and the memory order of the array. Every
+    call of a kernel runs this function, so the function must be fast.
 
     Raises
     ------
@@ -82,9 +91,10 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
 def compiled_form(kinds: Any) -> Any:
     """Return a key for the code that Numba compiles for given argument types.
 
-    Argument types for which Numba compiles equal code have equal keys. The key leaves out array flags that do not change the code.
-    An array that is contiguous in row-major order and in column-major order counts as an array in row-major order. A Python number
-    counts as the NumPy number with equal bits.
+    Argument types for which Numba compiles equal code have equal keys. The key leaves out array
+    flags that do not change the code. An array that is contiguous in row-major order and in
+    column-major order counts as an array in row-major order. A Python number counts as the NumPy
+    number with equal bits.
     """
     if not isinstance(kinds, tuple):
         return _SAME.get(kinds, kinds)
@@ -95,8 +105,12 @@ def compiled_form(kinds: Any) -> Any:
 
 
 def load_machine_code(function: Callable[..., Any], kinds: Any) -> Any:
-    """Load a kernel's machine code for given argument types from the cache, or return None if Numba must compile the kernel."""
-    with suppress(Exception):  # no file, a damaged one, or one that this version of Python cannot read
+    """Load a kernel's machine code for given argument types from the cache, or return None if Numba
+    must compile the kernel.
+    """
+    with suppress(
+        Exception
+    ):  # no file, a damaged one, or one that this version of Python cannot read
         file = _file_of(function, kinds)
         if file is not None:
             header, content = _header(file, function), without_checksum(file.read_bytes())
@@ -122,22 +136,40 @@ def save_machine_code(function: Callable[..., Any], kinds: Any, stored: bytes) -
 
 
 def _header(file: Path, function: Callable[..., Any]) -> bytes:
-    """Return the beginning of a cache file: what it was compiled from, and its name, so that no file is taken for another one."""
+    """Return the beginning of a cache file: what it was compiled from, and its name, so that no
+    file is taken for another one.
+    """
     return stamp(part_of(function)) + file.name.encode() + b"\n"
 
 
 def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
     folder = folder_of(Path(function.__code__.co_filename).parent)
-    digest = hashlib.blake2b(repr((compiled_form(kinds), _maker())).encode(), digest_size=8).hexdigest()
+    digest = hashlib.blake2b(
+        repr((compiled_form(kinds), _maker())).encode(), digest_size=8
+    ).hexdigest()
     return folder and folder / f"{kernel_name(function)}-{digest}.kernel"
 
 
 @cache
 def _maker() -> tuple[Any, ...]:
-    """Return the data that, with the source of a kernel, determine its machine code: versions, settings and the processor."""
-    versions = (_folder_of_numba() / "_version.py").read_bytes(), llvmlite.__version__, sys.implementation.cache_tag
-    settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
-    return *versions, settings, binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+    """Return the data that, with the source of a kernel, determine its machine code: versions,
+    settings and the processor.
+    """
+    versions = (
+        (_folder_of_numba() / "_version.py").read_bytes(),
+        llvmlite.__version__,
+        sys.implementation.cache_tag,
+    )
+    settings = sorted(
+        (name, value) for name, value in os.environ.items() if name.startswith("NUMBA_")
+    )
+    return (
+        *versions,
+        settings,
+        binding.get_process_triple(),
+        binding.get_host_cpu_name(),
+        binding.get_host_cpu_features().flatten(),
+    )
 
 
 def _folder_of_numba() -> Path:
@@ -148,7 +180,9 @@ def _folder_of_numba() -> Path:
 
 
 def _extension(name: str) -> ModuleType:
-    """Import a module of Numba that is written in C, without the import of the whole Numba package."""
+    """Import a module of Numba that is written in C, without the import of the whole
+    Numba package.
+    """
     if name in sys.modules:
         return sys.modules[name]
     found = PathFinder.find_spec(name, [str(_folder_of_numba().joinpath(*name.split(".")[1:-1]))])
@@ -170,7 +204,10 @@ class _Linker:
         machine = target.create_target_machine(reloc=reloc, codemodel="jitdefault", jit=True)
         self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
         self._functions = _extension("numba._dynfunc")
-        helpers, runtime = _extension("numba._helperlib").c_helpers, _extension("numba.core.runtime._nrt_python").c_helpers
+        helpers, runtime = (
+            _extension("numba._helperlib").c_helpers,
+            _extension("numba.core.runtime._nrt_python").c_helpers,
+        )
         binding.add_symbol("_Py_NoneStruct", id(None))
         for name, address in (helpers | self._functions.c_helpers).items():
             binding.add_symbol(f"numba_{name}", address)
@@ -185,7 +222,9 @@ class _Linker:
         if not all(binding.address_of_symbol(name) for name in stored.required):
             from numba.core.registry import cpu_target
 
-            _ = cpu_target.target_context  # the access to this property tells LLVM all symbols that Numba knows
+            _ = (
+                cpu_target.target_context
+            )  # the access to this property tells LLVM all symbols that Numba knows
         self._engine.add_object_file(binding.ObjectFileRef.from_data(stored.code))
         self._engine.finalize_object()
         environments = {}
@@ -196,7 +235,9 @@ class _Linker:
             ctypes.c_void_p.from_address(address).value = id(environments[symbol])
         address = self._engine.get_function_address(stored.entry)
         own, module = environments[stored.own], SimpleNamespace(__name__=function.__module__)
-        return self._functions.make_function(module, stored.name, "", address, own, (self._engine, environments))
+        return self._functions.make_function(
+            module, stored.name, "", address, own, (self._engine, environments)
+        )
 
 
 @cache

@@ -1,4 +1,6 @@
-"""A stopwatch that does not count the time for loading and compiling kernels, and the text of the notice about compiling."""
+"""A stopwatch that does not count the time for loading and compiling kernels, and the text of the
+notice about compiling.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ _times = threading.local()
 
 
 class Compiling:
-    """A context manager that measures the time for loading or compiling kernels. The time of nested blocks counts only once."""
+    """A context manager that measures the time for loading or compiling kernels. The time of nested
+    blocks counts only once.
+    """
 
     def __enter__(self) -> None:
         _times.depth = getattr(_times, "depth", 0) + 1
@@ -29,16 +33,18 @@ def seconds_compiling() -> float:
 
 
 def working_time() -> float:
-    """Return seconds on a clock that stands still while the current thread loads or compiles kernels; its zero has no meaning.
+    """Return seconds on a clock that stands still while the current thread loads or compiles
+    kernels; its zero has no meaning.
 
-    Time limits are compared with this clock. On any other clock, a limit of two seconds is over before a first use has compiled its
-    kernels.
+    Time limits are compared with this clock. On any other clock, a limit of two seconds is over
+    before a first use has compiled its kernels.
     """
     return time.perf_counter() - seconds_compiling()
 
 
 class Stopwatch:
-    """Measure the time since the creation of the stopwatch, without the time for loading and compiling kernels.
+    """Measure the time since the creation of the stopwatch, without the time for loading and
+    compiling kernels.
 
     Examples
     --------
@@ -52,5 +58,7 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Return the seconds since the creation of the stopwatch, without the time for loading and compiling kernels."""
+        """Return the seconds since the creation of the stopwatch, without the time for loading and
+        compiling kernels.
+        """
         return working_time() - self._began
