@@ -199,8 +199,7 @@ REQUIRED: Any = MISSING
 """A marker that stands for the missing default of a required field."""
 
 
-# noqa: A002 - the word that every reader expects
-def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:
+def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: A002
     """Declare a field of a problem. `Option` lists the keyword arguments.
 
     Examples
