@@ -344,7 +344,7 @@ class NoisyRigSwarm(RigSwarm):
         Raised if the scans contradict the commands beyond what the stated noise explains.
     """
 
-    noisy: NoisyBelief  # type: ignore[assignment]  # never None here
+    noisy: NoisyBelief
 
     def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
         super().__init__(rig)
