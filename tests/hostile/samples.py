@@ -25,8 +25,7 @@ from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep, run_sweep
 from shoal.lab.coordinator import prepare
-from shoal.missions import missions_of
-from shoal.missions.checking import check_missions
+from shoal.missions import check_missions, missions_of
 from shoal.missions.files import FORMATS, write_missions
 from shoal.parts import problem_for
 from shoal.rigs import SimulatedRig

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from tests.reference.missions import READERS, distance_to_way
 
 from shoal.core.errors import InvalidInputError
-from shoal.missions import FORMATS, Mission, missions_of, read_mission, write_missions
-from shoal.missions import checking as lint
+from shoal.missions import FORMATS, Mission, lint, missions_of, read_mission, write_missions
 from shoal.search import LocalFrame
 from shoal.search.flight.timing import merged
 from shoal.search.flight.vehicle import Vehicle

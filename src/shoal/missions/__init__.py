@@ -4,20 +4,26 @@ formats, and checks them.
 
 from __future__ import annotations
 
-from shoal.missions.checking import MissionCheck, check_missions, lint
+from shoal.missions.checking import MissionCheck
 from shoal.missions.diagnostics import RULES, Diagnostic, Rule
-from shoal.missions.files import FORMATS, MissionFormat, mission_files, read_mission, write_missions
-from shoal.missions.mission import Mission, missions_of
-from shoal.search.problem.mission_options import CAPS
+from shoal.missions.files import mission_files, read_mission, write_missions
+from shoal.missions.formats import FORMATS, MissionFormat
+from shoal.missions.linting import lint
+from shoal.missions.mission import CAPS, Mission, missions_of
+from shoal.missions.mission_set import MissionSet, check_missions
+from shoal.missions.options import CheckOptions, MissionOptions
 
 __all__ = [
     "CAPS",
     "FORMATS",
     "RULES",
+    "CheckOptions",
     "Diagnostic",
     "Mission",
     "MissionCheck",
     "MissionFormat",
+    "MissionOptions",
+    "MissionSet",
     "Rule",
     "check_missions",
     "lint",

@@ -17,12 +17,14 @@ from shoal.search.flight.sorties import Sorties, Ways
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.timing import merged, trajectory, whole_way
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
-from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
 
 Kind = Literal["multirotor", "fixed-wing", "rover"]
 Autopilot = Literal["px4", "ardupilot"]
+
+CAPS: dict[str, int] = {"px4": 2000, "ardupilot": 700}
+"""Maximum number of mission items that each autopilot stores, including home."""
 
 FASTEST = 100.0  # m/s: a mission's speed
 SAME_LEVEL = 1e-3  # metres: altitudes with a smaller difference are equal

@@ -16,8 +16,7 @@ from tests.reference.missions import read_beside, read_plan
 from shoal.cli import run as command
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
-from shoal.missions import Mission, check_missions, missions_of, read_mission, write_missions
-from shoal.missions import checking as lint
+from shoal.missions import Mission, check_missions, lint, missions_of, read_mission, write_missions
 from shoal.missions.approach import airspace_of, missions_approach
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.fence import Fence, fence_of

@@ -17,11 +17,11 @@ from shoal.missions import (
     RULES,
     Mission,
     check_missions,
+    lint,
     missions_of,
     read_mission,
     write_missions,
 )
-from shoal.missions import checking as lint
 from shoal.missions.fence import Fence
 from shoal.search import open_region
 from shoal.search.flight.separation import Separation

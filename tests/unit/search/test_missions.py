@@ -20,12 +20,12 @@ from shoal.missions import (
     Mission,
     MissionFormat,
     check_missions,
+    lint,
     mission_files,
     missions_of,
     read_mission,
     write_missions,
 )
-from shoal.missions import checking as lint
 from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
 from shoal.search.flight.timing import merged
 from shoal.search.flight.vehicle import vehicle_of

@@ -22,8 +22,7 @@ from tests.reference.missions import READERS
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
-from shoal.missions import checking as lint
-from shoal.missions import missions_of, read_mission, write_missions
+from shoal.missions import lint, missions_of, read_mission, write_missions
 from shoal.missions.approach import clearance_of
 from shoal.search import LocalFrame
 from shoal.search.flight import terrain as terrain_files

@@ -21,8 +21,6 @@ from shoal.missions.formats.items import (
 from shoal.missions.mission import Mission
 from shoal.search.regions.formats.xml import Element
 
-SUFFIX = ".gpx"
-
 
 def write(mission: Mission) -> str:
     """Return a mission as the text of a GPX file."""

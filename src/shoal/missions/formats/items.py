@@ -14,9 +14,8 @@ from shoal.core.checks import check_json_memory
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.missions.diagnostics import Sheet, decimals_of
-from shoal.missions.mission import FASTEST, KINDS, SAME_LEVEL, Mission
+from shoal.missions.mission import CAPS, FASTEST, KINDS, SAME_LEVEL, Mission
 from shoal.search.flight.flight import FRAMES
-from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.projection import DECIMALS
 
 WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, SPLINE, DELAY, SPEED, GIMBAL, TRIGGER = (

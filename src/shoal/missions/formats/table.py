@@ -23,7 +23,6 @@ from shoal.missions.formats.items import (
 )
 from shoal.missions.mission import Mission
 
-SUFFIX = ".csv"
 _ALTITUDE = "altitude_m"
 _DEGREES = ("longitude", "latitude")
 _METRES = ("x_m", "y_m")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,14 @@ from shoal.missions.rules import inside_of, searching
 from shoal.search.episode import duration_text
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.canvas import path_of_rings, rings_of
-from shoal.views.drawing.charts import INK, MUTED, bare_axes, draw_scale_bar, new_figure
+from shoal.views.drawing.charts import (
+    INK,
+    MUTED,
+    bare_axes,
+    draw_scale_bar,
+    new_figure,
+    save_figure,
+)
 from shoal.views.search.figures import draw_heading
 from shoal.views.search.history import ROBOTS, robot_colour
 
@@ -25,11 +33,27 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from shoal.missions import MissionCheck, MissionSet
+
 _LAND, _HOLE, _ZONE, _FENCE, _NEAR = "#f4f6ee", "#dfe3e8", "#d81b1b", "#39424e", "#000000"
 _BESIDE = 11.0  # points: distance of a label from its launch point
 _FREE = 16.0  # points: places at this distance do not disturb a label
 _PAD = 0.04  # relative to the longer side
 _LONG = 0.02  # relative to all paths: level stretches whose altitude has its own colour
+
+
+MAP = "map.png"
+
+
+def save_missions_map(source: MissionSet | MissionCheck, folder: Path) -> list[Path]:
+    """Write the map of a mission set, or of a check, into a folder as ``map.png``. Return the
+    written files: none, if no mission can be drawn.
+    """
+    if not source.missions or source.region is None:
+        return []
+    figure = missions_figure(source.missions, source.region, source.approach)
+    save_figure(figure, folder / MAP)
+    return [folder / MAP]
 
 
 def missions_figure(
