@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from tests.missions import missions_of
 
 import shoal
 from shoal.cli import run as command
@@ -25,7 +26,7 @@ from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep, run_sweep
 from shoal.lab.coordinator import prepare
-from shoal.missions import check_missions, missions_of
+from shoal.missions import check_missions
 from shoal.missions.files import FORMATS, write_missions
 from shoal.parts import problem_for
 from shoal.rigs import SimulatedRig

@@ -9,10 +9,11 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.missions import missions_of
 from tests.reference.missions import READERS, distance_to_way
 
 from shoal.core.errors import InvalidInputError
-from shoal.missions import FORMATS, Mission, lint, missions_of, read_mission, write_missions
+from shoal.missions import FORMATS, Mission, lint, read_mission, write_missions
 from shoal.search import LocalFrame
 from shoal.search.flight.timing import merged
 from shoal.search.flight.vehicle import Vehicle

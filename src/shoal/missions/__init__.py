@@ -9,7 +9,7 @@ from shoal.missions.diagnostics import RULES, Diagnostic, Rule
 from shoal.missions.files import mission_files, read_mission, write_missions
 from shoal.missions.formats import FORMATS, MissionFormat
 from shoal.missions.linting import lint
-from shoal.missions.mission import CAPS, Mission, missions_of
+from shoal.missions.mission import CAPS, Mission, split_missions
 from shoal.missions.mission_set import MissionSet, check_missions
 from shoal.missions.options import CheckOptions, MissionOptions
 
@@ -28,7 +28,7 @@ __all__ = [
     "check_missions",
     "lint",
     "mission_files",
-    "missions_of",
     "read_mission",
+    "split_missions",
     "write_missions",
 ]

@@ -17,9 +17,9 @@ import numpy as np
 from shoal.core.errors import InvalidInputError
 from shoal.missions.approach import common_way, constant_speed, mission_trajectory
 from shoal.missions.fence import CORNERS, fence_of
-from shoal.missions.mission import Mission, missions_of
-from shoal.search.flight.dubins import LINK
-from shoal.search.flight.flight import Flight
+from shoal.missions.mission import Autopilot, Mission, split_missions
+from shoal.search.flight.dubins import LINK, Airspace
+from shoal.search.flight.flight import Altitudes, Flight
 from shoal.search.flight.separation import Separation, staggered
 from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.vehicle import Vehicle
@@ -42,7 +42,9 @@ def plan_missions(
     airspace: float | None = None,
     ending: str | None = None,
     fenced: bool = True,
-    **options: Any,
+    autopilot: Autopilot = "px4",
+    cap: int | None = None,
+    altitudes: Altitudes | None = None,
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, for a search without faults.
 
@@ -65,14 +67,16 @@ def plan_missions(
         by any distance.
     ending : "return", "land" or "loiter", optional
         Ending of missions. By default, if a separation is given, multirotors land, and fixed wings
-        without a landing point loiter. If no separation is given, `missions_of` chooses the
+        without a landing point loiter. If no separation is given, `Flight` chooses the
         default. On a return, vehicles might not keep the separation, because the autopilot chooses
         the altitude of the return.
     fenced : bool
         Whether the fence has at most as many corners as the autopilot stores. False for files
         without a fence.
-    options
-        Arguments of `missions_of` that the plan does not determine, such as ``autopilot``.
+    autopilot, cap
+        As in `split_missions`.
+    altitudes : Altitudes, optional
+        What the altitudes of missions mean. By default, heights above home.
 
     Raises
     ------
@@ -85,19 +89,23 @@ def plan_missions(
     ):
         ending = _ENDINGS[plan.vehicle.kind]
     region = plan.grid.region
-    options |= {
-        "blocked": grown(region.barred, region.margin),
-        "free": region.free,
-        "area": None if airspace is None else region.free.buffer(airspace),
-        "ending": ending,
-        "curves": plan.curves,
-    }
+    if airspace is None and not region.barriers:
+        where = plan.airspace  # its curves are known already
+    else:
+        where = Airspace(
+            grown(region.barred, region.margin),
+            None if airspace is None else region.free.buffer(airspace),
+            region.free,
+        )
 
     def sorties(robot: int, layer: int) -> Sorties:
         vehicle = plan.vehicle
         if layer and separation is not None:
             vehicle = vehicle.replaced(altitude=vehicle.height + layer * separation.vertical)
-        return _sorties(plan, robot, vehicle, options)
+        flight = _flight(plan, robot, vehicle, ending, where)
+        if altitudes is not None:
+            flight = replace(flight, altitudes=altitudes)
+        return _split(plan, robot, flight, autopilot=autopilot, cap=cap)
 
     robots = range(len(plan.places))
     made = [sorties(robot, 0) for robot in robots]
@@ -115,36 +123,36 @@ def plan_missions(
     )
 
 
-def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
+def _flight(
+    plan: SearchPlan, robot: int, vehicle: Vehicle, ending: str | None, airspace: Airspace
+) -> Flight:
+    """Return how a robot of a plan flies its missions."""
+    landing = None if plan.landing is None else plan.landing[robot]
+    if landing is None and ending not in (None, "return"):
+        landing = plan.places[robot]
+    if landing is not None and ending == "loiter" and plan.vehicle.radius:
+        landing = _loiter_place(plan, landing, airspace.blocked)
+    return Flight(
+        vehicle,
+        plan.places[robot],
+        plan.grid.region.frame,
+        landing,
+        ending,  # type: ignore[arg-type]  # None: by the landing
+        airspace=airspace,
+        rate=float(plan.rates[robot]),
+        link=float(plan.footprints[robot]) * LINK,
+    )
+
+
+def _split(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> Sorties:
     """Return the missions of one robot. A robot without cells has no missions."""
     stops = plan.stops(robot)
     if not len(stops):
         return ()
-    landing = None if plan.landing is None else plan.landing[robot]
-    if landing is None and options["ending"] not in (None, "return"):
-        landing = plan.places[robot]
-    if options["ending"] == "loiter" and plan.vehicle.radius:
-        landing = _loiter_place(
-            plan, plan.places[robot] if landing is None else landing, options["blocked"]
-        )
-    route = plan.route(robot, stops)
-    begin = min(1, int(route.stops[1]))
-    way = route.points[begin:]  # without home, above which it climbs anyway
+    out, way = plan.flown_route(robot, stops)
     if way.shape[1] == 3:
-        way = way + np.array([0.0, 0.0, vehicle.height - plan.vehicle.height])
-    return missions_of(
-        way,
-        plan.grid.region.frame,
-        robot=robot + 1,
-        home=plan.places[robot],
-        vehicle=vehicle,
-        rate=float(plan.rates[robot]),
-        link=float(plan.footprints[robot]) * LINK,
-        ways=plan.leg,
-        out=int(route.stops[1]) - begin,
-        landing=landing,
-        **options,
-    )
+        way = way + np.array([0.0, 0.0, flight.vehicle.height - plan.vehicle.height])
+    return split_missions(way, flight, robot=robot + 1, ways=plan.leg, out=out, **limits)
 
 
 def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:

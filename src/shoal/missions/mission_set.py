@@ -38,10 +38,11 @@ from shoal.missions.formats import FORMATS
 from shoal.missions.mission import Mission
 from shoal.missions.options import CheckOptions, MissionOptions
 from shoal.search.episode import SearchEpisode
+from shoal.search.flight.dubins import NoRoomError
+from shoal.search.flight.flight import Altitudes
 from shoal.search.flight.terrain import Terrain, open_terrain
 from shoal.search.planning.plan import (
     NARROWER,
-    NO_ROOM,
     SearchPlan,
     narrower_margin_text,
     plan_at_margin,
@@ -122,8 +123,8 @@ class MissionSet:
             try:
                 plan = plan_at_margin(fenced, seed=seed)
                 made = cls.from_plan(plan, options, problem=fenced, terrain=terrain)
-            except InvalidInputError as error:
-                if share is None or not str(error).startswith(NO_ROOM):
+            except NoRoomError:
+                if share is None:
                     raise
                 narrower = problem.replaced(margin=share * widest).at_place(problem.place)
                 fenced = _with_fence(narrower, options)
@@ -151,18 +152,11 @@ class MissionSet:
             separation=options.kept_apart,
             rally=None if rally is None else read_points(Path(rally), region, what="rally points"),
             fenced=options.fenced,
-            terrain=terrain,
-            **{
-                name: getattr(options, name)
-                for name in (
-                    "autopilot",
-                    "cap",
-                    "altitude_frame",
-                    "terrain_error",
-                    "airspace",
-                    "ending",
-                )
-            },
+            airspace=options.airspace,
+            ending=options.ending,
+            autopilot=options.autopilot,  # type: ignore[arg-type]  # one of the choices
+            cap=options.cap,
+            altitudes=Altitudes(options.altitude_frame, terrain, options.terrain_error),
         )
         return cls(missions, problem=problem, plan=plan, options=options)
 

@@ -11,17 +11,17 @@ from unittest import mock
 import numpy as np
 import pytest
 import shapely
+from tests.missions import flight_of, missions_of
 from tests.reference.missions import read_beside, read_plan
 
 from shoal.cli import run as command
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
-from shoal.missions import Mission, check_missions, lint, missions_of, read_mission, write_missions
+from shoal.missions import Mission, check_missions, lint, read_mission, write_missions
 from shoal.missions.approach import airspace_of, missions_approach
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.fence import Fence, fence_of
 from shoal.search import LocalFrame, open_region
-from shoal.search.flight.flight import Flight
 from shoal.search.flight.separation import Separation, conflicts, nearest_approach, staggered
 from shoal.search.flight.timing import Trajectory, trajectory
 from shoal.search.flight.vehicle import vehicle_of
@@ -573,7 +573,7 @@ def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
     )
     assert not shapely.linestrings(over.way_in(None)[:, :2]).intersects(wall)
     assert (
-        Flight(wing, np.zeros(2), ending="land")
+        flight_of(vehicle=wing, home=np.zeros(2), ending="land")
         .flown(np.array([(-440.0, 0.0, 80.0)]))
         .points[-2, 2]
         == 80

@@ -9,6 +9,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from tests.missions import missions_of
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
@@ -18,7 +19,6 @@ from shoal.missions import (
     Mission,
     check_missions,
     lint,
-    missions_of,
     read_mission,
     write_missions,
 )

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
+from tests.missions import missions_of
 from tests.reference.missions import READERS, read_plan, read_wpl
 from tests.unit.search.test_mission_lint import FIELD
 
@@ -22,7 +23,6 @@ from shoal.missions import (
     check_missions,
     lint,
     mission_files,
-    missions_of,
     read_mission,
     write_missions,
 )
@@ -479,8 +479,8 @@ def test_check_in_metres(tmp_path):
             ["missions", "square:100"],
             "expected a mission in metres, as the region 'square:100' is, got one in degrees",
         ),
-        (["missions", "FIELD", "--footprint", "0"], "footprint: expected a length above 0"),
-        (["missions", "FIELD", "--least", "2"], "--least: expected a number from 0 to 1"),
+        (["missions", "FIELD", "--footprint", "0"], "footprint: expected a number, above 0"),
+        (["missions", "FIELD", "--least", "2"], "least: expected a number from 0 to 1"),
         (
             ["missions", "FIELD", "--format", "gpy"],
             "unknown mission format 'gpy': did you mean 'gpx'",

@@ -41,7 +41,7 @@ class Sorties:
         Maximum number of waypoints in a sortie.
     ways : callable or None
         Function that computes the path between home and a point of the route; see
-        `shoal.missions.missions_of`.
+        `shoal.missions.split_missions`.
     robot : int
         Number of the robot for error messages.
     out : int
