@@ -19,6 +19,7 @@ from shoal.search import LocalFrame, open_region
 from shoal.search.flight.dubins import (
     NEAR,
     WORDS,
+    NoRoomError,
     dubins_parts,
     dubins_paths,
     plan_dubins_path,
@@ -168,7 +169,8 @@ def test_a_plan_that_no_vehicle_can_fly_is_never_silent(tmp_path, told):
     plan = plan_search(
         between_zones(tmp_path, (243, 98, 308, 171), (201, 128, 269, 194)).replaced(margin=8.0)
     )
-    assert plan.refusal.startswith("turn_radius: expected room")
+    assert isinstance(plan.refusal, NoRoomError)
+    assert str(plan.refusal).startswith("turn_radius: expected room")
     assert [text for text in told if "cannot fly its path: turn_radius" in text]
 
 

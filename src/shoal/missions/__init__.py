@@ -12,13 +12,18 @@ from shoal.missions.linting import lint
 from shoal.missions.mission import CAPS, Mission, split_missions
 from shoal.missions.mission_set import MissionSet, check_missions
 from shoal.missions.options import CheckOptions, MissionOptions
+from shoal.search.flight.dubins import Airspace
+from shoal.search.flight.flight import Altitudes, Flight
 
 __all__ = [
     "CAPS",
     "FORMATS",
     "RULES",
+    "Airspace",
+    "Altitudes",
     "CheckOptions",
     "Diagnostic",
+    "Flight",
     "Mission",
     "MissionCheck",
     "MissionFormat",
