@@ -177,7 +177,7 @@ def dubins_path(start, word, parts, radius):
         if not sense:
             x, y = x + radius * length * math.cos(heading), y + radius * length * math.sin(heading)
             continue
-        count = max(1, math.ceil(length / math.pi / 6 - 1e-9))
+        count = max(1, math.ceil(length / (math.pi / 6) - 1e-9))
         bend = length / count
         reach = radius * math.tan(bend / 2)
         for _ in range(count):

@@ -20,7 +20,7 @@ from shoal.missions.fence import CORNERS, fence_of
 from shoal.missions.mission import Autopilot, Mission, split_missions
 from shoal.search.flight.dubins import LINK, Airspace
 from shoal.search.flight.flight import Altitudes, Flight
-from shoal.search.flight.separation import Separation, staggered
+from shoal.search.flight.separation import Separation, stagger_starts
 from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.planning.plan import SearchPlan
@@ -110,12 +110,13 @@ def plan_missions(
     robots = range(len(plan.places))
     made = [sorties(robot, 0) for robot in robots]
     if separation is not None:
-        made = _Schedule(plan, separation, sorties).settled(made)
+        made = _Schedule(plan, separation, sorties).keep_apart(made)
     else:
         made = [
-            _in_turn(one, plan, float(delay)) for one, delay in zip(made, plan.delays, strict=True)
+            _start_in_turn(one, plan, float(delay))
+            for one, delay in zip(made, plan.delays, strict=True)
         ]
-    return _fenced(
+    return _with_fence(
         [mission for one in made for mission in one],
         plan,
         np.zeros((0, 2)) if rally is None else rally,
@@ -184,7 +185,7 @@ def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
     )
 
 
-def _in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
+def _start_in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
     """Return the missions of one robot with their start times: each sortie begins when its vehicle
     is back and recharged.
     """
@@ -195,7 +196,7 @@ def _in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
     return tuple(timed)
 
 
-def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
+def _in_own_layer(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
     return flights  # its layer is fixed
 
 
@@ -210,7 +211,7 @@ class _Schedule:
         self.plan, self.separation, self.sorties = plan, separation, sorties
         self.stay = 0.0
 
-    def settled(self, made: list[Sorties]) -> list[Sorties]:
+    def keep_apart(self, made: list[Sorties]) -> list[Sorties]:
         """Return the missions with altitude layers, start times and takeover altitudes.
 
         While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
@@ -230,7 +231,7 @@ class _Schedule:
         for stacked in (False, True):
             self.stay = longest
             for _ in range(_ROUNDS):
-                found, last = self._once(made, stacked=stacked)
+                found, last = self._try(made, stacked=stacked)
                 if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
                     return found
                 self.stay = (
@@ -242,7 +243,7 @@ class _Schedule:
             " vehicles with enough endurance for a single sortie each"
         )
 
-    def _once(self, made: list[Sorties], *, stacked: bool = False) -> tuple[list[Sorties], float]:
+    def _try(self, made: list[Sorties], *, stacked: bool = False) -> tuple[list[Sorties], float]:
         """Return the missions with layers and start times, and the time at which all vehicles are
         back or begin to loiter.
 
@@ -260,8 +261,8 @@ class _Schedule:
             ]
             layers = np.argsort(np.argsort(lasting, kind="stable")).tolist()
         elif layered:
-            raised = [partial(self._raised, made, robot) for robot in robots]
-            layers = staggered(raised, self.separation, earliest=plan.delays)[0].tolist()
+            raised = [partial(self._raised_flights, made, robot) for robot in robots]
+            layers = stagger_starts(raised, self.separation, earliest=plan.delays)[0].tolist()
         made = [
             self.sorties(robot, layer) if layer else made[robot]
             for robot, layer in zip(robots, layers, strict=True)
@@ -272,7 +273,7 @@ class _Schedule:
         ]
         starts = self._first_starts(flights, layers, stacked=stacked)
         ready = [
-            (self._back(flights[robot], 0, starts[robot, 0]), robot, 1)
+            (self._ready_at(flights[robot], 0, starts[robot, 0]), robot, 1)
             for robot in robots
             if len(made[robot]) > 1
         ]
@@ -281,8 +282,8 @@ class _Schedule:
             others = [
                 (flights[one][other], at) for (one, other), at in starts.items() if one != robot
             ]
-            _, (start,) = staggered(
-                [partial(_same, flights[robot][number])],
+            _, (start,) = stagger_starts(
+                [partial(_in_own_layer, flights[robot][number])],
                 self.separation,
                 [0],
                 np.array([since]),
@@ -291,7 +292,7 @@ class _Schedule:
             starts[robot, number] = float(start)
             if number + 1 < len(made[robot]):
                 heappush(
-                    ready, (self._back(flights[robot], number, float(start)), robot, number + 1)
+                    ready, (self._ready_at(flights[robot], number, float(start)), robot, number + 1)
                 )
         # The time for which a vehicle stays in the air is part of its last flight.
         ends = [
@@ -301,7 +302,9 @@ class _Schedule:
             for (robot, number), start in starts.items()
         ]
         last = max(ends, default=0.0) + self.separation.delay
-        return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
+        return [
+            self._with_starts(one, robot, starts, layers) for robot, one in enumerate(made)
+        ], last
 
     def _first_starts(
         self,
@@ -313,8 +316,8 @@ class _Schedule:
         """Return the start time of each robot's first sortie."""
         earliest = self.plan.delays
         if not stacked:
-            delays = staggered(
-                [partial(_same, one[0] if one else ()) for one in flights],
+            delays = stagger_starts(
+                [partial(_in_own_layer, one[0] if one else ()) for one in flights],
                 self.separation,
                 layers,
                 earliest,
@@ -325,17 +328,19 @@ class _Schedule:
             if flights[robot]:
                 others = [(flights[other][0], at) for (other, _), at in starts.items()]
                 since = np.array([max([float(earliest[robot]), *starts.values()])])
-                _, (start,) = staggered(
-                    [partial(_same, flights[robot][0])], self.separation, [0], since, others
+                _, (start,) = stagger_starts(
+                    [partial(_in_own_layer, flights[robot][0])], self.separation, [0], since, others
                 )
                 starts[robot, 0] = float(start)
         return starts
 
-    def _raised(self, made: Sequence[Sorties], robot: int, layer: int) -> Sequence[Trajectory]:
+    def _raised_flights(
+        self, made: Sequence[Sorties], robot: int, layer: int
+    ) -> Sequence[Trajectory]:
         """Return the trajectories of a robot's first sortie in a given altitude layer."""
         return self._flights(made, robot, 0, layer * self.separation.vertical)
 
-    def _told(
+    def _with_starts(
         self, made: Sorties, robot: int, starts: dict[tuple[int, int], float], layers: Sequence[int]
     ) -> Sorties:
         """Return the missions of a robot with its start times and its takeover altitude."""
@@ -350,7 +355,9 @@ class _Schedule:
             replace(one, start=starts[robot, number], **told) for number, one in enumerate(made)
         )
 
-    def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
+    def _ready_at(
+        self, flights: Sequence[Sequence[Trajectory]], number: int, start: float
+    ) -> float:
         """Return the time at which a vehicle can start again after a sortie, even if the sortie is
         late.
         """
@@ -383,7 +390,7 @@ class _Schedule:
         return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
 
 
-def _fenced(
+def _with_fence(
     missions: Sequence[Mission], plan: SearchPlan, rally: Points, *, fenced: bool
 ) -> tuple[Mission, ...]:
     """Return missions with the fence and the rally points of a plan."""

@@ -14,8 +14,9 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.missions.fence import Fence
 from shoal.search.flight.flight import FRAMES, Flight
+from shoal.search.flight.legs import complete_path, merge_straight_legs
 from shoal.search.flight.sorties import Sorties, Ways
-from shoal.search.flight.timing import merged, trajectory, whole_way
+from shoal.search.flight.timing import trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -349,7 +350,9 @@ class Mission:
         points = np.vstack([self.home, self.end, self.waypoints])
         points = points if frame is None else frame.to_metres(points)
         over = np.column_stack([points[2:], self.heights_above_home])
-        return whole_way(points[0], over, points[1], climb=self.vertical_climb, glides=self.glides)
+        return complete_path(
+            points[0], over, points[1], climb=self.vertical_climb, glides=self.glides
+        )
 
 
 def circle_around(
@@ -461,7 +464,10 @@ def split_missions(
     room = check_integer(most, what="cap", least=2 + beside) - beside  # at least two waypoints
     check_number(tolerance, what="tolerance", least=0)
     check_integer(out, what="out", least=0, most=len(points) - 1)
-    way_out, way = merged(points[: out + 1], tolerance)[:-1], merged(points[out:], tolerance)
+    way_out, way = (
+        merge_straight_legs(points[: out + 1], tolerance)[:-1],
+        merge_straight_legs(points[out:], tolerance),
+    )
     parts = Sorties(np.vstack([way_out, way]), flight, room, ways, robot, len(way_out)).parts()
 
     def placed(array: Points) -> Points:

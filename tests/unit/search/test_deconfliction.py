@@ -22,7 +22,7 @@ from shoal.missions.approach import airspace_of, missions_approach
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.fence import Fence, fence_of
 from shoal.search import LocalFrame, open_region
-from shoal.search.flight.separation import Separation, conflicts, nearest_approach, staggered
+from shoal.search.flight.separation import Separation, conflicts, nearest_approach, stagger_starts
 from shoal.search.flight.timing import Trajectory, trajectory
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.planning.plan import plan_search
@@ -214,10 +214,10 @@ def test_few_layers_and_layers_that_are_settled():
         ]
 
     flights = [flight(100.0 * k) for k in range(4)]
-    layers, delays = staggered(flights, Separation())
+    layers, delays = stagger_starts(flights, Separation())
     assert layers.max() <= 1
     assert len({*delays}) == 4
-    again, waits = staggered([*flights, lambda layer: []], Separation(), [0, 1, 2, 3, 0])
+    again, waits = stagger_starts([*flights, lambda layer: []], Separation(), [0, 1, 2, 3, 0])
     assert again.tolist() == [0, 1, 2, 3, 0]
     assert waits[4] == 0
     for found, starts in ((layers, delays), (again, waits)):
@@ -574,7 +574,7 @@ def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
     assert not shapely.linestrings(over.way_in(None)[:, :2]).intersects(wall)
     assert (
         flight_of(vehicle=wing, home=np.zeros(2), ending="land")
-        .flown(np.array([(-440.0, 0.0, 80.0)]))
+        .trajectory(np.array([(-440.0, 0.0, 80.0)]))
         .points[-2, 2]
         == 80
     )

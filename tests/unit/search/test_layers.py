@@ -16,9 +16,9 @@ from shoal.missions.approach import missions_approach
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.files import read_mission
 from shoal.search import SearchEpisode, SearchProblem, make_tour, open_region, plan_search
+from shoal.search.flight.legs import separate_climbs
 from shoal.search.flight.separation import Separation
 from shoal.search.flight.terrain import Terrain
-from shoal.search.flight.timing import climbs_apart
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.tours.curves import joined
 from shoal.views import figure
@@ -213,7 +213,7 @@ def test_bands_above_terrain_keep_their_heights():
 
 
 def test_climbs_come_before_ways_and_descents_after_them():
-    way, ups = climbs_apart(
+    way, ups = separate_climbs(
         np.array([(0.0, 0.0), (0.0, 0.0), (9.0, 0.0)]), np.array([30.0, 50.0, 30.0])
     )
     assert np.column_stack([way, ups]).tolist() == [[0, 0, 30], [0, 0, 50], [9, 0, 50], [9, 0, 30]]

@@ -27,7 +27,7 @@ from shoal.missions import (
     write_missions,
 )
 from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
-from shoal.search.flight.timing import merged
+from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.views.search.missions import missions_figure
 
@@ -584,7 +584,7 @@ def test_cameras_take_no_images_on_the_ways_out_and_home(tmp_path):
     assert (mission.waypoints_out, mission.waypoints_home) == (1, 1)
     np.testing.assert_allclose(
         FRAME.to_metres(mission.waypoints[mission.searched]),
-        merged(np.array(LANES), 0.001),
+        merge_straight_legs(np.array(LANES), 0.001),
         atol=0.01,
     )
     for path in write_missions([mission], tmp_path):

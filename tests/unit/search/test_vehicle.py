@@ -307,7 +307,7 @@ def test_legs_shorter_than_the_acceptance_radius_are_merged_outside_the_curve():
     flight = flight_of(
         vehicle=vehicle_of("multirotor"), home=np.array([25.0, -60.0]), link=40.0, blocked=zone
     )
-    merged_way = flight.lengthened(way)
+    merged_way = flight.lengthen_short_legs(way)
     assert np.hypot(*np.diff(way, axis=0).T).min() < 0.5
     assert np.hypot(*np.diff(merged_way, axis=0).T).min() > 1.0
     assert (merged_way[[0, -1]] == way[[0, -1]]).all()
@@ -332,13 +332,13 @@ def test_a_short_leg_at_an_end_of_a_way_becomes_longer_where_a_zone_is_in_the_wa
         flight = flight_of(
             vehicle=vehicle_of("multirotor"), home=there[-1], link=40.0, blocked=zone
         )
-        found = flight.lengthened(there)
+        found = flight.lengthen_short_legs(there)
         assert np.hypot(*np.diff(found, axis=0).T).min() > 1.0
         assert (found[[0, -1]] == there[[0, -1]]).all()
         assert shapely.intersection(shapely.linestrings(found), zone.buffer(-0.005)).is_empty
         open_way = flight_of(
             vehicle=vehicle_of("multirotor"), home=there[-1], link=40.0
-        ).lengthened(there)
+        ).lengthen_short_legs(there)
         assert len(open_way) == len(there) - 1
 
 

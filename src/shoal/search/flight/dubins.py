@@ -371,12 +371,12 @@ def plan_dubins_path(
     detours = False
     while True:
         for vertex in reversed(loosen):
-            points, straight, marks = _loosened(
+            points, straight, marks = _shorten_straight_legs(
                 points, straight, marks, vertex, 3 * radius, max(link / LINK, radius / 8)
             )
-        found = _along(_poses(points, straight), radius, airspace, detours=detours)
+        found = _shortest_path(_possible_poses(points, straight), radius, airspace, detours=detours)
         if not isinstance(found, list):
-            return _joined(*found, marks)
+            return _join_pieces(*found, marks)
         *stuck, lost = found
         exhausted = not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck)
         if exhausted and not detours:
@@ -396,7 +396,7 @@ def plan_dubins_path(
         loosen = stuck
 
 
-def _loosened(
+def _shorten_straight_legs(
     points: Floats, straight: Any, marks: Any, vertex: int, reach: float, step: float
 ) -> tuple[Floats, Any, Any]:
     """Return the points, the straight legs and the marks of a path, with shorter straight legs at a
@@ -423,7 +423,7 @@ def _loosened(
     return points, straight, marks
 
 
-def _along(
+def _shortest_path(
     poses: _Poses, radius: float, airspace: Airspace, *, detours: bool
 ) -> tuple[_Poses, Any, list[Floats]] | list[int]:
     """Return the shortest path through all points.
@@ -433,12 +433,12 @@ def _along(
     unreachable vertex.
     """
     links = np.flatnonzero(~np.array(poses.straight))
-    lengths, words = _costs(poses, links, radius)
+    lengths, words = _link_costs(poses, links, radius)
     looked: set[int] = set()
     extended: set[int] = set()
     known_curves: dict[tuple[int, int, int], Floats] = {}
     while True:
-        chosen = _cheapest(poses, links, lengths)
+        chosen = _choose_headings(poses, links, lengths)
         if isinstance(chosen, int):
             before = (
                 range(*np.searchsorted(links, (chosen - _RETRIED, chosen)).tolist())
@@ -466,7 +466,7 @@ def _along(
             (number, chosen[link], chosen[link + 1]) for number, link in enumerate(links.tolist())
         ]
         fresh = [key for key in keys if key not in known_curves]
-        curves = _curves(poses, links, words, fresh, radius)
+        curves = _chosen_curves(poses, links, words, fresh, radius)
         known_curves.update(zip(fresh, curves, strict=True))
         untested = [k for k, key in enumerate(fresh) if key[0] not in looked]
         numbers = np.repeat(np.arange(len(untested)), [len(curves[k]) for k in untested])
@@ -483,7 +483,7 @@ def _along(
         known_curves = {key: curve for key, curve in known_curves.items() if key[0] not in crossing}
 
 
-def _poses(points: Floats, far: Any) -> _Poses:
+def _possible_poses(points: Floats, far: Any) -> _Poses:
     """Return the points of a path with their possible headings. Both ends of a straight leg have
     the heading of this leg.
     """
@@ -510,7 +510,7 @@ def _poses(points: Floats, far: Any) -> _Poses:
     return _Poses(points[vertices], np.array(headings), straight[:-1], vertices)
 
 
-def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
+def _link_costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
     """Return the length and the type of the shortest Dubins curve for each link and each pair of
     headings at its two ends.
     """
@@ -523,7 +523,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
     for some, count in ((np.flatnonzero(fixed), 1), (np.flatnonzero(~fixed), HEADINGS)):
         for begin in range(0, len(some), _AT_ONCE):
             chunk = some[begin : begin + _AT_ONCE]
-            every = _parts(poses, links[chunk], radius, count).sum(axis=-1)
+            every = _link_parts(poses, links[chunk], radius, count).sum(axis=-1)
             lengths[chunk, :count, :count], words[chunk, :count, :count] = (
                 every.min(axis=-1),
                 every.argmin(axis=-1),
@@ -531,7 +531,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
     return lengths, words
 
 
-def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
+def _link_parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
     """Return the lengths of the parts of each link's Dubins curves, infinite for unused headings;
     shape (n, count, count, 6, 3).
     """
@@ -570,8 +570,10 @@ def _clear_costs(
         for point, k in ((link, ones), (link + 1, others))
     )
     before, after = np.repeat(ahead, len(ahead)), np.tile(ahead, len(ahead))
-    starts = _moved(first[:, None], radius * before)  # shape (pairs, pairs of straight legs, 3)
-    stops = _moved(last[:, None], -radius * after)
+    starts = _move_ahead(
+        first[:, None], radius * before
+    )  # shape (pairs, pairs of straight legs, 3)
+    stops = _move_ahead(last[:, None], -radius * after)
     parts = dubins_parts(starts, stops, radius)
     lengths = (parts.sum(axis=-1) + (before + after)[:, None]).reshape(len(ones), -1)
     if detours:
@@ -599,7 +601,7 @@ def _clear_costs(
     return known[key]
 
 
-def _moved(poses: Floats, lengths: Floats) -> Floats:
+def _move_ahead(poses: Floats, lengths: Floats) -> Floats:
     """Return poses moved straight ahead by given lengths in metres."""
     x, y, heading = np.moveaxis(poses, -1, 0)
     return np.stack(
@@ -612,7 +614,7 @@ def _moved(poses: Floats, lengths: Floats) -> Floats:
     )
 
 
-def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
+def _choose_headings(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
     """Return the heading of each point on the shortest path, as a column index of ``headings``.
 
     If no path exists, return the first unreachable point.
@@ -636,7 +638,7 @@ def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
     return chosen[::-1]
 
 
-def _curves(
+def _chosen_curves(
     poses: _Poses, links: Any, words: Any, chosen: list[tuple[int, int, int]], radius: float
 ) -> list[Floats]:
     """Return the curve of each chosen link. A chosen link is its number, and the numbers of the
@@ -650,20 +652,20 @@ def _curves(
     ends = np.column_stack([poses.points[begins + 1], poses.headings[begins + 1, others]])
     legs, types = np.divmod(words[numbers, ones, others].astype(np.int64), len(WORDS))
     before, after = (radius * _AHEAD[index] for index in np.divmod(legs, len(_AHEAD)))
-    starts, ends = _moved(starts, before), _moved(ends, -after)
+    starts, ends = _move_ahead(starts, before), _move_ahead(ends, -after)
     parts = dubins_parts(starts, ends, radius)[np.arange(len(types)), types]
     points, curves = dubins_paths(starts, types, parts, radius)
     found = np.split(points, np.flatnonzero(np.diff(curves)) + 1)
     for number, way in enumerate(found):
         way[-1] = ends[number, :2]  # the heading exists except for rounding errors
         if before[number] or after[number]:
-            first = _moved(starts[number], -before[number])[:2]
-            last = _moved(ends[number], after[number])[:2]
+            first = _move_ahead(starts[number], -before[number])[:2]
+            last = _move_ahead(ends[number], after[number])[:2]
             found[number] = np.vstack([first, way, last])
     return found
 
 
-def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
+def _join_pieces(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
     """Return the pieces of the path that consists of all legs and curves, without unmarked points
     on straight lines.
 

@@ -16,22 +16,16 @@ from shoal.core.checks import check_choice, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.flight.dubins import NEAR, Airspace, NoRoomError, circles, plan_dubins_path
+from shoal.search.flight.legs import complete_path, lengthen_short_legs, separate_climbs
 from shoal.search.flight.terrain import (
     Floats,
     Profile,
     Terrain,
-    followed,
-    limited_climbs,
-    profile_of,
+    follow_terrain,
+    ground_profile,
+    limit_climbs,
 )
-from shoal.search.flight.timing import (
-    Trajectory,
-    climbs_apart,
-    leg_seconds,
-    lengthened,
-    trajectory,
-    whole_way,
-)
+from shoal.search.flight.timing import Trajectory, leg_seconds, trajectory
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -205,9 +199,9 @@ class Flight:
             approach.
         """
         found = self._exact_waypoints(way)
-        return np.column_stack([self._written(found[:, :2]), found[:, 2]])
+        return np.column_stack([self._rounded(found[:, :2]), found[:, 2]])
 
-    def _written(self, points: Points) -> Points:
+    def _rounded(self, points: Points) -> Points:
         """Return points rounded as in a mission file. Rounding changes directions of short legs,
         and can add or remove turns.
         """
@@ -217,18 +211,21 @@ class Flight:
         """Return the waypoints of a path before their coordinates are rounded."""
         inner = way[:, 2] if way.shape[1] == 3 else np.full(len(way), self.vehicle.height)
         whole, ups = np.vstack([self.home, way[:, :2], self.end]), np.full(2, self.vehicle.height)
-        whole, ups = climbs_apart(whole, np.pad(inner, 1, mode="edge") if len(inner) else ups)
+        whole, ups = separate_climbs(whole, np.pad(inner, 1, mode="edge") if len(inner) else ups)
         if self.vehicle.radius:
-            return self._curved(whole, ups, way)
+            return self._curved_waypoints(whole, ups, way)
         if self.altitudes.terrain is None:
-            return self._level(whole[1:-1], ups[1:-1])
+            return self._level_waypoints(whole[1:-1], ups[1:-1])
         borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
         over = np.concatenate(
-            [self._at(whole[begin:end], float(ups[begin])) for begin, end in pairwise(borders)]
+            [
+                self._waypoints_at(whole[begin:end], float(ups[begin]))
+                for begin, end in pairwise(borders)
+            ]
         )
         return over if self._follows else over[1:-1]
 
-    def lengthened(self, way: Points) -> Points:
+    def lengthen_short_legs(self, way: Points) -> Points:
         """Return a path without legs that are shorter than the acceptance radius of the vehicle,
         where this is possible.
 
@@ -239,20 +236,20 @@ class Flight:
         legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
         if self.vehicle.radius or not ((legs > 0) & (legs < least)).any():
             return way
-        return lengthened(way, least, self.airspace.allows)
+        return lengthen_short_legs(way, least, self.airspace.allows)
 
     @property
     def _follows(self) -> bool:
         """Whether the waypoints follow the terrain."""
         return self.flies and self.altitudes.frame == "ground"
 
-    def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
+    def _curved_waypoints(self, whole: Points, ups: Floats, way: Points) -> Floats:
         """Return the waypoints of a fixed wing's path, with turns, and with circles for changes of
         altitude.
         """
         base = float(self.elevation or 0.0) if self.altitudes.frame == "sea" else 0.0
         if self.glides:
-            descent = self._approach(whole[-2], ups[-1] - base)
+            descent = self._plan_approach(whole[-2], ups[-1] - base)
             before = (
                 whole[:-1] if self._passes(whole[-2], descent) else whole
             )  # or over the landing point: the way there is free
@@ -265,7 +262,7 @@ class Flight:
         ups = np.concatenate(
             [np.full(begin, ups[begin - 1]), ups[begin : len(ups) - end], np.full(end, ups[-end])]
         )[: len(ups)]
-        climb = self._departure(whole[min(begin, len(whole) - 1)], ups[0] - base)
+        climb = self._plan_departure(whole[min(begin, len(whole) - 1)], ups[0] - base)
         whole = np.vstack(
             [whole[[0, 0]], climb, whole[begin - (begin > 1) :]]
         )  # its first leg is flown straight
@@ -286,29 +283,31 @@ class Flight:
         if self.glides:
             stretches[-1] = stretches[-1][:-1]
         levels = [*ups[changes - 1].tolist(), float(ups[-1])]
-        flown = [self._at(stretch, up) for stretch, up in zip(stretches, levels, strict=True)]
+        flown = [
+            self._waypoints_at(stretch, up) for stretch, up in zip(stretches, levels, strict=True)
+        ]
         circles = [
-            self._circles(one[-2:, :2], one[-1], other[0, 2])[1:-1]
+            self._circle_climb(one[-2:, :2], one[-1], other[0, 2])[1:-1]
             for one, other in pairwise(flown)
         ]
         found = np.vstack(
             [flown[0], *(piece for pair in zip(circles, flown[1:], strict=True) for piece in pair)]
         )
         first, found = found[:2, :2], found[1:]
-        if found[0, 2] > (most := self._rooms(first)[0][0]) + _HAIR:
+        if found[0, 2] > (most := self._climb_limits(first)[0][0]) + _HAIR:
             found = np.vstack(
-                [self._circles(first, np.append(first[1], most), found[0, 2])[:-1], found]
+                [self._circle_climb(first, np.append(first[1], most), found[0, 2])[:-1], found]
             )
         if not self.glides:
             kept = (
                 self._follows or np.hypot(*(way[-1, :2] - self.end)) <= NEAR
             )  # the end is also a waypoint
             return found if kept else found[:-1]
-        if found[-1, 2] > (most := self._rooms(last)[1][0]) + _HAIR:
-            found = np.vstack([found, self._circles(last, found[-1], most)[1:]])
+        if found[-1, 2] > (most := self._climb_limits(last)[1][0]) + _HAIR:
+            found = np.vstack([found, self._circle_climb(last, found[-1], most)[1:]])
         return found
 
-    def _rooms(self, way: Points) -> tuple[Floats, Floats]:
+    def _climb_limits(self, way: Points) -> tuple[Floats, Floats]:
         """Return, for each leg of a level path, the largest possible climb and the largest possible
         descent in metres.
         """
@@ -319,7 +318,7 @@ class Flight:
             self.vehicle.sink_speed or inf
         )
 
-    def _circles(self, leg: Points, place: Floats, top: float) -> Floats:
+    def _circle_climb(self, leg: Points, place: Floats, top: float) -> Floats:
         """Return a path in circles from the point ``place`` to the height ``top``, beginning in the
         direction of ``leg``.
         """
@@ -360,7 +359,7 @@ class Flight:
             course = np.array([cos(heading), sin(heading)])
             yield course, float(self.vehicle.ground_speed([course])[0]) * self.rate
 
-    def _departure(self, then: Points, up: float) -> Points:
+    def _plan_departure(self, then: Points, up: float) -> Points:
         """Return the end of the straight climb after take-off. After the climb, the path continues
         to the point ``then``.
 
@@ -395,8 +394,8 @@ class Flight:
                     )
                     if (
                         not leaves
-                        and self._free(self.home, end, course)
-                        and self._clear(self.home, end, height)
+                        and self._has_room(self.home, end, course)
+                        and self._clears_terrain(self.home, end, height)
                     ):
                         found.append(
                             (float(np.hypot(*(then - end))) + around * (lasting < whole), end)
@@ -408,21 +407,21 @@ class Flight:
             f" climbs by {up:g} m from {text_of(self.home)}, got none in any direction"
         )
 
-    def _approach(self, last: Points, up: float) -> Points:
+    def _plan_approach(self, last: Points, up: float) -> Points:
         """Return the start of a landing approach. The approach leads as directly against the wind
         as space allows.
         """
         lasting = float(self.vehicle.vertical_seconds(-up))
         for course, speed in self._directions(self.end - last):
             best = self.end - course * max(lasting * speed, 2 * self.radius)
-            if self._free(self.end, best, course) and self._clear(self.end, best, up):
+            if self._has_room(self.end, best, course) and self._clears_terrain(self.end, best, up):
                 return np.asarray(best)
         raise NoRoomError(
             "landing: expected a path without no-go zones and higher ground, on which the vehicle"
             f" sinks by {up:g} m to {text_of(self.end)}, got none from any direction"
         )
 
-    def _free(self, low: Points, high: Points, course: Points) -> bool:
+    def _has_room(self, low: Points, high: Points, course: Points) -> bool:
         """Return whether a leg avoids blocked areas and also leaves the vehicle room to turn at the
         upper end of the leg.
         """
@@ -438,7 +437,7 @@ class Flight:
             self.airspace.blocked, shapely.linestrings([one, other])
         )
 
-    def _clear(self, low: Points, high: Points, up: float) -> bool:
+    def _clears_terrain(self, low: Points, high: Points, up: float) -> bool:
         """Return whether a climb from the ground, or a descent to the ground, stays above the
         terrain.
 
@@ -458,34 +457,35 @@ class Flight:
             (base + (1 - shares[:, 0]) * up > ground).all() and (base + up / 2 >= around).all()
         )
 
-    def _at(self, way: Points, up: float) -> Floats:
+    def _waypoints_at(self, way: Points, up: float) -> Floats:
         """Return the waypoints of a path with one altitude. With the altitude frame "ground", the
         waypoints follow the terrain.
         """
         terrain = self.altitudes.terrain
         if terrain is None or not self.flies:
-            return self._level(way, np.full(len(way), up))
-        profile = profile_of(terrain, way, self.frame, error=self.altitudes.error)
+            return self._level_waypoints(way, np.full(len(way), up))
+        profile = ground_profile(terrain, way, self.frame, error=self.altitudes.error)
         base = float(self.elevation or 0.0)
         if self.altitudes.frame == "ground":
             if self.vehicle.radius:  # others may climb where they stand
                 profile = replace(
-                    profile, heights=limited_climbs(profile.heights, *self._rooms(profile.points))
+                    profile,
+                    heights=limit_climbs(profile.heights, *self._climb_limits(profile.points)),
                 )
-            over = followed(profile, up, self.altitudes.error) - (0.0, 0.0, base)
+            over = follow_terrain(profile, up, self.altitudes.error) - (0.0, 0.0, base)
             over = over[np.concatenate([[True], np.diff(over[:, :2], axis=0).any(axis=1)])]
             if self.vehicle.radius:
-                over[:, 2] = limited_climbs(over[:, 2], *self._rooms(over[:, :2]))
+                over[:, 2] = limit_climbs(over[:, 2], *self._climb_limits(over[:, :2]))
             return np.asarray(over)
-        self._check_clear(profile, up, base if self.altitudes.frame == "home" else 0.0)
-        return self._level(way, np.full(len(way), up))
+        self._check_clears_terrain(profile, up, base if self.altitudes.frame == "home" else 0.0)
+        return self._level_waypoints(way, np.full(len(way), up))
 
-    def _level(self, way: Points, ups: Floats) -> Floats:
+    def _level_waypoints(self, way: Points, ups: Floats) -> Floats:
         """Return the waypoints of a path with given altitudes, which do not follow the terrain."""
         base = float(self.elevation or 0.0) if self.altitudes.frame == "sea" and self.flies else 0.0
         return np.column_stack([way, ups - base])
 
-    def _check_clear(self, profile: Profile, up: float, base: float) -> None:
+    def _check_clears_terrain(self, profile: Profile, up: float, base: float) -> None:
         """Refuse a level path that meets the ground."""
         highest = int(np.argmax(profile.heights))
         if profile.heights[highest] + profile.rough >= up + base:
@@ -495,14 +495,14 @@ class Flight:
                 f" {self.altitudes.frame}, the height of the ground at {place}, got {up:g}"
             )
 
-    def flown(self, waypoints: Floats) -> Trajectory:
+    def trajectory(self, waypoints: Floats) -> Trajectory:
         """Return the vehicle's trajectory from the ground at its home, along waypoints, to the
         ground at its landing point.
         """
         climb = 0.0 if self.vehicle.radius else None
-        home, end = self._written(np.vstack([self.home, self.end]))
+        home, end = self._rounded(np.vstack([self.home, self.end]))
         return trajectory(
-            whole_way(home, waypoints, end, climb=climb, glides=self.glides),
+            complete_path(home, waypoints, end, climb=climb, glides=self.glides),
             self.vehicle,
             rate=self.rate,
         )

@@ -39,8 +39,9 @@ from shoal.search.cells.routing import RegionPaths, Route, Transits, WaysOut
 from shoal.search.cells.visibility_graph import leg_lengths
 from shoal.search.flight.dubins import LINK, Airspace, NoRoomError
 from shoal.search.flight.flight import Flight
+from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties as FlightSorties
-from shoal.search.flight.timing import Trajectory, merged, turn_cells, turn_shares, working_seconds
+from shoal.search.flight.timing import Trajectory, turn_cells, turn_shares, working_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.planning.orientation import (
     Candidate,
@@ -314,7 +315,10 @@ class SearchPlan:
             rate=float(self.rates[robot]),
             link=float(self.footprints[robot]) * LINK,
         )
-        led, searched = merged(way[: out + 1], MERGED)[:-1], merged(way[out:], MERGED)
+        led, searched = (
+            merge_straight_legs(way[: out + 1], MERGED)[:-1],
+            merge_straight_legs(way[out:], MERGED),
+        )
         return FlightSorties(
             np.vstack([led, searched]), flight, _MEMORY, self.leg, robot + 1, len(led)
         ).trajectories()

@@ -26,7 +26,7 @@ from shoal.views.drawing.charts import (
     new_figure,
     save_figure,
 )
-from shoal.views.search.figures import draw_heading
+from shoal.views.search.figures import add_legend, dashes, draw_heading, marker
 from shoal.views.search.history import ROBOTS, robot_colour
 
 if TYPE_CHECKING:
@@ -342,63 +342,26 @@ def _draw_legend(
     levels: Sequence[Any],
     approach: MissionApproach | None,
 ) -> None:
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles: list[Any] = [
-        Line2D([], [], color=robot_colour(robot - 1), lw=2, label=f"robot {robot} at {ups}")
-        for robot, ups in _heights_by_robot(missions, levels)
+        dashes(f"robot {robot} at {heights}", color=robot_colour(robot - 1), lw=2, ls="solid")
+        for robot, heights in _heights_by_robot(missions, levels)
     ]
-    handles.append(Line2D([], [], color=MUTED, lw=1.0, ls=(0, (3, 2)), label="out and home"))
-    handles.append(Line2D([], [], ls="", marker="^", color=INK, ms=7, label="launch"))
+    handles += [dashes("out and home"), marker("^", "launch", color=INK, ms=7)]
     if any(mission.end != mission.home for mission in missions):
-        handles.append(Line2D([], [], ls="", marker="s", color=INK, ms=6, label="landing"))
+        handles.append(marker("s", "landing", color=INK, ms=6))
     if any(mission.loiter for mission in missions):
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=MUTED,
-                lw=1.1,
-                ls=(0, (5, 1.5)),
-                marker="o",
-                mfc="none",
-                mew=1.1,
-                ms=9,
-                label="loiter circle",
-            )
-        )
+        look: dict[str, Any] = {"lw": 1.1, "ls": (0, (5, 1.5)), "marker": "o", "mfc": "none"}
+        handles.append(dashes("loiter circle", **look, mew=1.1, ms=9))
     if any(mission.rally for mission in missions):
-        handles.append(
-            Line2D([], [], ls="", marker="o", mfc="white", mec=INK, ms=7, label="rally point")
-        )
+        handles.append(marker("o", "rally point", mfc="white", mec=INK, ms=7))
     if not region.no_go.is_empty:
         handles.append(Patch(facecolor="none", edgecolor=_ZONE, hatch="////", label="no-go zone"))
     if _holes(region):
         handles.append(Patch(facecolor=_HOLE, edgecolor=INK, label="hole"))
     if any(mission.fence is not None for mission in missions):
-        handles.append(Line2D([], [], color=_FENCE, lw=1.0, ls=(0, (1, 2)), label="fence"))
+        handles.append(dashes("fence", color=_FENCE, ls=(0, (1, 2))))
     if approach is not None:
-        handles.append(
-            Line2D(
-                [],
-                [],
-                ls="",
-                marker="o",
-                mfc="none",
-                mec=_NEAR,
-                mew=1.6,
-                ms=9,
-                label="nearest approach",
-            )
-        )
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=4 if figure.get_figwidth() > 6 else 2,
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-        handletextpad=0.5,
-        columnspacing=1.4,
-    )
+        handles.append(marker("o", "nearest approach", mfc="none", mec=_NEAR, mew=1.6, ms=9))
+    add_legend(figure, handles, 4 if figure.get_figwidth() > 6 else 2)
