@@ -575,7 +575,9 @@ def _clear_costs(
     )  # shape (pairs, pairs of straight legs, 3)
     stops = _move_ahead(last[:, None], -radius * after)
     parts = dubins_parts(starts, stops, radius)
-    lengths = (parts.sum(axis=-1) + (before + after)[:, None]).reshape(len(ones), -1)
+    lengths = (parts.sum(axis=-1) + (before + after)[:, None]).reshape(
+        len(ones), len(before) * len(WORDS)
+    )
     if detours:
         lengths[:, : len(WORDS)] = np.inf  # without straight legs: already blocked
     ranks = np.argsort(lengths, axis=-1, kind="stable")
