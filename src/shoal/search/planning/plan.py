@@ -679,9 +679,9 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)
     ]
     every = [replace(plan, airspace=every[0].airspace) for plan in every]
-    plans = [
-        plan for plan in every if plan.refusal is None
-    ] or every  # a plan that cannot be flown is not the fastest
+    plans = [plan for plan in every if plan.refusal is None]
+    if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
+        return min(every, key=lambda plan: plan.seconds(plan.allocation.makespan))
     best = min(plans, key=_without_delays)
     return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
 
