@@ -27,7 +27,8 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep, run_sweep
 from shoal.lab.coordinator import prepare
 from shoal.missions import check_missions
-from shoal.missions.files import FORMATS, write_missions
+from shoal.missions.files import write_missions
+from shoal.missions.formats import FORMATS
 from shoal.parts import problem_for
 from shoal.rigs import SimulatedRig
 from shoal.rigs.driving import drive, replay_log
