@@ -77,10 +77,6 @@ def plan_missions(
         As in `split_missions`.
     altitudes : Altitudes, optional
         What the altitudes of missions mean. By default, heights above home.
-
-    Raises
-    ------
-    InvalidInputError
     """
     if (
         ending is None
@@ -159,10 +155,6 @@ def _split(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> Sorti
 def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
     """Return the place nearest to a landing point at which a fixed wing has room for its last
     circles.
-
-    Raises
-    ------
-    InvalidInputError
     """
     import shapely
 

@@ -373,12 +373,7 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def format_of(path: Path) -> str:
-    """Return the name of the format of a mission file.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the name of the format of a mission file."""
     known = formats_by_suffix()
     if path.suffix.lower() not in known:
         raise InvalidInputError(
@@ -498,12 +493,7 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
 
 
 def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
-    """Convert the sheet of a mission file to a mission.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Convert the sheet of a mission file to a mission."""
     for diagnostic in sheet.diagnostics:
         if RULES[diagnostic.rule].fatal:
             raise InvalidInputError(

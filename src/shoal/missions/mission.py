@@ -110,10 +110,6 @@ class Mission:
         waypoints on the way home, after the last waypoint of the search. On both ways, the camera
         takes no images. By default, both numbers are unknown.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> mission = Mission([(8.5, 47.4), (8.501, 47.4)], (8.5, 47.4), robot=3)

@@ -70,6 +70,8 @@ class MissionSet:
     plan : SearchPlan or None
         The plan of the search; None for a set that was read.
     options : MissionOptions
+    folder : Path or None
+        The folder from which the set was read.
 
     Examples
     --------
@@ -229,10 +231,6 @@ class MissionSet:
             By default, missions with a plan are compared with the plan: its region, footprints and
             vehicle, and the cap and the separation of the missions. A set that was read needs
             ``options``, because its files do not name the region.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
         """
         return check_sheets(self._sheets(), self.check_options if options is None else options)
 

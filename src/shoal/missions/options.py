@@ -73,10 +73,6 @@ class MissionOptions(Problem):
     """Settings for mission files: the options of ``shoal search`` that have an effect only with
     ``--missions``.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> MissionOptions(separation=20).kept_apart
@@ -177,10 +173,6 @@ class MissionOptions(Problem):
     def check_for(self, problem: SearchProblem) -> None:
         """Refuse options that are impossible for the missions of a given search. The method opens
         the region of the search.
-
-        Raises
-        ------
-        InvalidInputError
         """
         parts, kind = len(problem.place.parts), problem.chosen_vehicle.kind
         if kind == "rover" and parts > 1:

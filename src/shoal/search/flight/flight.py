@@ -60,10 +60,6 @@ class Altitudes:
     error : float
         Maximum deviation of the height above ground from the altitude, in metres, in the frame
         "ground". Additional waypoints keep the deviation below it.
-
-    Raises
-    ------
-    InvalidInputError
     """
 
     frame: str = "home"
@@ -101,10 +97,6 @@ class Flight:
         Speed of the robot divided by the vehicle's cruise speed.
     link : float
         Maximum length in metres of a straight leg that a fixed wing may replace by a curve.
-
-    Raises
-    ------
-    InvalidInputError
     """
 
     vehicle: Vehicle = "multirotor"  # type: ignore[assignment]  # settled below

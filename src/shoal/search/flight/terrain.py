@@ -206,10 +206,6 @@ def ground_profile(
         Allowed error of the height above ground, in metres. Between two samples, the ground
         deviates from a straight line by at most an eighth of ``error``, unless the terrain is too
         rough.
-
-    Raises
-    ------
-    InvalidInputError
     """
     ends = terrain.grid_points(way, frame)
     spans = np.abs(np.diff(ends, axis=0)).max(axis=1, initial=0.0)

@@ -81,10 +81,6 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) 
     rate : float, or ndarray of float64 of shape (k - 1,)
         Airspeed of the vehicle, divided by its cruise speed: one number, or one for each leg.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> vehicle = Vehicle(cruise_speed=10.0, climb_speed=2.0, sink_speed=1.0, acceleration=5.0)

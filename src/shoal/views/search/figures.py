@@ -63,7 +63,8 @@ def dashes(label: str, **look: Any) -> Any:
     """Return a dashed line for a legend."""
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], label=label, **{"color": MUTED, "lw": 1.0, "ls": (0, (3, 2))} | look)
+    usual: dict[str, Any] = {"color": MUTED, "lw": 1.0, "ls": (0, (3, 2))}
+    return Line2D([], [], label=label, **usual | look)
 
 
 def add_legend(figure: Figure, handles: Sequence[Any], ncols: int, *, spacing: float = 1.4) -> None:
