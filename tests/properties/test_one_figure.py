@@ -61,7 +61,7 @@ def test_plan_simulation_timeline_and_missions_agree(seed, tmp_path):
     rng = np.random.default_rng([41, seed])
     problem = random_problem(rng, seed % 4)
     missions = MissionSet.from_problem(problem, MissionOptions(format=("plan", "csv")), seed=seed)
-    episode = missions.run(seed=seed)
+    episode = missions.run()
     missions.write(tmp_path)
     vehicle = vehicle_of(problem.vehicle)
     check = check_missions(tmp_path, problem.place, problem.chosen_footprint, vehicle=vehicle)
@@ -114,7 +114,7 @@ def test_vehicles_that_depart_late_fly_their_own_missions(seed, tmp_path):
     """
     problem = narrow_problem(np.random.default_rng([43, seed]), seed % 3)
     missions = MissionSet.from_problem(problem, MissionOptions(format=("plan",)), seed=seed)
-    episode = missions.run(seed=seed)
+    episode = missions.run()
     missions.write(tmp_path)
     assert episode.plan.delays.any()
     check = check_missions(tmp_path, problem.place, 8.0, vehicle=vehicle_of(problem.vehicle))
@@ -147,7 +147,7 @@ def test_a_vehicle_lost_before_its_late_departure_is_replaced():
 
 def test_the_timeline_ends_at_the_headline(tmp_path):
     problem = random_problem(np.random.default_rng(5), 1)
-    episode = MissionSet.from_problem(problem, seed=1).run(seed=1)
+    episode = MissionSet.from_problem(problem, seed=1).run()
     words = " ".join(text.get_text() for text in timeline_figure(episode).axes[0].texts)
     assert "all searched" in words
     assert duration_text(episode.makespan) in episode.reason
@@ -190,7 +190,7 @@ def test_round_corners_of_a_margin_take_no_stop_each(meadow, tmp_path):
         str(meadow), robots=2, vehicle=vehicle, margin=5.0, launch="8.4998,47.3999;8.5,47.3998"
     )
     missions = MissionSet.from_problem(problem, MissionOptions(format=("plan",)), seed=0)
-    episode = missions.run(seed=0)
+    episode = missions.run()
     missions.write(tmp_path)
     assert max(one.duration(episode.plan.vehicle) for one in missions.missions) <= 180
     fixed = plan_search(problem.replaced(tour="spanning-tree").at_place(problem.place))
@@ -203,7 +203,7 @@ def test_what_a_camera_sees_is_one_figure(meadow, tmp_path):
     vehicle = f"multirotor,cruise_speed=8,endurance=22,{CAMERA}0.3"
     problem = SearchProblem(str(meadow), robots=3, vehicle=vehicle)
     missions = MissionSet.from_problem(problem, MissionOptions(format=("plan",)), seed=0)
-    episode = missions.run(seed=0)
+    episode = missions.run()
     missions.write(tmp_path)
     check = check_missions(tmp_path, str(meadow), problem.chosen_footprint, vehicle=vehicle)
     assert check.coverage.covered_fraction == pytest.approx(

@@ -70,6 +70,8 @@ class MissionSet:
     plan : SearchPlan or None
         The plan of the search; None for a set that was read.
     options : MissionOptions
+    seed : int
+        The seed of the plan, with which `run` simulates the search.
     folder : Path or None
         The folder from which the set was read.
 
@@ -90,10 +92,11 @@ class MissionSet:
         problem: SearchProblem | None = None,
         plan: SearchPlan | None = None,
         options: MissionOptions | None = None,
+        seed: int = 0,
         folder: Path | None = None,
     ) -> None:
         self._missions = None if missions is None else tuple(missions)
-        self.problem, self.plan, self.folder = problem, plan, folder
+        self.problem, self.plan, self.seed, self.folder = problem, plan, seed, folder
         self.options = MissionOptions() if options is None else options
 
     @classmethod
@@ -124,7 +127,7 @@ class MissionSet:
         for share in (*NARROWER, None) if problem.margin is None else (None,):
             try:
                 plan = plan_at_margin(fenced, seed=seed)
-                made = cls.from_plan(plan, options, problem=fenced, terrain=terrain)
+                made = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
             except NoRoomError:
                 if share is None:
                     raise
@@ -143,9 +146,10 @@ class MissionSet:
         options: MissionOptions | None = None,
         *,
         problem: SearchProblem | None = None,
+        seed: int = 0,
         terrain: Terrain | None = None,
     ) -> MissionSet:
-        """Make the missions of a plan, whose ``problem`` only `run` needs."""
+        """Make the missions of a plan. Only `run` needs the ``problem`` and the ``seed`` of the plan."""
         options = MissionOptions() if options is None else options
         region = plan.grid.region
         rally = options.rally
@@ -160,7 +164,7 @@ class MissionSet:
             cap=options.cap,
             altitudes=Altitudes(options.altitude_frame, terrain, options.terrain_error),
         )
-        return cls(missions, problem=problem, plan=plan, options=options)
+        return cls(missions, problem=problem, plan=plan, options=options, seed=seed)
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> MissionSet:
@@ -268,7 +272,7 @@ class MissionSet:
             self.missions, separation, plan.grid.region.frame, vehicle=plan.vehicle
         )
 
-    def run(self, *, seed: int = 0) -> SearchEpisode:
+    def run(self) -> SearchEpisode:
         """Run the planned search with the missions' start times, which keep the vehicles apart."""
         problem, plan = self.problem, self.plan
         if problem is None or plan is None:
@@ -283,7 +287,7 @@ class MissionSet:
             problem = problem.replaced(delays=delays).at_place(problem.place)
         schedule = tuple(tuple(sorties) for sorties in flights)
         return run(
-            problem, seed=seed, plan=replace(plan, delays=np.array(delays), schedule=schedule)
+            problem, seed=self.seed, plan=replace(plan, delays=np.array(delays), schedule=schedule)
         )
 
     def report(self) -> dict[str, Any]:

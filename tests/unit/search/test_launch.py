@@ -171,7 +171,7 @@ def test_missions_kept_apart_by_delays_make_the_simulation_late(tmp_path):
         region_of(FIELD), robots=3, footprint=20, launch="-20,50", vehicle="multirotor"
     )
     missions = MissionSet.from_problem(problem, options, seed=1)
-    episode = missions.run(seed=1)
+    episode = missions.run()
     delays = [mission.start for mission in missions.missions]
     assert max(delays) > 0
     assert episode.problem.delays == tuple(delays)

@@ -77,7 +77,7 @@ def search(
         if problem.live is None
         else patience("searching with one process per robot ...")
     ):
-        episode = run(problem, seed=seed) if planned is None else planned.run(seed=seed)
+        episode = run(problem, seed=seed) if planned is None else planned.run()
     written = [] if planned is None or missions is None else _write(planned, missions)
     finish(episode, written, out, film, json_=json_, missions=planned)
 
@@ -130,7 +130,7 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
         vehicle="multirotor",
     )
     missions = _mission_set(problem, MissionOptions(format=("plan", "kml")), seed=seed)
-    episode = missions.run(seed=seed)
+    episode = missions.run()
     result = episode.report()
     written = _write(missions, out / "missions")
     written += write_episode(episode, result, out, [out / "search.html"])
