@@ -13,13 +13,16 @@ from shoal.core.checks import check_choice, check_integer, check_number, check_p
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.missions.fence import Fence
-from shoal.search.flight.flight import FRAMES, Flight
+from shoal.search.flight.dubins import Airspace
+from shoal.search.flight.flight import FRAMES, Altitudes, Flight
 from shoal.search.flight.legs import complete_path, merge_straight_legs
 from shoal.search.flight.sorties import Sorties, Ways
 from shoal.search.flight.timing import trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
+
+__all__ = ["CAPS", "Airspace", "Altitudes", "Flight", "Mission", "split_missions"]
 
 Kind = Literal["multirotor", "fixed-wing", "rover"]
 Autopilot = Literal["px4", "ardupilot"]
