@@ -166,15 +166,16 @@ class Mission:
             check_number(self.start, what="mission: start", least=0)
         if self.geographic:
             _check_degrees(np.vstack([home, self.end, points]))
-        for name in ("robot", "sortie"):
-            object.__setattr__(
-                self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=1)
-            )
-        for name in ("waypoints_out", "waypoints_home"):
-            if getattr(self, name) is not None:
-                object.__setattr__(
-                    self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=0)
-                )
+        for name, least in (
+            ("robot", 1),
+            ("sortie", 1),
+            ("waypoints_out", 0),
+            ("waypoints_home", 0),
+        ):
+            number = getattr(self, name)
+            if number is not None or least == 1:  # the numbers of waypoints may be unknown
+                number = check_integer(number, what=f"mission: {name}", least=least)
+                object.__setattr__(self, name, number)
         if self.searched.start >= self.searched.stop:
             raise InvalidInputError(
                 "mission: expected a waypoint between the way out and the way home, got"
@@ -189,7 +190,7 @@ class Mission:
             self.speed,
             level=self.heights is None and self.altitude_frame != "sea",
         )
-        for name, count, least in (
+        for name, count, above in (
             ("heights", len(points), -inf),
             ("altitudes", len(points), -inf),
             ("speeds", len(points) + 1, 0.0),
@@ -201,9 +202,9 @@ class Mission:
                         f"mission: {name}: expected {count} finite numbers, got shape"
                         f" {values.shape}"
                     )
-                if values.min() <= least:
+                if values.min() <= above:
                     raise InvalidInputError(
-                        f"mission: {name}: expected numbers above {least:g}, got {values.min():g}"
+                        f"mission: {name}: expected numbers above {above:g}, got {values.min():g}"
                     )
                 values.flags.writeable = False
                 object.__setattr__(self, name, values)
