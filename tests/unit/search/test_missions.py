@@ -20,6 +20,8 @@ from shoal.missions import (
     FORMATS,
     Mission,
     MissionFormat,
+    MissionOptions,
+    MissionSet,
     check_missions,
     lint,
     mission_files,
@@ -29,6 +31,7 @@ from shoal.missions import (
 from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
 from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.vehicle import vehicle_of
+from shoal.search.problem import SearchProblem
 from shoal.views.search.missions import missions_figure
 
 FRAME = LocalFrame(8.5, 47.4)
@@ -672,3 +675,21 @@ def test_durations_and_their_share_of_the_battery(field, tmp_path, capsys):
     flights = json.loads(capsys.readouterr().out)["flights"]
     assert [one["mission"] for one in flights] == [mission.name for mission in missions]
     assert {one["usable_fraction"] for one in flights} == {None}
+
+
+def test_a_mission_set_is_planned_checked_written_read_and_run(tmp_path):
+    problem = SearchProblem("rectangle:120x80", robots=2, footprint=20)
+    made = MissionSet.from_problem(problem, MissionOptions(format=("csv",)), seed=1)
+    assert made.plan.vehicle.kind == "multirotor"  # missions need a vehicle
+    check = made.check()
+    assert not check.faults
+    assert check.approach is None or check.approach.horizontal >= 10
+    made.write(tmp_path)
+    read = MissionSet.read(tmp_path)
+    assert [mission.name for mission in read.missions] == ["robot-01", "robot-02"]
+    assert read.check(made.check_options).report() == check.report()
+    assert made.run().status.done
+    with pytest.raises(InvalidInputError, match="options: expected the region of missions"):
+        read.check()
+    with pytest.raises(InvalidInputError, match="expected planned missions to run"):
+        read.run()
