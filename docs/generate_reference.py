@@ -222,7 +222,7 @@ def row(declared: Declaration) -> str:
 LINTER = """# Rules of the mission linter
 
 The mission linter reads mission files and reports mistakes. To run the linter, use the command `shoal missions check` or the
-function `shoal.missions.checking(path_or_folder, region)`. For each mistake, the linter names the file, the place in the
+function `shoal.missions.lint(path_or_folder, region)`. For each mistake, the linter names the file, the place in the
 file, the rule, the expected value and the value in the file. The function `read_mission` refuses a file with an error that is
 marked * in the table. [Missions](../concepts/missions.md) explains how Shoal writes mission files.
 

@@ -270,7 +270,7 @@ def test_missions_are_written_and_checked(
     )
     command = shlex.split(page.locator(".missions .code").inner_text())
     monkeypatch.chdir(studio.folder)
-    monkeypatch.setattr("shoal.views.search.mission_folder.save_figure", lambda *_: None)
+    monkeypatch.setattr("shoal.views.search.missions.save_figure", lambda *_: None)
     assert command[-1] == "--format=plan"
     assert run_command([*command[1:], f"--missions={tmp_path / 'again'}"]) == 0
     for name in ("robot-01.plan", "robot-02.plan"):

@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from tests.missions import missions_of
 
 import shoal
 from shoal.cli import run as command
@@ -25,9 +26,9 @@ from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep, run_sweep
 from shoal.lab.coordinator import prepare
-from shoal.missions import missions_of
-from shoal.missions.checking import check_missions
-from shoal.missions.files import FORMATS, write_missions
+from shoal.missions import check_missions
+from shoal.missions.files import write_missions
+from shoal.missions.formats import FORMATS
 from shoal.parts import problem_for
 from shoal.rigs import SimulatedRig
 from shoal.rigs.driving import drive, replay_log

@@ -22,7 +22,7 @@ from tests.hostile.samples import faults, lay_out, samples
 from tests.hostile.watch import watched
 
 from shoal.core.errors import InvalidInputError
-from shoal.missions.files import FORMATS as MISSIONS
+from shoal.missions.formats import FORMATS as MISSIONS
 from shoal.search.regions.formats import _LAYERED, _READERS
 from shoal.steering.workspaces.formats import SUFFIXES
 from shoal.swarm.maps.files import FORMATS as MAPS

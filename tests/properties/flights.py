@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
+from tests.missions import missions_of
 from tests.reference.flight import narrow_turns, seconds_of, usable_seconds, way_of_plan
 
 from shoal.core.errors import InvalidInputError
-from shoal.missions import missions_of, write_missions
+from shoal.missions import write_missions
 from shoal.search import LocalFrame, region_of
 from shoal.search.flight.dubins import LINK
 from shoal.search.flight.vehicle import vehicle_of

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from tests.properties.flights import judged, missions_of_plan
-from tests.reference.flight import narrow_turns, way_of_plan
+from tests.reference.flight import dubins_path, narrow_turns, way_of_plan
 
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
@@ -19,10 +19,10 @@ from shoal.search import LocalFrame, open_region
 from shoal.search.flight.dubins import (
     NEAR,
     WORDS,
+    NoRoomError,
     dubins_parts,
-    dubins_way,
-    dubins_ways,
-    turned_way,
+    dubins_paths,
+    plan_dubins_path,
 )
 from shoal.search.planning.plan import SearchPlan, plan_search
 from shoal.search.problem import SearchProblem
@@ -87,7 +87,7 @@ def test_a_path_of_curves_ends_at_home_even_if_home_is_almost_at_the_last_viewpo
     180 degrees there.
     """
     way = np.array([(0.0, 0.0), (0.0, 400.0), (40.0, 400.0), (40.0, 0.0), (40.0, 0.8 * NEAR)])
-    (flown,) = turned_way(way, 30.0, link=20.0)
+    (flown,) = plan_dubins_path(way, 30.0, link=20.0)
     assert flown[0].tolist() == way[0].tolist()
     assert flown[-1].tolist() == way[-1].tolist()
 
@@ -169,7 +169,8 @@ def test_a_plan_that_no_vehicle_can_fly_is_never_silent(tmp_path, told):
     plan = plan_search(
         between_zones(tmp_path, (243, 98, 308, 171), (201, 128, 269, 194)).replaced(margin=8.0)
     )
-    assert plan.refusal.startswith("turn_radius: expected room")
+    assert isinstance(plan.refusal, NoRoomError)
+    assert str(plan.refusal).startswith("turn_radius: expected room")
     assert [text for text in told if "cannot fly its path: turn_radius" in text]
 
 
@@ -200,7 +201,7 @@ def test_many_curves_at_once_are_those_of_the_curves_one_by_one():
     )
     parts = dubins_parts(starts, ends, 40.0)
     pairs, words = np.nonzero(np.isfinite(parts).all(axis=-1))
-    points, numbers = dubins_ways(starts[pairs], words, parts[pairs, words], 40.0)
+    points, numbers = dubins_paths(starts[pairs], words, parts[pairs, words], 40.0)
     for number, (pair, word) in enumerate(zip(pairs.tolist(), words.tolist(), strict=True)):
-        alone = dubins_way(starts[pair], WORDS[word], parts[pair, word], 40.0)
+        alone = dubins_path(starts[pair], WORDS[word], parts[pair, word], 40.0)
         np.testing.assert_allclose(points[numbers == number], alone, atol=1e-8)

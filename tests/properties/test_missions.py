@@ -9,13 +9,13 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.missions import missions_of
 from tests.reference.missions import READERS, distance_to_way
 
 from shoal.core.errors import InvalidInputError
-from shoal.missions import FORMATS, Mission, missions_of, read_mission, write_missions
-from shoal.missions import checking as lint
+from shoal.missions import FORMATS, Mission, lint, read_mission, write_missions
 from shoal.search import LocalFrame
-from shoal.search.flight.timing import merged
+from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.vehicle import Vehicle
 
 PLACES = st.tuples(st.floats(-180, 180), st.floats(-85, 85))
@@ -90,7 +90,7 @@ def ways(draw):
 @settings(max_examples=150)
 @given(ways(), st.sampled_from([0.0, 0.001, 0.5]))
 def test_merging_keeps_the_way(way, tolerance):
-    fewer = merged(way, tolerance)
+    fewer = merge_straight_legs(way, tolerance)
     assert np.array_equal(fewer[0], way[0])
     assert np.array_equal(fewer[-1], way[-1]) or len(np.unique(way, axis=0)) == 1
     assert distance_to_way(way, fewer) <= tolerance + 1e-9
@@ -130,7 +130,7 @@ def test_splitting_keeps_the_way_and_its_limits(way, cap, limit, fly):
     for one, two in pairwise(parts):
         assert np.array_equal(one.waypoints[-1], two.waypoints[0])
     joined = np.vstack([parts[0].waypoints, *(part.waypoints[1:] for part in parts[1:])])
-    whole = merged(way, 0.0)
+    whole = merge_straight_legs(way, 0.0)
     assert np.hypot(*np.diff(joined, axis=0).T).sum() == pytest.approx(
         np.hypot(*np.diff(whole, axis=0).T).sum()
     )

@@ -10,19 +10,16 @@ import numpy as np
 import pytest
 import shapely
 
-from shoal.missions import check_missions
-from shoal.missions import checking as lint
+from shoal.missions import MissionOptions, MissionSet, check_missions, lint
 from shoal.search.episode import duration_text
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.planning.plan import plan_search
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.problem.network import Crash
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import Image, coverage_check, region_of
 from shoal.search.run import run
 from shoal.views.search.figures import timeline_figure
-from shoal.views.search.mission_folder import MissionFolder
 
 VEHICLES = (
     "multirotor",
@@ -63,9 +60,9 @@ def random_problem(rng, kind):
 def test_plan_simulation_timeline_and_missions_agree(seed, tmp_path):
     rng = np.random.default_rng([41, seed])
     problem = random_problem(rng, seed % 4)
-    folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan", "csv")))
-    episode = folder.run(seed=seed)
-    folder.write(episode.plan)
+    missions = MissionSet.from_problem(problem, MissionOptions(format=("plan", "csv")), seed=seed)
+    episode = missions.run()
+    missions.write(tmp_path)
     vehicle = vehicle_of(problem.vehicle)
     check = check_missions(tmp_path, problem.place, problem.chosen_footprint, vehicle=vehicle)
     starts = {one.name: one.start for one in check.missions}
@@ -116,20 +113,20 @@ def test_vehicles_that_depart_late_fly_their_own_missions(seed, tmp_path):
     begun.
     """
     problem = narrow_problem(np.random.default_rng([43, seed]), seed % 3)
-    folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
-    episode = folder.run(seed=seed)
-    folder.write(episode.plan)
+    missions = MissionSet.from_problem(problem, MissionOptions(format=("plan",)), seed=seed)
+    episode = missions.run()
+    missions.write(tmp_path)
     assert episode.plan.delays.any()
     check = check_missions(tmp_path, problem.place, 8.0, vehicle=vehicle_of(problem.vehicle))
     assert [one["duration_s"] for one in check.flights] == pytest.approx(
-        [one.duration(episode.plan.vehicle) for one in folder.missions], abs=0.05
+        [one.duration(episode.plan.vehicle) for one in missions.missions], abs=0.05
     )
-    back = max((one.start or 0.0) + one.duration(episode.plan.vehicle) for one in folder.missions)
+    back = max((one.start or 0.0) + one.duration(episode.plan.vehicle) for one in missions.missions)
     assert episode.makespan == episode.plan.planned_seconds == pytest.approx(back)
     assert episode.trace.takeovers == 0
     for robot, log in enumerate(episode.trace.robots):
         assert log.cells.tolist() == episode.plan.stops(robot).tolist()
-    assert {one.robot for one in folder.missions} == {
+    assert {one.robot for one in missions.missions} == {
         robot for robot, log in enumerate(episode.trace.robots, 1) if log.cells.size
     }
 
@@ -150,7 +147,7 @@ def test_a_vehicle_lost_before_its_late_departure_is_replaced():
 
 def test_the_timeline_ends_at_the_headline(tmp_path):
     problem = random_problem(np.random.default_rng(5), 1)
-    episode = MissionFolder(tmp_path, problem, MissionOptions()).run(seed=1)
+    episode = MissionSet.from_problem(problem, seed=1).run()
     words = " ".join(text.get_text() for text in timeline_figure(episode).axes[0].texts)
     assert "all searched" in words
     assert duration_text(episode.makespan) in episode.reason
@@ -192,10 +189,10 @@ def test_round_corners_of_a_margin_take_no_stop_each(meadow, tmp_path):
     problem = SearchProblem(
         str(meadow), robots=2, vehicle=vehicle, margin=5.0, launch="8.4998,47.3999;8.5,47.3998"
     )
-    folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
-    episode = folder.run(seed=0)
-    folder.write(episode.plan)
-    assert max(one.duration(episode.plan.vehicle) for one in folder.missions) <= 180
+    missions = MissionSet.from_problem(problem, MissionOptions(format=("plan",)), seed=0)
+    episode = missions.run()
+    missions.write(tmp_path)
+    assert max(one.duration(episode.plan.vehicle) for one in missions.missions) <= 180
     fixed = plan_search(problem.replaced(tour="spanning-tree").at_place(problem.place))
     assert plan_search(problem).planned_seconds <= fixed.planned_seconds
     assert "acceptance" not in {one.rule for one in lint(tmp_path, problem.place)}
@@ -205,9 +202,9 @@ def test_what_a_camera_sees_is_one_figure(meadow, tmp_path):
     """The check found 98.5 % of what the plan called seen: its squares had another angle."""
     vehicle = f"multirotor,cruise_speed=8,endurance=22,{CAMERA}0.3"
     problem = SearchProblem(str(meadow), robots=3, vehicle=vehicle)
-    folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
-    episode = folder.run(seed=0)
-    folder.write(episode.plan)
+    missions = MissionSet.from_problem(problem, MissionOptions(format=("plan",)), seed=0)
+    episode = missions.run()
+    missions.write(tmp_path)
     check = check_missions(tmp_path, str(meadow), problem.chosen_footprint, vehicle=vehicle)
     assert check.coverage.covered_fraction == pytest.approx(
         episode.coverage.covered_fraction, abs=1e-5

@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shoal.core.errors import InvalidInputError
+from shoal.missions import MissionOptions, MissionSet
 from shoal.search.flight.vehicle import PRESETS
 from shoal.search.problem import TOURS, SearchProblem
-from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.search.run import run
-from shoal.views.search.mission_folder import MissionFolder
+from shoal.views.search.missions import save_missions_map
 
 SHAPES = {
     "rectangle": lambda w, h: shapely.box(0, 0, w, h),
@@ -67,10 +67,11 @@ def test_a_region_narrower_than_its_footprint_is_searched(
 @pytest.mark.parametrize("kind", SHAPES)
 def test_missions_of_thin_regions_are_written(kind, vehicle, tmp_path):
     problem = SearchProblem(thin(kind, 0.5, 0.4, 17.0, earth=True), footprint=20.0, vehicle=vehicle)
-    made = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
-    episode = made.run(seed=0)
+    made = MissionSet.from_problem(problem, MissionOptions(format=("plan",)))
+    episode = made.run()
     assert episode.coverage.covered_fraction > 0.9999
-    assert [path.suffix for path in made.write(episode.plan)] == [".plan", ".txt", ".png"]
+    written = [*made.write(tmp_path), *save_missions_map(made, tmp_path)]
+    assert [path.suffix for path in written] == [".plan", ".txt", ".png"]
 
 
 @pytest.mark.parametrize(("width", "height"), [(10, 8), (8, 10), (19, 61), (61, 19), (0.01, 300)])

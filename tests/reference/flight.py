@@ -166,3 +166,25 @@ def bilinear(grid, x, y):
     low = grid[row][column] * (1 - right) + grid[row][column + 1] * right
     high = grid[row + 1][column] * (1 - right) + grid[row + 1][column + 1] * right
     return low * (1 - up) + high * up
+
+
+def dubins_path(start, word, parts, radius):
+    """Return the path of one Dubins curve, tangent after tangent."""
+    x, y, heading = map(float, start)
+    found = [(x, y)]
+    for letter, length in zip(word, map(float, parts), strict=True):
+        sense = {"L": 1.0, "R": -1.0, "S": 0.0}[letter]
+        if not sense:
+            x, y = x + radius * length * math.cos(heading), y + radius * length * math.sin(heading)
+            continue
+        count = max(1, math.ceil(length / (math.pi / 6) - 1e-9))
+        bend = length / count
+        reach = radius * math.tan(bend / 2)
+        for _ in range(count):
+            x, y = x + reach * math.cos(heading), y + reach * math.sin(heading)
+            if reach > 0.01:  # otherwise the path bends slightly where the arc begins
+                found.append((x, y))
+            heading += sense * bend
+            x, y = x + reach * math.cos(heading), y + reach * math.sin(heading)
+    found.append((x, y))
+    return found

@@ -173,11 +173,11 @@ def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
         ),
         (
             ["missions", "check", ".", "square:60", "--least", "0.999"],
-            "--least: expected --footprint, or a --vehicle",
+            "least: expected a footprint, or a vehicle",
         ),
         (
             ["missions", "check", ".", "square:60", "--terrain-error", "1"],
-            "--terrain-error: expected --terrain together with it",
+            "terrain_error: expected a terrain file",
         ),
         (
             ["missions", "check", ".", "square:60", "--separation", "0", "--delay-tolerance", "10"],

@@ -165,7 +165,10 @@ def takes_problem(
                 )
             )
         made += [_parameter(declared) for declared in beside.values()]
-        made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
+        # the command's own arguments come first, as in ``shoal missions check DIR REGION``
+        required = [one for one in own if one.default is inspect.Parameter.empty]
+        made = [*required, *made, *(one for one in own if one not in required)]
+        made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in made]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
         del vars(wrapped)[

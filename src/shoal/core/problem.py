@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import types
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING, Field, field, fields
+from dataclasses import MISSING, Field, field, fields, replace
 from functools import cache, cached_property
 from math import inf
 from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
@@ -25,7 +25,7 @@ from shoal.core.checks import (
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 
-__all__ = ["Declaration", "Problem", "check_known", "option"]
+__all__ = ["Declaration", "Problem", "check_known", "option", "option_of"]
 
 
 @dataclass(frozen=True)
@@ -216,6 +216,15 @@ def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: 
     shoal.core.errors.InvalidInputError: steps: expected a whole number, 1 or more, got 0
     """
     return field(default=default, metadata={"option": Option(help=help, **more)})
+
+
+def option_of(kind: type[Problem], name: str, **changes: Any) -> Any:
+    """Declare a field as the problem ``kind`` declares its field ``name``, except for changes such
+    as ``help`` or ``default``.
+    """
+    declared = kind.declarations()[name]
+    default = changes.pop("default", declared.default)
+    return field(default=default, metadata={"option": replace(declared.option, **changes)})
 
 
 def declaration_of(one: Field[Any], value_type: Any, heading: str) -> Declaration:

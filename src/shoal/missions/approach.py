@@ -11,9 +11,10 @@ import numpy as np
 from shoal.core.dataclass import dataclass
 from shoal.missions.mission import Mission
 from shoal.missions.rules import ROUNDING, inside_of, searching
+from shoal.search.flight.legs import complete_path
 from shoal.search.flight.separation import Approach, Separation, nearest_approach
-from shoal.search.flight.terrain import Terrain, profile_of
-from shoal.search.flight.timing import Floats, Trajectory, trajectory, whole_way
+from shoal.search.flight.terrain import Terrain, ground_profile
+from shoal.search.flight.timing import Floats, Trajectory, trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
@@ -331,7 +332,7 @@ def _heights_of(
     known = mission.heights is not None or mission.altitude_frame != "ground"
     ups = mission.heights_above_home + ground[0] if known else mission.levels + ground[1:-1]
     climb = None if mission.vertical_climb is None else mission.vertical_climb + ground[0]
-    way = whole_way(
+    way = complete_path(
         points[0],
         np.column_stack([points[1:-1], ups]),
         points[-1],
@@ -339,7 +340,7 @@ def _heights_of(
         glides=mission.glides,
     )
     way = way[1 + (mission.kind == "fixed-wing") : -1]
-    profile = profile_of(terrain, way[:, :2], frame, error=_FINE)
+    profile = ground_profile(terrain, way[:, :2], frame, error=_FINE)
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(profile.points, axis=0).T))])
     flown = np.interp(far, far[profile.vertices], way[:, 2])
     places = np.vstack([profile.points, way[:, :2]])

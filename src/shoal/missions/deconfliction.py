@@ -17,10 +17,10 @@ import numpy as np
 from shoal.core.errors import InvalidInputError
 from shoal.missions.approach import common_way, constant_speed, mission_trajectory
 from shoal.missions.fence import CORNERS, fence_of
-from shoal.missions.mission import Mission, missions_of
-from shoal.search.flight.dubins import LINK
-from shoal.search.flight.flight import Flight
-from shoal.search.flight.separation import Separation, staggered
+from shoal.missions.mission import Autopilot, Mission, split_missions
+from shoal.search.flight.dubins import LINK, Airspace
+from shoal.search.flight.flight import Altitudes, Flight
+from shoal.search.flight.separation import Separation, stagger_starts
 from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.planning.plan import SearchPlan
@@ -42,7 +42,9 @@ def plan_missions(
     airspace: float | None = None,
     ending: str | None = None,
     fenced: bool = True,
-    **options: Any,
+    autopilot: Autopilot = "px4",
+    cap: int | None = None,
+    altitudes: Altitudes | None = None,
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, for a search without faults.
 
@@ -65,18 +67,16 @@ def plan_missions(
         by any distance.
     ending : "return", "land" or "loiter", optional
         Ending of missions. By default, if a separation is given, multirotors land, and fixed wings
-        without a landing point loiter. If no separation is given, `missions_of` chooses the
+        without a landing point loiter. If no separation is given, `Flight` chooses the
         default. On a return, vehicles might not keep the separation, because the autopilot chooses
         the altitude of the return.
     fenced : bool
         Whether the fence has at most as many corners as the autopilot stores. False for files
         without a fence.
-    options
-        Arguments of `missions_of` that the plan does not determine, such as ``autopilot``.
-
-    Raises
-    ------
-    InvalidInputError
+    autopilot, cap
+        As in `split_missions`.
+    altitudes : Altitudes, optional
+        What the altitudes of missions mean. By default, heights above home.
     """
     if (
         ending is None
@@ -85,29 +85,34 @@ def plan_missions(
     ):
         ending = _ENDINGS[plan.vehicle.kind]
     region = plan.grid.region
-    options |= {
-        "blocked": grown(region.barred, region.margin),
-        "free": region.free,
-        "area": None if airspace is None else region.free.buffer(airspace),
-        "ending": ending,
-        "curves": plan.curves,
-    }
+    if airspace is None and not region.barriers:
+        where = plan.airspace  # its curves are known already
+    else:
+        where = Airspace(
+            grown(region.barred, region.margin),
+            None if airspace is None else region.free.buffer(airspace),
+            region.free,
+        )
 
     def sorties(robot: int, layer: int) -> Sorties:
         vehicle = plan.vehicle
         if layer and separation is not None:
             vehicle = vehicle.replaced(altitude=vehicle.height + layer * separation.vertical)
-        return _sorties(plan, robot, vehicle, options)
+        flight = _flight(plan, robot, vehicle, ending, where)
+        if altitudes is not None:
+            flight = replace(flight, altitudes=altitudes)
+        return _split(plan, robot, flight, autopilot=autopilot, cap=cap)
 
     robots = range(len(plan.places))
     made = [sorties(robot, 0) for robot in robots]
     if separation is not None:
-        made = _Schedule(plan, separation, sorties).settled(made)
+        made = _Schedule(plan, separation, sorties).keep_apart(made)
     else:
         made = [
-            _in_turn(one, plan, float(delay)) for one, delay in zip(made, plan.delays, strict=True)
+            _start_in_turn(one, plan, float(delay))
+            for one, delay in zip(made, plan.delays, strict=True)
         ]
-    return _fenced(
+    return _with_fence(
         [mission for one in made for mission in one],
         plan,
         np.zeros((0, 2)) if rally is None else rally,
@@ -115,45 +120,41 @@ def plan_missions(
     )
 
 
-def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
+def _flight(
+    plan: SearchPlan, robot: int, vehicle: Vehicle, ending: str | None, airspace: Airspace
+) -> Flight:
+    """Return how a robot of a plan flies its missions."""
+    landing = None if plan.landing is None else plan.landing[robot]
+    if landing is None and ending not in (None, "return"):
+        landing = plan.places[robot]
+    if landing is not None and ending == "loiter" and plan.vehicle.radius:
+        landing = _loiter_place(plan, landing, airspace.blocked)
+    return Flight(
+        vehicle,
+        plan.places[robot],
+        plan.grid.region.frame,
+        landing,
+        ending,  # type: ignore[arg-type]  # None: by the landing
+        airspace=airspace,
+        rate=float(plan.rates[robot]),
+        link=float(plan.footprints[robot]) * LINK,
+    )
+
+
+def _split(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> Sorties:
     """Return the missions of one robot. A robot without cells has no missions."""
     stops = plan.stops(robot)
     if not len(stops):
         return ()
-    landing = None if plan.landing is None else plan.landing[robot]
-    if landing is None and options["ending"] not in (None, "return"):
-        landing = plan.places[robot]
-    if options["ending"] == "loiter" and plan.vehicle.radius:
-        landing = _loiter_place(
-            plan, plan.places[robot] if landing is None else landing, options["blocked"]
-        )
-    route = plan.route(robot, stops)
-    begin = min(1, int(route.stops[1]))
-    way = route.points[begin:]  # without home, above which it climbs anyway
+    out, way = plan.flown_route(robot, stops)
     if way.shape[1] == 3:
-        way = way + np.array([0.0, 0.0, vehicle.height - plan.vehicle.height])
-    return missions_of(
-        way,
-        plan.grid.region.frame,
-        robot=robot + 1,
-        home=plan.places[robot],
-        vehicle=vehicle,
-        rate=float(plan.rates[robot]),
-        link=float(plan.footprints[robot]) * LINK,
-        ways=plan.leg,
-        out=int(route.stops[1]) - begin,
-        landing=landing,
-        **options,
-    )
+        way = way + np.array([0.0, 0.0, flight.vehicle.height - plan.vehicle.height])
+    return split_missions(way, flight, robot=robot + 1, ways=plan.leg, out=out, **limits)
 
 
 def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
     """Return the place nearest to a landing point at which a fixed wing has room for its last
     circles.
-
-    Raises
-    ------
-    InvalidInputError
     """
     import shapely
 
@@ -176,7 +177,7 @@ def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
     )
 
 
-def _in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
+def _start_in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
     """Return the missions of one robot with their start times: each sortie begins when its vehicle
     is back and recharged.
     """
@@ -187,7 +188,7 @@ def _in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
     return tuple(timed)
 
 
-def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
+def _in_own_layer(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
     return flights  # its layer is fixed
 
 
@@ -202,7 +203,7 @@ class _Schedule:
         self.plan, self.separation, self.sorties = plan, separation, sorties
         self.stay = 0.0
 
-    def settled(self, made: list[Sorties]) -> list[Sorties]:
+    def keep_apart(self, made: list[Sorties]) -> list[Sorties]:
         """Return the missions with altitude layers, start times and takeover altitudes.
 
         While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
@@ -222,7 +223,7 @@ class _Schedule:
         for stacked in (False, True):
             self.stay = longest
             for _ in range(_ROUNDS):
-                found, last = self._once(made, stacked=stacked)
+                found, last = self._try(made, stacked=stacked)
                 if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
                     return found
                 self.stay = (
@@ -234,7 +235,7 @@ class _Schedule:
             " vehicles with enough endurance for a single sortie each"
         )
 
-    def _once(self, made: list[Sorties], *, stacked: bool = False) -> tuple[list[Sorties], float]:
+    def _try(self, made: list[Sorties], *, stacked: bool = False) -> tuple[list[Sorties], float]:
         """Return the missions with layers and start times, and the time at which all vehicles are
         back or begin to loiter.
 
@@ -252,8 +253,8 @@ class _Schedule:
             ]
             layers = np.argsort(np.argsort(lasting, kind="stable")).tolist()
         elif layered:
-            raised = [partial(self._raised, made, robot) for robot in robots]
-            layers = staggered(raised, self.separation, earliest=plan.delays)[0].tolist()
+            raised = [partial(self._raised_flights, made, robot) for robot in robots]
+            layers = stagger_starts(raised, self.separation, earliest=plan.delays)[0].tolist()
         made = [
             self.sorties(robot, layer) if layer else made[robot]
             for robot, layer in zip(robots, layers, strict=True)
@@ -264,7 +265,7 @@ class _Schedule:
         ]
         starts = self._first_starts(flights, layers, stacked=stacked)
         ready = [
-            (self._back(flights[robot], 0, starts[robot, 0]), robot, 1)
+            (self._ready_at(flights[robot], 0, starts[robot, 0]), robot, 1)
             for robot in robots
             if len(made[robot]) > 1
         ]
@@ -273,8 +274,8 @@ class _Schedule:
             others = [
                 (flights[one][other], at) for (one, other), at in starts.items() if one != robot
             ]
-            _, (start,) = staggered(
-                [partial(_same, flights[robot][number])],
+            _, (start,) = stagger_starts(
+                [partial(_in_own_layer, flights[robot][number])],
                 self.separation,
                 [0],
                 np.array([since]),
@@ -283,7 +284,7 @@ class _Schedule:
             starts[robot, number] = float(start)
             if number + 1 < len(made[robot]):
                 heappush(
-                    ready, (self._back(flights[robot], number, float(start)), robot, number + 1)
+                    ready, (self._ready_at(flights[robot], number, float(start)), robot, number + 1)
                 )
         # The time for which a vehicle stays in the air is part of its last flight.
         ends = [
@@ -293,7 +294,9 @@ class _Schedule:
             for (robot, number), start in starts.items()
         ]
         last = max(ends, default=0.0) + self.separation.delay
-        return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
+        return [
+            self._with_starts(one, robot, starts, layers) for robot, one in enumerate(made)
+        ], last
 
     def _first_starts(
         self,
@@ -305,8 +308,8 @@ class _Schedule:
         """Return the start time of each robot's first sortie."""
         earliest = self.plan.delays
         if not stacked:
-            delays = staggered(
-                [partial(_same, one[0] if one else ()) for one in flights],
+            delays = stagger_starts(
+                [partial(_in_own_layer, one[0] if one else ()) for one in flights],
                 self.separation,
                 layers,
                 earliest,
@@ -317,17 +320,19 @@ class _Schedule:
             if flights[robot]:
                 others = [(flights[other][0], at) for (other, _), at in starts.items()]
                 since = np.array([max([float(earliest[robot]), *starts.values()])])
-                _, (start,) = staggered(
-                    [partial(_same, flights[robot][0])], self.separation, [0], since, others
+                _, (start,) = stagger_starts(
+                    [partial(_in_own_layer, flights[robot][0])], self.separation, [0], since, others
                 )
                 starts[robot, 0] = float(start)
         return starts
 
-    def _raised(self, made: Sequence[Sorties], robot: int, layer: int) -> Sequence[Trajectory]:
+    def _raised_flights(
+        self, made: Sequence[Sorties], robot: int, layer: int
+    ) -> Sequence[Trajectory]:
         """Return the trajectories of a robot's first sortie in a given altitude layer."""
         return self._flights(made, robot, 0, layer * self.separation.vertical)
 
-    def _told(
+    def _with_starts(
         self, made: Sorties, robot: int, starts: dict[tuple[int, int], float], layers: Sequence[int]
     ) -> Sorties:
         """Return the missions of a robot with its start times and its takeover altitude."""
@@ -342,7 +347,9 @@ class _Schedule:
             replace(one, start=starts[robot, number], **told) for number, one in enumerate(made)
         )
 
-    def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
+    def _ready_at(
+        self, flights: Sequence[Sequence[Trajectory]], number: int, start: float
+    ) -> float:
         """Return the time at which a vehicle can start again after a sortie, even if the sortie is
         late.
         """
@@ -375,7 +382,7 @@ class _Schedule:
         return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
 
 
-def _fenced(
+def _with_fence(
     missions: Sequence[Mission], plan: SearchPlan, rally: Points, *, fenced: bool
 ) -> tuple[Mission, ...]:
     """Return missions with the fence and the rally points of a plan."""

@@ -4,7 +4,10 @@ mistakes.
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -219,6 +222,26 @@ class Diagnostic:
         return {"severity": self.severity, **vars(self)}
 
 
+def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
+    """Return the diagnostics in groups, one group for each mistake in a mission.
+
+    A mission may have several files, one for each file format. A group contains one diagnostic from
+    each file that has the mistake. If a file has several diagnostics with the same rule and
+    sentence, the k-th of these diagnostics from each file form one group.
+    """
+    found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
+    so_far: Counter[tuple[str, str, str]] = Counter()
+    for one in diagnostics:
+        sentence = re.sub(
+            r"\d+\.\d+", lambda number: f"{float(number[0]):.6f}", one.sentence
+        )  # formats round differently
+        so_far[one.file, one.rule, sentence] += 1
+        found.setdefault(
+            (Path(one.file).stem, one.rule, sentence, so_far[one.file, one.rule, sentence]), []
+        ).append(one)
+    return list(found.values())
+
+
 @dataclass
 class Sheet:
     """The raw content of a mission file before it is checked. Readers of files fill the sheet, and
@@ -259,6 +282,7 @@ class Sheet:
     waypoints_home: int | None = None
     decimals: int | None = None
     n_items: int | None = None
+    footprint_angle: float | None = None
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
     def add(self, rule: str, place: str, sentence: str) -> None:

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import fields
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from shoal.core.checks import parse_json, read_text
-from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
-from shoal.core.files import atomic, write_json
-from shoal.core.registry import Registry
+from shoal.core.files import atomic
 from shoal.missions.diagnostics import RULES, Sheet
-from shoal.missions.formats import geojson, gpx, kml, plan, table, wpl
+from shoal.missions.formats import FORMATS, MissionFormat, formats_by_suffix
 from shoal.missions.formats.fences import (
     FENCE,
     RALLY,
@@ -37,10 +36,8 @@ from shoal.search.regions.outline import LARGEST_FILE
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
 MANIFEST = "missions.json"  # the manifest: the names of the written files
 ANGLE = "footprint_angle_degrees"  # a key of the manifest
-_WAYS = (  # a key of the manifest: for each mission, the numbers of waypoints that `_COUNTS` names
-    "ways"
-)
-_COUNTS = ("waypoints", "waypoints_out", "waypoints_home")
+# a key of the manifest: for each mission, the numbers of its waypoints in all, out and home
+_WAYS = "ways"
 STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
 
 _HOW_TO_START = """\
@@ -51,37 +48,6 @@ an autopilot disarms a vehicle that is armed and does not take off.
 """
 
 _NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
-
-
-@dataclass(frozen=True)
-class MissionFormat:
-    """A format of mission files.
-
-    Parameters
-    ----------
-    suffix : str
-        Suffix of the names of files in the format, such as ``.plan``.
-    write : callable
-        Function that converts a `Mission` to the text of a file.
-    scan : callable
-        Function that reads the text of a file into a `shoal.missions.diagnostics.Sheet`.
-    metres : bool
-        Whether the format supports missions in metres.
-    """
-
-    suffix: str
-    write: Callable[[Mission], str]
-    scan: Callable[[str, Sheet], None]
-    metres: bool = False
-
-
-FORMATS: Registry[MissionFormat] = Registry("mission format")
-FORMATS.add("plan", MissionFormat(plan.SUFFIX, plan.write, plan.scan))
-FORMATS.add("wpl", MissionFormat(wpl.SUFFIX, wpl.write, wpl.scan))
-FORMATS.add("geojson", MissionFormat(geojson.SUFFIX, geojson.write, geojson.scan))
-FORMATS.add("kml", MissionFormat(kml.SUFFIX, kml.write, kml.scan))
-FORMATS.add("gpx", MissionFormat(gpx.SUFFIX, gpx.write, gpx.scan))
-FORMATS.add("csv", MissionFormat(table.SUFFIX, table.write, table.scan, metres=True))
 
 
 def write_missions(
@@ -132,6 +98,31 @@ def write_missions(
     OutputError
         If a file cannot be written. After an `OutputError`, no partly written file remains.
     """
+    folder = Path(folder)
+    texts = mission_texts(missions, formats=formats, vehicle=vehicle, angle=angle)
+    with ExitStack() as stack:
+        for name, text in texts.items():
+            if name != MANIFEST:
+                stack.enter_context(atomic(folder / name)).write_text(
+                    text, encoding="utf-8", newline="\n"
+                )
+    for name in _listed(folder) - {*texts}:
+        (folder / name).unlink(missing_ok=True)
+    with atomic(folder / MANIFEST) as temporary:
+        temporary.write_text(texts[MANIFEST], encoding="utf-8", newline="\n")
+    return [folder / name for name in texts if name != MANIFEST]
+
+
+def mission_texts(
+    missions: Sequence[Mission],
+    *,
+    formats: Sequence[str] | None = None,
+    vehicle: Vehicle | None = None,
+    angle: float | None = None,
+) -> dict[str, str]:
+    """Return the texts of the files that `write_missions` writes, by file name: the missions, then
+    the files beside them, and the manifest.
+    """
     in_metres = any(not mission.geographic for mission in missions)
     if formats is None:
         formats = [name for name in FORMATS if FORMATS.get(name).metres or not in_metres]
@@ -141,51 +132,45 @@ def write_missions(
         )
     if len(missions) == 0:
         raise InvalidInputError("missions: expected at least one mission to write, got none")
-    texts: dict[Path, str] = {}
-    for name in dict.fromkeys(formats):
-        form = FORMATS.get(name)
+    chosen = {name: FORMATS.get(name) for name in formats}
+    texts: dict[str, str] = {}
+    for name, form in chosen.items():
         for mission in missions:
             if not mission.geographic and not form.metres:
                 raise InvalidInputError(
                     f"format {name!r}: expected missions in degrees, got {mission.name} in metres,"
                     " because its region has no position on Earth"
                 )
-            path = Path(folder) / f"{mission.name}{form.suffix}"
-            if path in texts:
+            file = f"{mission.name}{form.suffix}"
+            if file in texts:
                 raise InvalidInputError(
                     f"missions: expected each robot and sortie once, got {mission.name} again"
                 )
-            texts[path] = form.write(mission)
-    named = list(texts)
+            texts[file] = form.write(mission)
     if any(mission.start is not None for mission in missions):
-        texts[Path(folder) / STARTS] = _starts_text(missions, vehicle)
-    if "wpl" in formats:
-        texts |= {Path(folder) / name: text for name, text in _beside(missions).items()}
+        texts[STARTS] = _starts_text(missions, vehicle)
+    if any(form.fence == "beside" for form in chosen.values()):
+        texts |= _texts_beside(missions)
     _check_written(missions, texts)
-    with ExitStack() as stack:
-        for path, text in texts.items():
-            stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
-    told: dict[str, Any] = {} if angle is None else {ANGLE: angle}
-    counts = {
-        mission.name: (len(mission.waypoints), mission.waypoints_out, mission.waypoints_home)
-        for mission in missions
-    }
     ways = {
-        name: dict(zip(_COUNTS, count, strict=True))
-        for name, count in counts.items()
-        if None not in count
+        mission.name: {
+            "waypoints": len(mission.waypoints),
+            "waypoints_out": mission.waypoints_out,
+            "waypoints_home": mission.waypoints_home,
+        }
+        for mission in missions
+        if None not in (mission.waypoints_out, mission.waypoints_home)
     }
-    told |= {_WAYS: ways} if ways else {}
-    for name in _listed(folder) - {path.name for path in texts}:
-        (Path(folder) / name).unlink(missing_ok=True)
-    write_json(
-        Path(folder) / MANIFEST,
-        {"files": sorted(path.name for path in texts)} | told | _times(missions, vehicle),
+    manifest = (
+        {"files": sorted(texts)}
+        | ({} if angle is None else {ANGLE: angle})
+        | ({_WAYS: ways} if ways else {})
+        | _times(missions, vehicle)
     )
-    return [*named, *(path for path in texts if path not in named)]
+    return texts | {MANIFEST: json.dumps(manifest, indent=1, allow_nan=False) + "\n"}
 
 
-def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
+def _check_written(missions: Sequence[Mission], texts: Mapping[str, str]) -> None:
     """Refuse missions whose paths or rally points leave the fence, according to the texts of the
     files.
 
@@ -195,22 +180,10 @@ def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
     from shapely import Polygon
     from shapely.validation import explain_validity
 
-    suffixes = _formats_by_suffix()
     fences = {mission.name: mission.fence for mission in missions}
-    for path, text in texts.items():
-        if path.stem not in fences or fences[path.stem] is None or path.suffix not in suffixes:
-            continue
-        sheet = Sheet(path.name)
-        FORMATS.get(suffixes[path.suffix]).scan(text, sheet)
-        beside = texts.get(path.parent / FENCE)
-        fence = sheet.fence or fences[path.stem]
-        if path.suffix == wpl.SUFFIX and beside is not None:
-            fence = read_fence(beside, FENCE)
-            sheet.rally = (
-                read_rally(texts[path.parent / RALLY], RALLY)
-                if path.parent / RALLY in texts
-                else ()
-            )
+    fenced = {name: text for name, text in texts.items() if fences.get(Path(name).stem) is not None}
+    for sheet in sheets_of_texts(texts, fenced):
+        fence = sheet.fence or fences[Path(sheet.file).stem]
         if sheet.home is None or not len(sheet.points) or fence is None:
             continue  # the file of a third-party format
         for number, ring in enumerate(fence.rings):
@@ -219,16 +192,16 @@ def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
                     "the outline" if number < len(fence.outlines) else f"exclusion polygon {number}"
                 )
                 raise InvalidInputError(
-                    f"{path.name}: expected fence polygons that neither touch nor cross themselves"
+                    f"{sheet.file}: expected fence polygons that neither touch nor cross themselves"
                     f" as the file contains them, got {which}: {explain_validity(Polygon(ring))};"
                     " no file was written"
                 )
-        for name, away in zip(*fence_clearances(sheet, fence), strict=True):
-            if away < -ROUNDING:
+        for name, distance in zip(*fence_clearances(sheet, fence), strict=True):
+            if distance < -ROUNDING:
                 raise InvalidInputError(
-                    f"{path.name}: expected paths and rally points inside the fence as the file"
-                    f" contains it, got {name} {-away:.3g} m outside the fence or in an exclusion"
-                    " polygon; no file was written"
+                    f"{sheet.file}: expected paths and rally points inside the fence as the file"
+                    f" contains it, got {name} {-distance:.3g} m outside the fence or in an"
+                    " exclusion polygon; no file was written"
                 )
 
 
@@ -273,89 +246,108 @@ def _clock(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
 
 
-def _beside(missions: Sequence[Mission]) -> dict[str, str]:
+def _texts_beside(missions: Sequence[Mission]) -> dict[str, str]:
     """Return the texts of the two files that all missions share, by file name: the fence and the
     rally points.
     """
     first = missions[0]
-    found = {} if first.fence is None else {FENCE: fence_text(first.fence)}
-    return found | (
-        {RALLY: rally_text(first.rally, min(one.altitude for one in missions))}
-        if first.rally
-        else {}
-    )
+    texts = {} if first.fence is None else {FENCE: fence_text(first.fence)}
+    if first.rally:
+        texts[RALLY] = rally_text(first.rally, min(mission.altitude for mission in missions))
+    return texts
 
 
-def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
-    """Add data from other files of a folder to the sheets of the folder's mission files.
+ReadBeside = Callable[[str], str | None]
+"""A function that returns the text of a file beside mission files, or None if there is none."""
 
-    All sheets get start times from the manifest ``missions.json``. Sheets without the numbers of
-    waypoints on the ways out and home get them from there too, if their number of waypoints is the
-    one in the manifest. Sheets of WPL files get the fence and the rally points. Mistakes in the
-    files of the fence and of the rally points become diagnostics.
+
+def _texts_in(folder: Path) -> ReadBeside:
+    """Return a function that reads files of a folder."""
+
+    def read(name: str) -> str | None:
+        path = folder / name
+        return read_text(path, what=name, most=LARGEST_FILE) if path.is_file() else None
+
+    return read
+
+
+def _take_beside(sheets: Sequence[Sheet], read: ReadBeside) -> None:
+    """Add data from the files beside mission files to the sheets of these missions.
+
+    All sheets get start times and the footprint angle from the manifest ``missions.json``. Sheets
+    without the numbers of waypoints on the ways out and home get them from there too, if their
+    number of waypoints is the one in the manifest. Sheets of formats whose fence is beside them get
+    the fence and the rally points. Mistakes in the files of the fence and of the rally points
+    become diagnostics.
     """
-    manifest = _manifest(folder)
-    starts, ways = manifest.get("starts_s"), manifest.get(_WAYS)
+    manifest = _manifest(read)
+    starts, ways, angle = manifest.get("starts_s"), manifest.get(_WAYS), manifest.get(ANGLE)
     for sheet in sheets:
         way = ways.get(Path(sheet.file).stem) if isinstance(ways, dict) else None
-        told: list[Any] = [way.get(name) if isinstance(way, dict) else None for name in _COUNTS]
-        count, out, home = told
+        counts: dict[str, Any] = way if isinstance(way, dict) else {}
+        count: Any = counts.get("waypoints")
+        out: Any = counts.get("waypoints_out")
+        home: Any = counts.get("waypoints_home")
         whole = type(out) is type(home) is int and count == len(sheet.points)
         if sheet.waypoints_out is None and whole and out >= 0 <= home and out + home < count:
             sheet.waypoints_out, sheet.waypoints_home = out, home
         start = starts.get(Path(sheet.file).stem) if isinstance(starts, dict) else None
-        if isinstance(start, int | float) and not isinstance(start, bool) and 0 <= start < inf:
+        if _is_number(start) and 0 <= start < inf:
             sheet.start = float(start)
-    for name, reader, field in ((FENCE, read_fence, "fence"), (RALLY, read_rally, "rally")):
-        path = Path(folder) / name
-        ours = [sheet for sheet in sheets if Path(sheet.file).suffix.lower() == wpl.SUFFIX]
-        if not ours or not path.is_file():
-            continue
+        if _is_number(angle) and -360 <= angle <= 360:
+            sheet.footprint_angle = float(angle)
+    suffixes = formats_by_suffix()
+    beside = [
+        sheet
+        for sheet in sheets
+        if (name := suffixes.get(Path(sheet.file).suffix.lower())) is not None
+        and FORMATS.get(name).fence == "beside"
+    ]
+    for name, parse, field in (
+        (
+            (FENCE, read_fence, "fence"),
+            (RALLY, read_rally, "rally"),
+        )
+        if beside
+        else ()
+    ):
         try:
-            found = reader(read_text(path, what=f"{field} file", most=LARGEST_FILE), name)
+            text = read(name)
+            if text is None:
+                continue
+            content = parse(text, name)
         except InvalidInputError as error:
             place, _, said = str(error).rpartition(": expected")
-            ours[0].add("beside", place, f"expected{said}")
+            beside[0].add("beside", place, f"expected{said}")
             continue
-        for sheet in ours:
-            setattr(sheet, field, found)
+        for sheet in beside:
+            setattr(sheet, field, content)
 
 
-def footprint_angle(folder: str | os.PathLike[str]) -> float | None:
-    """Return the angle of the footprints for which the missions of a folder are planned, in
-    degrees, or None if it is unknown.
-    """
-    angle = _manifest(folder).get(ANGLE)
-    return (
-        float(angle)
-        if isinstance(angle, int | float) and not isinstance(angle, bool) and -360 <= angle <= 360
-        else None
-    )
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the content of a folder's manifest ``missions.json``. Without a valid manifest, return
-    an empty mapping.
+def _manifest(read: ReadBeside) -> dict[str, Any]:
+    """Return the content of the manifest ``missions.json``. Without a valid manifest, return an
+    empty mapping.
     """
     try:
-        told = parse_json(
-            read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE),
-            where=MANIFEST,
-        )
+        content = parse_json(read(MANIFEST) or "", where=MANIFEST)
     except InvalidInputError:
         return {}
-    return told if isinstance(told, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
-def _listed(folder: str | os.PathLike[str]) -> set[str]:
+def _listed(folder: Path) -> set[str]:
     """Return the names of the mission files that a folder's manifest lists. Without a valid
     manifest, return an empty set.
     """
-    listed = _manifest(folder).get("files")
+    listed = _manifest(_texts_in(folder)).get("files")
     names = (
         {name for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
     )
-    suffixes = _formats_by_suffix()
+    suffixes = formats_by_suffix()
     paths = {Path(name) for name in names if Path(name).name == name}
     ours = {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
     return ours | {name for name in (FENCE, RALLY, STARTS) if name in names}
@@ -365,7 +357,7 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
     """Return all mission files in a folder except ``uncovered.geojson``, sorted by
     format and name.
     """
-    order = list(_formats_by_suffix())
+    order = list(formats_by_suffix())
     try:
         found = [
             path
@@ -381,28 +373,13 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def format_of(path: Path) -> str:
-    """Return the name of the format of a mission file.
-
-    Raises
-    ------
-    InvalidInputError
-    """
-    known = _formats_by_suffix()
+    """Return the name of the format of a mission file."""
+    known = formats_by_suffix()
     if path.suffix.lower() not in known:
         raise InvalidInputError(
             f"{path}: expected a mission file ({' '.join(known)}), got the suffix {path.suffix!r}"
         )
     return known[path.suffix.lower()]
-
-
-def _formats_by_suffix() -> dict[str, str]:
-    """Return the name of the format for each file suffix. If two formats have equal suffixes, the
-    first format applies.
-    """
-    found: dict[str, str] = {}
-    for name in FORMATS:
-        found.setdefault(FORMATS.get(name).suffix, name)
-    return found
 
 
 def open_sheet(path: str | os.PathLike[str]) -> Sheet:
@@ -429,8 +406,7 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
             f"{source}: expected a mission file, got the error: {error.strerror or error}"
         ) from None
     try:
-        is_xml = form.suffix in (".kml", ".gpx")
-        text = decode_xml(content, where="") if is_xml else content.decode("utf-8-sig")
+        text = decode_xml(content, where="") if form.xml else content.decode("utf-8-sig")
     except InvalidInputError as error:
         sheet.add("unreadable", "", str(error).removeprefix(": "))
         return sheet
@@ -442,12 +418,52 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
             f"expected text in UTF-8, got byte 0x{content[error.start]:02x}",
         )
         return sheet
+    return _scan(sheet, form, text)
+
+
+def _scan(sheet: Sheet, form: MissionFormat, text: str) -> Sheet:
+    """Read the text of a mission file into its sheet, and return the sheet."""
     form.scan(text, sheet)
-    named = _NAME.fullmatch(source.stem)
+    named = _NAME.fullmatch(Path(sheet.file).stem)
     if named is not None and sheet.robot is None:
         sheet.robot, sheet.sortie = int(named[1]), int(named[2] or 1)
     check_coordinates(sheet)
     return sheet
+
+
+def sheets_of_texts(texts: Mapping[str, str], names: Iterable[str] | None = None) -> list[Sheet]:
+    """Return the sheets of mission files that are texts by file name, as `mission_texts` returns
+    them; of all mission files, or of those with given names.
+    """
+    suffixes = formats_by_suffix()
+    sheets = [
+        _scan(Sheet(name), FORMATS.get(suffixes[Path(name).suffix]), texts[name])
+        for name in (texts if names is None else names)
+        if Path(name).suffix in suffixes
+    ]
+    _take_beside(sheets, texts.get)
+    return sheets
+
+
+def open_sheets(source: str | os.PathLike[str]) -> list[Sheet]:
+    """Return the sheets of a mission file, or of all mission files in a folder with what the files
+    beside them say.
+
+    Raises
+    ------
+    InvalidInputError
+        If no mission file exists.
+    """
+    folder = Path(source)
+    if not folder.is_dir():
+        return [open_sheet(folder)]
+    sheets = [open_sheet(path) for path in mission_files(folder)]
+    if not sheets:
+        raise InvalidInputError(
+            f"{source}: expected a folder with mission files, got a folder without mission files"
+        )
+    _take_beside(sheets, _texts_in(folder))
+    return sheets
 
 
 def read_mission(path: str | os.PathLike[str]) -> Mission:
@@ -472,17 +488,12 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
         If the file cannot be read. The error message gives the place of the mistake in the file.
     """
     sheet = open_sheet(path)
-    take_beside(Path(path).parent, [sheet])
+    _take_beside([sheet], _texts_in(Path(path).parent))
     return mission_of(sheet, path)
 
 
 def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
-    """Convert the sheet of a mission file to a mission.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Convert the sheet of a mission file to a mission."""
     for diagnostic in sheet.diagnostics:
         if RULES[diagnostic.rule].fatal:
             raise InvalidInputError(

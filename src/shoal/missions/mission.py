@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from typing import Any, Literal
 
@@ -12,17 +13,22 @@ from shoal.core.checks import check_choice, check_integer, check_number, check_p
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.missions.fence import Fence
-from shoal.search.flight.flight import ENDINGS, FRAMES, TERRAIN_ERROR, Flight
+from shoal.search.flight.dubins import Airspace
+from shoal.search.flight.flight import FRAMES, Altitudes, Flight
+from shoal.search.flight.legs import complete_path, merge_straight_legs
 from shoal.search.flight.sorties import Sorties, Ways
-from shoal.search.flight.terrain import Terrain
-from shoal.search.flight.timing import merged, trajectory, whole_way
-from shoal.search.flight.vehicle import Vehicle, vehicle_of
-from shoal.search.problem.mission_options import CAPS
+from shoal.search.flight.timing import trajectory
+from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
 
+__all__ = ["CAPS", "Airspace", "Altitudes", "Flight", "Mission", "split_missions"]
+
 Kind = Literal["multirotor", "fixed-wing", "rover"]
 Autopilot = Literal["px4", "ardupilot"]
+
+CAPS: dict[str, int] = {"px4": 2000, "ardupilot": 700}
+"""Maximum number of mission items that each autopilot stores, including home."""
 
 FASTEST = 100.0  # m/s: a mission's speed
 SAME_LEVEL = 1e-3  # metres: altitudes with a smaller difference are equal
@@ -107,10 +113,6 @@ class Mission:
         waypoints on the way home, after the last waypoint of the search. On both ways, the camera
         takes no images. By default, both numbers are unknown.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> mission = Mission([(8.5, 47.4), (8.501, 47.4)], (8.5, 47.4), robot=3)
@@ -164,15 +166,16 @@ class Mission:
             check_number(self.start, what="mission: start", least=0)
         if self.geographic:
             _check_degrees(np.vstack([home, self.end, points]))
-        for name in ("robot", "sortie"):
-            object.__setattr__(
-                self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=1)
-            )
-        for name in ("waypoints_out", "waypoints_home"):
-            if getattr(self, name) is not None:
-                object.__setattr__(
-                    self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=0)
-                )
+        for name, least in (
+            ("robot", 1),
+            ("sortie", 1),
+            ("waypoints_out", 0),
+            ("waypoints_home", 0),
+        ):
+            number = getattr(self, name)
+            if number is not None or least == 1:  # the numbers of waypoints may be unknown
+                number = check_integer(number, what=f"mission: {name}", least=least)
+                object.__setattr__(self, name, number)
         if self.searched.start >= self.searched.stop:
             raise InvalidInputError(
                 "mission: expected a waypoint between the way out and the way home, got"
@@ -187,7 +190,7 @@ class Mission:
             self.speed,
             level=self.heights is None and self.altitude_frame != "sea",
         )
-        for name, count, least in (
+        for name, count, above in (
             ("heights", len(points), -inf),
             ("altitudes", len(points), -inf),
             ("speeds", len(points) + 1, 0.0),
@@ -199,9 +202,9 @@ class Mission:
                         f"mission: {name}: expected {count} finite numbers, got shape"
                         f" {values.shape}"
                     )
-                if values.min() <= least:
+                if values.min() <= above:
                     raise InvalidInputError(
-                        f"mission: {name}: expected numbers above {least:g}, got {values.min():g}"
+                        f"mission: {name}: expected numbers above {above:g}, got {values.min():g}"
                     )
                 values.flags.writeable = False
                 object.__setattr__(self, name, values)
@@ -347,7 +350,9 @@ class Mission:
         points = np.vstack([self.home, self.end, self.waypoints])
         points = points if frame is None else frame.to_metres(points)
         over = np.column_stack([points[2:], self.heights_above_home])
-        return whole_way(points[0], over, points[1], climb=self.vertical_climb, glides=self.glides)
+        return complete_path(
+            points[0], over, points[1], climb=self.vertical_climb, glides=self.glides
+        )
 
 
 def circle_around(
@@ -382,29 +387,16 @@ def _check_degrees(points: Points) -> None:
         )
 
 
-def missions_of(
+def split_missions(
     route: ArrayLike,
-    frame: LocalFrame | None,
+    flight: Flight,
     *,
     robot: int = 1,
-    home: ArrayLike | None = None,
-    vehicle: Vehicle | str = "multirotor",
     autopilot: Autopilot = "px4",
-    rate: float = 1.0,
-    altitude_frame: str = "home",
-    terrain: Terrain | None = None,
-    terrain_error: float = TERRAIN_ERROR,
     cap: int | None = None,
     tolerance: float = 0.001,
-    link: float = 0.0,
-    blocked: Any = None,
-    area: Any = None,
-    free: Any = None,
     ways: Ways | None = None,
-    landing: ArrayLike | None = None,
-    ending: str | None = None,
     out: int = 0,
-    curves: dict[Any, Any] | None = None,
 ) -> tuple[Mission, ...]:
     """Divide a robot's route into missions, one for each sortie.
 
@@ -418,20 +410,12 @@ def missions_of(
     route : array_like of float, shape (k, 2) or (k, 3)
         Route in metres, with altitudes in the third column. A route without a third column has the
         vehicle's altitude. An empty route gives no missions.
-    frame : LocalFrame or None
-        Local frame of the route. Without a frame, missions are in metres.
+    flight : Flight
+        The vehicle and how it flies. The last sortie ends at the landing point, the others at home.
+        Without a frame, missions are in metres.
     robot : int
         Number of the robot. The first robot has the number 1.
-    home : array_like of float, shape (2,), optional
-        Home of the robot in metres. By default, home is the first point of the route.
-    vehicle : Vehicle or str
-        A vehicle, or a text that `vehicle_of` understands.
     autopilot : "px4" or "ardupilot"
-    rate : float
-        Speed of the robot divided by the vehicle's cruise speed.
-    altitude_frame, terrain, terrain_error, link, blocked, area, free, curves
-        Parameters of `Flight`. With the altitude frame "ground", additional waypoints keep the
-        error of the height above ground below ``terrain_error``.
     cap : int, optional
         Maximum number of mission items that the autopilot stores, including home, take-off, speed
         and return. The default is 2000 items for PX4 and 700 items for ArduPilot.
@@ -444,11 +428,6 @@ def missions_of(
         such as `shoal.search.RegionPaths.leg`. A path is an array of points, shape (n, 2),
         including both ends. The bends of the path become waypoints. By default, the path between
         home and the route is straight.
-    landing : array_like of float, shape (2,), optional
-        Landing point of the last sortie in metres. By default, the last sortie ends at home.
-    ending : "return", "land" or "loiter", optional
-        Ending of each sortie. By default, a sortie ends with a landing if ``landing`` is given, and
-        with a return otherwise. Instead of landing, a rover stops and holds.
     out : int
         Number of points at the beginning of the route that belong to the way out from home. The
         search begins at the next point.
@@ -461,81 +440,61 @@ def missions_of(
     Examples
     --------
     >>> lanes = [(0, 0), (30, 0), (60, 0), (60, 10), (0, 10)]
-    >>> [mission.waypoints.tolist() for mission in missions_of(lanes, None)]
+    >>> [mission.waypoints.tolist() for mission in split_missions(lanes, Flight())]
     [[[0.0, 0.0], [60.0, 0.0], [60.0, 10.0], [0.0, 10.0]]]
-    >>> two = missions_of(lanes, None, vehicle="ideal,endurance=2.25,reserve=0")  # 135 s at 1 m/s
+    >>> two = split_missions(lanes, Flight("ideal,endurance=2.25,reserve=0"))  # 135 s at 1 m/s
     >>> [round(mission.length) for mission in two]
     [135, 31]
     """
-    kept = vehicle_of(vehicle)
     check_choice(autopilot, what="autopilot", choices=CAPS)
-    levels = np.ndim(route) == 2 and np.shape(route)[1] == 3
-    points = check_points(route, what=f"route of robot {robot}", dimensions=3 if levels else 2)
+    with_altitudes = np.ndim(route) == 2 and np.shape(route)[1] == 3
+    points = check_points(
+        route, what=f"route of robot {robot}", dimensions=3 if with_altitudes else 2
+    )
     if len(points) == 0:
         return ()
-    base = points[0, :2] if home is None else check_plane_points([home], what="home")[0]
-    end = None if landing is None else check_plane_points([landing], what="landing")[0]
-    how = (
-        ("return" if end is None else "land")
-        if ending is None
-        else check_choice(ending, what="ending", choices=ENDINGS)
-    )
-    if how == "return" and end is not None:
-        raise InvalidInputError(
-            "ending: expected land or loiter with a landing point, because a return leads home, got"
-            " return"
-        )
-    flight = Flight(
-        kept,
-        base,
-        frame,
-        altitude_frame,
-        terrain,
-        terrain_error,
-        rate,
-        link,
-        blocked,
-        end,
-        area,
-        how,
-        free,
-        curves,
-    )
-    told = _told(kept)
-    beside = OVERHEAD[kept.kind] + sum(
-        count for name, count in EXTRA.items() if told[name] is not None
+    if flight.home is None:
+        flight = replace(flight, home=points[0, :2])
+    vehicle, frame = flight.vehicle, flight.frame
+    settings = _settings(vehicle)
+    beside = OVERHEAD[vehicle.kind] + sum(
+        count for name, count in EXTRA.items() if settings[name] is not None
     )
     most = CAPS[autopilot] if cap is None else cap
     room = check_integer(most, what="cap", least=2 + beside) - beside  # at least two waypoints
     check_number(tolerance, what="tolerance", least=0)
     check_integer(out, what="out", least=0, most=len(points) - 1)
-    led, way = merged(points[: out + 1], tolerance)[:-1], merged(points[out:], tolerance)
-    sorties = Sorties(np.vstack([led, way]), flight, room, ways, robot, len(led))
-    parts = sorties.parts()
-    placed = (lambda array: array) if frame is None else frame.to_degrees
-    x, y = placed(base[None])[0].tolist()
-    last = (x, y) if end is None else tuple(placed(end[None])[0].tolist())
-    ends = [None] * len(parts) if how == "return" else [(x, y)] * (len(parts) - 1) + [last]
-    loiter = None if how != "loiter" else round(flight.radius, 3)
-    speed = kept.cruise * flight.rate
+    way_out, way = (
+        merge_straight_legs(points[: out + 1], tolerance)[:-1],
+        merge_straight_legs(points[out:], tolerance),
+    )
+    parts = Sorties(np.vstack([way_out, way]), flight, room, ways, robot, len(way_out)).parts()
+
+    def placed(array: Points) -> Points:
+        return array if frame is None else frame.to_degrees(array)
+
+    home, last = (tuple(place) for place in placed(np.stack([flight.home, flight.end])).tolist())
+    ends = [None] * len(parts) if flight.ending == "return" else [home] * (len(parts) - 1) + [last]
     return tuple(
         Mission(
             placed(part[:, :2]),
-            (x, y),
+            home,
             robot,
             number,
-            kept.kind,  # type: ignore[arg-type]  # checked, as is the autopilot
+            vehicle.kind,  # type: ignore[arg-type]  # checked, as is the autopilot
             autopilot,
-            speed=speed,
+            speed=vehicle.cruise * flight.rate,
             geographic=frame is not None,
-            altitude_frame=altitude_frame,
+            altitude_frame=flight.altitudes.frame,
             heights=part[:, 2] if np.ptp(part[:, 2]) else None,
             elevation=flight.elevation,
             landing=ends[number - 1],
-            loiter=loiter,
+            loiter=None if flight.ending != "loiter" else round(flight.radius, 3),
             waypoints_out=before,
             waypoints_home=after,
-            **told | {"altitude": kept.height} | _levels(part, flight, several=levels),
+            **settings
+            | {"altitude": vehicle.height}
+            | _levels(part, flight, several=with_altitudes),
         )
         for number, (part, before, after) in enumerate(parts, start=1)
     )
@@ -547,22 +506,21 @@ def _levels(waypoints: NDArray[np.float64], flight: Flight, *, several: bool) ->
     If the route has several altitudes, the result contains the first waypoint's altitude. If
     altitudes above ground differ, the result contains the altitude above ground of every waypoint.
     """
-    ups = waypoints[:, 2] + (
-        float(flight.elevation or 0.0) if flight.altitude_frame != "home" else 0.0
-    )
-    told: dict[str, Any] = {"altitude": float(ups[0])} if several else {}
-    if flight.altitude_frame == "ground" and flight.terrain is not None:
-        ups = np.round(ups - flight.terrain.at(waypoints[:, :2], flight.frame), 6)
+    frame, terrain = flight.altitudes.frame, flight.altitudes.terrain
+    ups = waypoints[:, 2] + (0.0 if frame == "home" else float(flight.elevation or 0.0))
+    levels: dict[str, Any] = {"altitude": float(ups[0])} if several else {}
+    if frame == "ground" and terrain is not None:
+        ups = np.round(ups - terrain.at(waypoints[:, :2], flight.frame), 6)
         usual, same = (
-            (ups[0], SAME_LEVEL) if several else (flight.vehicle.height, flight.terrain_error)
+            (ups[0], SAME_LEVEL) if several else (flight.vehicle.height, flight.altitudes.error)
         )
-        told |= {"altitude": float(usual)} | (
-            {"altitudes": ups} if np.abs(ups - usual).max() > same else {}
-        )
-    return told
+        levels["altitude"] = float(usual)
+        if np.abs(ups - usual).max() > same:
+            levels["altitudes"] = ups
+    return levels
 
 
-def _told(vehicle: Vehicle) -> dict[str, Any]:
+def _settings(vehicle: Vehicle) -> dict[str, Any]:
     """Return the settings of a vehicle that a mission stores, except for the speed."""
     flies = vehicle.kind != "rover"
     pitch = (

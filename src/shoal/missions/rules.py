@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.missions.diagnostics import Sheet
 from shoal.missions.fence import Fence
-from shoal.missions.mission import FASTEST, OVERHEAD, circle_around
-from shoal.search.problem.mission_options import CAPS
+from shoal.missions.mission import CAPS, FASTEST, OVERHEAD, circle_around
 from shoal.search.regions.margin import grown
 from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import REACH, LocalFrame

@@ -143,8 +143,8 @@ class Studio:
         return asyncio.ensure_future(asyncio.to_thread(self._forms))
 
     def _forms(self) -> dict[str, Any]:
+        from shoal.missions.options import MissionOptions
         from shoal.search.flight.vehicle import PRESETS, Vehicle
-        from shoal.search.problem.mission_options import MissionOptions
         from shoal.studio.forms import schema_of
         from shoal.swarm.maps.generators import GENERATORS
         from shoal.swarm.problem import READING

@@ -25,7 +25,6 @@ from shoal.lab.statistics import summarise
 from shoal.lab.store import Store
 from shoal.lab.versions import MixedVersionsWarning
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.mission_options import MissionOptions
 from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import (
     as_command,
@@ -294,34 +293,22 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
     """Plan a search, and write and check its missions. Return the names of the archive and the map,
     and the linter's report.
     """
-    from shoal.missions import check_missions
-    from shoal.views.search.mission_folder import MAP, MissionFolder, write_check
+    from shoal.missions import MissionOptions, MissionSet
+    from shoal.views.search.missions import MAP, save_missions_map
 
     problem, seed = checked_problem(spec["problem"], folder, part="search"), checked_seed(spec)
     assert isinstance(problem, SearchProblem)
-    if problem.vehicle is None:
-        problem = problem.replaced(vehicle="multirotor")
     options = checked_fields(MissionOptions, spec.get("missions") or {}, folder)
-    problem.check_at_place()
     with tempfile.TemporaryDirectory() as place:
         inside, checked = Path(place, "missions"), Path(place, "check")
-        made = MissionFolder(inside, problem, options)
         say("progress", (0.1, "planning"))
-        plan = made.planned(seed=seed)
+        made = MissionSet.from_problem(problem, options, seed=seed)
         say("progress", (0.4, "writing missions"))
-        made.write(plan)
+        made.write(inside)
+        save_missions_map(made, inside)
         say("progress", (0.7, "checking missions"))
-        seen = tuple(plan.footprints.tolist())
-        result = check_missions(
-            inside,
-            made.problem.place,
-            seen if len({*seen}) > 1 else seen[0],
-            angle=plan.grid.angle,
-            cap=options.cap,
-            separation=options.kept_apart,
-            vehicle=plan.vehicle,
-        )
-        write_check(result, checked, drawn=False)
+        result = made.check()
+        result.write(checked)
         stem = Path(str(problem.region)).name.partition(".")[0].replace(":", "-")
         name = folder.new_name(stem, ".missions.zip")
         with (
@@ -341,7 +328,7 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
     return {
         "file": name,
         "map": picture,
-        "missions": made.report(plan),
+        "missions": made.report(),
         "check": result.report(),
         "command": command,
     }

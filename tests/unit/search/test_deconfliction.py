@@ -11,19 +11,18 @@ from unittest import mock
 import numpy as np
 import pytest
 import shapely
+from tests.missions import flight_of, missions_of
 from tests.reference.missions import read_beside, read_plan
 
 from shoal.cli import run as command
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
-from shoal.missions import Mission, check_missions, missions_of, read_mission, write_missions
-from shoal.missions import checking as lint
+from shoal.missions import Mission, check_missions, lint, read_mission, write_missions
 from shoal.missions.approach import airspace_of, missions_approach
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.fence import Fence, fence_of
 from shoal.search import LocalFrame, open_region
-from shoal.search.flight.flight import Flight
-from shoal.search.flight.separation import Separation, conflicts, nearest_approach, staggered
+from shoal.search.flight.separation import Separation, conflicts, nearest_approach, stagger_starts
 from shoal.search.flight.timing import Trajectory, trajectory
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.planning.plan import plan_search
@@ -215,10 +214,10 @@ def test_few_layers_and_layers_that_are_settled():
         ]
 
     flights = [flight(100.0 * k) for k in range(4)]
-    layers, delays = staggered(flights, Separation())
+    layers, delays = stagger_starts(flights, Separation())
     assert layers.max() <= 1
     assert len({*delays}) == 4
-    again, waits = staggered([*flights, lambda layer: []], Separation(), [0, 1, 2, 3, 0])
+    again, waits = stagger_starts([*flights, lambda layer: []], Separation(), [0, 1, 2, 3, 0])
     assert again.tolist() == [0, 1, 2, 3, 0]
     assert waits[4] == 0
     for found, starts in ((layers, delays), (again, waits)):
@@ -574,8 +573,8 @@ def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
     )
     assert not shapely.linestrings(over.way_in(None)[:, :2]).intersects(wall)
     assert (
-        Flight(wing, np.zeros(2), ending="land")
-        .flown(np.array([(-440.0, 0.0, 80.0)]))
+        flight_of(vehicle=wing, home=np.zeros(2), ending="land")
+        .trajectory(np.array([(-440.0, 0.0, 80.0)]))
         .points[-2, 2]
         == 80
     )

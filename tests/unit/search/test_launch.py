@@ -11,17 +11,16 @@ import pytest
 import shapely
 
 from shoal.core.errors import InvalidInputError
+from shoal.missions import MissionOptions, MissionSet
 from shoal.missions.deconfliction import plan_missions
 from shoal.search import SearchEpisode, open_region
 from shoal.search.cells.routing import Transits
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.margin import with_margin
 from shoal.search.regions.places import places_of
 from shoal.search.regions.region import region_of
 from shoal.search.run import run
 from shoal.views.search.history import SearchHistory
-from shoal.views.search.mission_folder import MissionFolder
 
 FIELD = shapely.box(0, 0, 200, 100)
 ZONES = shapely.MultiPolygon([shapely.box(-60, -20, -20, 120), shapely.box(80, 40, 110, 60)])
@@ -171,9 +170,9 @@ def test_missions_kept_apart_by_delays_make_the_simulation_late(tmp_path):
     problem = SearchProblem(
         region_of(FIELD), robots=3, footprint=20, launch="-20,50", vehicle="multirotor"
     )
-    folder = MissionFolder(tmp_path / "missions", problem, options)
-    episode = folder.run(seed=1)
-    delays = [mission.start for mission in folder.missions]
+    missions = MissionSet.from_problem(problem, options, seed=1)
+    episode = missions.run()
+    delays = [mission.start for mission in missions.missions]
     assert max(delays) > 0
     assert episode.problem.delays == tuple(delays)
     ends = [mission.start for mission in plan_missions(episode.plan, separation=options.kept_apart)]

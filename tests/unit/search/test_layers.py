@@ -7,18 +7,18 @@ import json
 import numpy as np
 import pytest
 import shapely
+from tests.missions import flight_of, missions_of
 
 from shoal import InvalidInputError, run
 from shoal.cli import run as call
-from shoal.missions import check_missions, missions_of, write_missions
+from shoal.missions import check_missions, write_missions
 from shoal.missions.approach import missions_approach
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.files import read_mission
 from shoal.search import SearchEpisode, SearchProblem, make_tour, open_region, plan_search
-from shoal.search.flight.flight import Flight
+from shoal.search.flight.legs import separate_climbs
 from shoal.search.flight.separation import Separation
 from shoal.search.flight.terrain import Terrain
-from shoal.search.flight.timing import climbs_apart
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.tours.curves import joined
 from shoal.views import figure
@@ -213,7 +213,7 @@ def test_bands_above_terrain_keep_their_heights():
 
 
 def test_climbs_come_before_ways_and_descents_after_them():
-    way, ups = climbs_apart(
+    way, ups = separate_climbs(
         np.array([(0.0, 0.0), (0.0, 0.0), (9.0, 0.0)]), np.array([30.0, 50.0, 30.0])
     )
     assert np.column_stack([way, ups]).tolist() == [[0, 0, 30], [0, 0, 50], [9, 0, 50], [9, 0, 30]]
@@ -234,7 +234,7 @@ def test_fixed_wings_climb_in_circles():
     )
     wing = vehicle_of("fixed-wing,wind_speed=4,wind_from=200")
     for blocked, side in ((None, 1), (shapely.box(850, 10, 950, 90), -1)):
-        flown = Flight(wing, np.array([-50.0, 0.0]), blocked=blocked).waypoints(way)
+        flown = flight_of(vehicle=wing, home=np.array([-50.0, 0.0]), blocked=blocked).waypoints(way)
         first, last = (
             int(np.flatnonzero((flown[:, :2] == (900, 0)).all(axis=1) & (flown[:, 2] == up))[0])
             for up in (80, 140)
@@ -254,9 +254,9 @@ def test_fixed_wings_climb_in_circles():
         InvalidInputError,
         match=r"turn_radius: expected room to climb in a circle of .* m, got none at",
     ):
-        Flight(
-            wing,
-            np.zeros(2),
+        flight_of(
+            vehicle=wing,
+            home=np.zeros(2),
             blocked=shapely.union_all([shapely.box(895, y, 905, y + 10) for y in (-131, 121)]),
         ).waypoints(way)
 

@@ -9,6 +9,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from tests.missions import missions_of
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
@@ -17,11 +18,10 @@ from shoal.missions import (
     RULES,
     Mission,
     check_missions,
-    missions_of,
+    lint,
     read_mission,
     write_missions,
 )
-from shoal.missions import checking as lint
 from shoal.missions.fence import Fence
 from shoal.search import open_region
 from shoal.search.flight.separation import Separation

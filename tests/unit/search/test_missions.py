@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
+from tests.missions import missions_of
 from tests.reference.missions import READERS, read_plan, read_wpl
 from tests.unit.search.test_mission_lint import FIELD
 
@@ -19,16 +20,18 @@ from shoal.missions import (
     FORMATS,
     Mission,
     MissionFormat,
+    MissionOptions,
+    MissionSet,
     check_missions,
+    lint,
     mission_files,
-    missions_of,
     read_mission,
     write_missions,
 )
-from shoal.missions import checking as lint
 from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
-from shoal.search.flight.timing import merged
+from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.vehicle import vehicle_of
+from shoal.search.problem import SearchProblem
 from shoal.views.search.missions import missions_figure
 
 FRAME = LocalFrame(8.5, 47.4)
@@ -479,8 +482,8 @@ def test_check_in_metres(tmp_path):
             ["missions", "square:100"],
             "expected a mission in metres, as the region 'square:100' is, got one in degrees",
         ),
-        (["missions", "FIELD", "--footprint", "0"], "footprint: expected a length above 0"),
-        (["missions", "FIELD", "--least", "2"], "--least: expected a number from 0 to 1"),
+        (["missions", "FIELD", "--footprint", "0"], "footprint: expected a number, above 0"),
+        (["missions", "FIELD", "--least", "2"], "least: expected a number from 0 to 1"),
         (
             ["missions", "FIELD", "--format", "gpy"],
             "unknown mission format 'gpy': did you mean 'gpx'",
@@ -584,7 +587,7 @@ def test_cameras_take_no_images_on_the_ways_out_and_home(tmp_path):
     assert (mission.waypoints_out, mission.waypoints_home) == (1, 1)
     np.testing.assert_allclose(
         FRAME.to_metres(mission.waypoints[mission.searched]),
-        merged(np.array(LANES), 0.001),
+        merge_straight_legs(np.array(LANES), 0.001),
         atol=0.01,
     )
     for path in write_missions([mission], tmp_path):
@@ -672,3 +675,21 @@ def test_durations_and_their_share_of_the_battery(field, tmp_path, capsys):
     flights = json.loads(capsys.readouterr().out)["flights"]
     assert [one["mission"] for one in flights] == [mission.name for mission in missions]
     assert {one["usable_fraction"] for one in flights} == {None}
+
+
+def test_a_mission_set_is_planned_checked_written_read_and_run(tmp_path):
+    problem = SearchProblem("rectangle:120x80", robots=2, footprint=20)
+    made = MissionSet.from_problem(problem, MissionOptions(format=("csv",)), seed=1)
+    assert made.plan.vehicle.kind == "multirotor"  # missions need a vehicle
+    check = made.check()
+    assert not check.faults
+    assert check.approach is None or check.approach.horizontal >= 10
+    made.write(tmp_path)
+    read = MissionSet.read(tmp_path)
+    assert [mission.name for mission in read.missions] == ["robot-01", "robot-02"]
+    assert read.check(made.check_options).report() == check.report()
+    assert made.run().status.done
+    with pytest.raises(InvalidInputError, match="options: expected the region of missions"):
+        read.check()
+    with pytest.raises(InvalidInputError, match="expected planned missions to run"):
+        read.run()

@@ -13,8 +13,15 @@ import shapely
 
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
-from shoal.missions import Mission, check_missions, fence, write_missions
-from shoal.missions import checking as lint
+from shoal.missions import (
+    Mission,
+    MissionOptions,
+    MissionSet,
+    check_missions,
+    fence,
+    lint,
+    write_missions,
+)
 from shoal.missions.deconfliction import plan_missions
 from shoal.missions.fence import Fence, corners_of, enclosing_polygons
 from shoal.search.cells.grid import cells_of
@@ -22,11 +29,9 @@ from shoal.search.cells.routing import RegionPaths
 from shoal.search.flight.separation import Separation
 from shoal.search.planning.plan import plan_search
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.margin import sag_of, with_default_margin
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
-from shoal.views.search.mission_folder import MissionFolder
 
 FRAME = LocalFrame(18.4, -33.9)
 FRAME60 = LocalFrame(8.5, 60.0)
@@ -131,15 +136,11 @@ def written(region, folder, autopilot="px4", **settings):
         "angle": 0.0,
         "allocation": "hop",
     } | settings  # what takes no time to plan
-    made = MissionFolder(
-        folder,
+    made = MissionSet.from_problem(
         SearchProblem(region, **settings),
         MissionOptions(format=("plan", "wpl"), autopilot=autopilot),
     )
-    made.plan(plan_search(made.problem, seed=0))
-    write_missions(
-        made.missions, folder, formats=("plan", "wpl"), vehicle=made.problem.chosen_vehicle
-    )
+    made.write(folder)
     return made
 
 
@@ -227,9 +228,9 @@ def test_a_saved_search_with_missions_is_verified_after_loading(zones, tmp_path)
         "tour": "boustrophedon",
         "angle": 0.0,
     }
-    episode = MissionFolder(
-        tmp_path, SearchProblem(region, **given), MissionOptions(format=() if zones else ("plan",))
-    ).run(seed=0)
+    episode = MissionSet.from_problem(
+        SearchProblem(region, **given), MissionOptions(format=() if zones else ("plan",))
+    ).run()
     assert episode.problem.place.barriers
     episode.save(tmp_path / "episode.json")
     loaded = type(episode).load(tmp_path / "episode.json")
@@ -300,7 +301,7 @@ def test_zones_that_have_no_room_in_the_fence_are_said(tmp_path, monkeypatch):
     monkeypatch.setattr("shoal.core.notices.listeners", [said.append])
     monkeypatch.setattr("shoal.core.notices._told", set())
     monkeypatch.setattr(
-        "shoal.views.search.mission_folder.fenced_region", lambda region, most, **_: region
+        "shoal.missions.mission_set.fenced_region", lambda region, most, **_: region
     )
     region = field(
         [

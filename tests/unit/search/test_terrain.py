@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image, TiffImagePlugin
 from pyproj import Transformer
+from tests.missions import flight_of, missions_of
 from tests.reference.flight import (
     bilinear,
     ground_speed,
@@ -22,12 +23,10 @@ from tests.reference.missions import READERS
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
-from shoal.missions import checking as lint
-from shoal.missions import missions_of, read_mission, write_missions
+from shoal.missions import lint, read_mission, write_missions
 from shoal.missions.approach import clearance_of
 from shoal.search import LocalFrame
 from shoal.search.flight import terrain as terrain_files
-from shoal.search.flight.flight import Flight
 from shoal.search.flight.terrain import Terrain, open_terrain
 from shoal.search.flight.vehicle import vehicle_of
 
@@ -403,8 +402,8 @@ def test_a_flight_needs_what_its_altitude_counts_from():
     with pytest.raises(
         InvalidInputError, match="altitude_frame: expected home or sea without a terrain"
     ):
-        Flight(vehicle_of("multirotor"), np.zeros(2), altitude_frame="ground")
-    rover = Flight(vehicle_of("rover"), np.zeros(2), altitude_frame="ground")
+        flight_of(vehicle=vehicle_of("multirotor"), home=np.zeros(2), altitude_frame="ground")
+    rover = flight_of(vehicle=vehicle_of("rover"), home=np.zeros(2), altitude_frame="ground")
     assert rover.waypoints(np.array([(5.0, 0.0)])).tolist() == [[5.0, 0.0, 0.0]]
 
 

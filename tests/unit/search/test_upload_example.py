@@ -12,8 +12,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.missions import missions_of
 
-from shoal.missions import missions_of, write_missions
+from shoal.missions import write_missions
 from shoal.missions.fence import Fence
 from shoal.search import LocalFrame
 

@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 import shapely
+from tests.missions import flight_of
 from tests.reference.flight import ground_speed
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.missions.deconfliction import plan_missions
-from shoal.search.flight.flight import Flight
 from shoal.search.flight.timing import trajectory, turn_cells, turn_shares, working_seconds
 from shoal.search.flight.vehicle import PRESETS, Vehicle, vehicle_of
 from shoal.search.planning.plan import plan_search
@@ -255,7 +255,7 @@ def test_a_rate_below_the_wind_is_refused():
     with pytest.raises(
         InvalidInputError, match="wind_speed: expected less than the cruise_speed of 5 m/s"
     ):
-        Flight(Vehicle(cruise_speed=10.0, wind_speed=5.0), np.zeros(2), rate=0.5)
+        flight_of(vehicle=Vehicle(cruise_speed=10.0, wind_speed=5.0), home=np.zeros(2), rate=0.5)
 
 
 def test_planners_reckon_with_the_vehicle():
@@ -304,8 +304,10 @@ def test_legs_shorter_than_the_acceptance_radius_are_merged_outside_the_curve():
     corner = shapely.get_coordinates(zone.exterior)
     corner = corner[(corner > 19.9).all(axis=1)]
     way = np.vstack([[25.0, -60.0], corner[np.argsort(corner[:, 1])], [-60.0, 25.0]])
-    flight = Flight(vehicle_of("multirotor"), np.array([25.0, -60.0]), link=40.0, blocked=zone)
-    merged_way = flight.lengthened(way)
+    flight = flight_of(
+        vehicle=vehicle_of("multirotor"), home=np.array([25.0, -60.0]), link=40.0, blocked=zone
+    )
+    merged_way = flight.lengthen_short_legs(way)
     assert np.hypot(*np.diff(way, axis=0).T).min() < 0.5
     assert np.hypot(*np.diff(merged_way, axis=0).T).min() > 1.0
     assert (merged_way[[0, -1]] == way[[0, -1]]).all()
@@ -327,12 +329,16 @@ def test_a_short_leg_at_an_end_of_a_way_becomes_longer_where_a_zone_is_in_the_wa
     )
     zone = shapely.Polygon([[4.17, -29.965], *way[1:4], [40.0, -20.0]]).buffer(-0.001)
     for there in (way, way[::-1]):
-        flight = Flight(vehicle_of("multirotor"), there[-1], link=40.0, blocked=zone)
-        found = flight.lengthened(there)
+        flight = flight_of(
+            vehicle=vehicle_of("multirotor"), home=there[-1], link=40.0, blocked=zone
+        )
+        found = flight.lengthen_short_legs(there)
         assert np.hypot(*np.diff(found, axis=0).T).min() > 1.0
         assert (found[[0, -1]] == there[[0, -1]]).all()
         assert shapely.intersection(shapely.linestrings(found), zone.buffer(-0.005)).is_empty
-        open_way = Flight(vehicle_of("multirotor"), there[-1], link=40.0).lengthened(there)
+        open_way = flight_of(
+            vehicle=vehicle_of("multirotor"), home=there[-1], link=40.0
+        ).lengthen_short_legs(there)
         assert len(open_way) == len(there) - 1
 
 

@@ -137,7 +137,7 @@ def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeyp
     assert [one["altitude_m"] for one in foretold["starts"]] == [
         one["altitude_m"] for one in done["missions"]["starts"]
     ]
-    monkeypatch.setattr("shoal.views.search.mission_folder.save_figure", lambda *_: None)
+    monkeypatch.setattr("shoal.views.search.missions.save_figure", lambda *_: None)
     assert run_command([*done["command"].split()[1:], "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["missions"] == done["missions"]
     ours, theirs = (

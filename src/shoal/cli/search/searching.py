@@ -12,13 +12,13 @@ from shoal.cli.options import Film, Json, Seed, takes_problem
 from shoal.cli.output import check_folder, check_outputs, patience, print_json, say, write_episode
 from shoal.cli.search.texts import print_search
 from shoal.core.errors import InvalidInputError
+from shoal.missions.options import MissionOptions
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.problem.network import Crash
 
 if TYPE_CHECKING:
+    from shoal.missions import MissionSet
     from shoal.search import SearchEpisode
-    from shoal.views.search.mission_folder import MissionFolder
 
 SEARCH_EXAMPLE = (
     "Example: shoal search ring:100x70 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20"
@@ -70,24 +70,16 @@ def search(
             f" {value} alone"
         )
     problem.check_at_place()
-    if missions is not None and problem.vehicle is None:
-        problem = problem.replaced(vehicle="multirotor").at_place(problem.place)
-    writer = None if missions is None else _mission_folder(missions, problem, options)
     check_outputs(out, film)
+    planned = None if missions is None else _mission_set(problem, options, seed=seed)
     with (
         nullcontext()
         if problem.live is None
         else patience("searching with one process per robot ...")
     ):
-        episode = run(problem, seed=seed) if writer is None else writer.run(seed=seed)
-    finish(
-        episode,
-        [] if writer is None else writer.write(episode.plan),
-        out,
-        film,
-        json_=json_,
-        writer=writer,
-    )
+        episode = run(problem, seed=seed) if planned is None else planned.run()
+    written = [] if planned is None or missions is None else _write(planned, missions)
+    finish(episode, written, out, film, json_=json_, missions=planned)
 
 
 def finish(
@@ -97,14 +89,12 @@ def finish(
     film: list[Path] | None,
     *,
     json_: bool,
-    writer: MissionFolder | None = None,
+    missions: MissionSet | None = None,
 ) -> None:
     """Write and print the result of a search; exit with the code 1 if the search was
     not completed.
     """
-    result = episode.report() | (
-        {} if writer is None else {"missions": writer.report(episode.plan)}
-    )
+    result = episode.report() | ({} if missions is None else {"missions": missions.report()})
     written = written + write_episode(episode, result, out, film)
     if json_:
         print_json(result)
@@ -115,10 +105,16 @@ def finish(
         raise typer.Exit(1)
 
 
-def _mission_folder(folder: Path, problem: SearchProblem, options: MissionOptions) -> MissionFolder:
-    from shoal.views.search.mission_folder import MissionFolder
+def _mission_set(problem: SearchProblem, options: MissionOptions, *, seed: int) -> MissionSet:
+    from shoal.missions import MissionSet
 
-    return MissionFolder(folder, problem, options)
+    return MissionSet.from_problem(problem, options, seed=seed)
+
+
+def _write(missions: MissionSet, folder: Path) -> list[Path]:
+    from shoal.views.search.missions import save_missions_map
+
+    return [*missions.write(folder), *save_missions_map(missions, folder)]
 
 
 def demo_search(out: Path, *, seed: int, json_: bool) -> None:
@@ -133,10 +129,10 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
         targets=8,
         vehicle="multirotor",
     )
-    writer = _mission_folder(out / "missions", problem, MissionOptions(format=("plan", "kml")))
-    episode = writer.run(seed=seed)
+    missions = _mission_set(problem, MissionOptions(format=("plan", "kml")), seed=seed)
+    episode = missions.run()
     result = episode.report()
-    written = writer.write(episode.plan)
+    written = _write(missions, out / "missions")
     written += write_episode(episode, result, out, [out / "search.html"])
     if json_:
         print_json(result | {"files": [str(path) for path in written]})

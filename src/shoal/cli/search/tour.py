@@ -81,10 +81,6 @@ def parse_size(text: str) -> Any:
     """Return the shape (rows first) or the mask of cells that the command-line argument SIZE
     describes.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> parse_size("64"), parse_size("64x48"), parse_size("5x4x3")

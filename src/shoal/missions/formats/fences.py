@@ -79,12 +79,7 @@ def _table(rows: Sequence[tuple[int, int, float, float, float, float]]) -> str:
 
 
 def read_fence(text: str, where: str) -> Fence:
-    """Return the fence that a table of mission items describes.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the fence that a table of mission items describes."""
     rings: list[tuple[int, list[tuple[float, float]]]] = []
     missing = 0
     for line, command, first, place in _rows(text, where):
@@ -134,12 +129,7 @@ def fence_from(inside: Sequence[Points], outside: Sequence[Points]) -> Fence:
 
 
 def read_rally(text: str, where: str) -> Places:
-    """Return the rally points that a table of mission items describes.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the rally points that a table of mission items describes."""
     rows = _rows(text, where)
     for line, command, _, _ in rows:
         if command != _RALLY_POINT:

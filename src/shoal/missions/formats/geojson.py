@@ -22,7 +22,6 @@ from shoal.missions.formats.items import (
 )
 from shoal.missions.mission import Mission
 
-SUFFIX = ".geojson"
 _FARTHEST = 10**300  # a larger whole number may overflow a float
 
 

@@ -7,21 +7,18 @@ if the file stores altitudes above ground, or an altitude for each waypoint.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from shoal.missions.diagnostics import Sheet, decimals_of, parse_root
+from shoal.missions.diagnostics import Sheet, parse_root
 from shoal.missions.formats.items import (
     attributes_as_text,
     degrees,
+    position_in,
     spread_altitudes,
     take_attributes,
 )
 from shoal.missions.mission import Mission
 from shoal.search.regions.formats.xml import Element
-
-SUFFIX = ".gpx"
 
 
 def write(mission: Mission) -> str:
@@ -125,22 +122,4 @@ def _elevation(sheet: Sheet, element: Element) -> float | None:
 
 
 def _position(sheet: Sheet, element: Element) -> tuple[float, float]:
-    found = []
-    for name in ("lon", "lat"):
-        if name not in element.attributes:
-            sheet.add(
-                "missing-key", f"line {element.line}", f"expected the attribute {name!r}, got none"
-            )
-            return math.nan, math.nan
-        text = element.attributes[name]
-        try:
-            found.append(float(text))
-        except ValueError:
-            sheet.add(
-                "wrong-value",
-                f"line {element.line}",
-                f"expected a number as {name!r}, got {text[:40]!r}",
-            )
-            return math.nan, math.nan
-        sheet.decimals = max(sheet.decimals or 0, decimals_of(text))
-    return found[0], found[1]
+    return position_in(sheet, f"line {element.line}", ("lon", "lat"), element.attributes)

@@ -14,9 +14,8 @@ from shoal.core.checks import check_json_memory
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.missions.diagnostics import Sheet, decimals_of
-from shoal.missions.mission import FASTEST, KINDS, SAME_LEVEL, Mission
+from shoal.missions.mission import CAPS, FASTEST, KINDS, SAME_LEVEL, Mission
 from shoal.search.flight.flight import FRAMES
-from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.projection import DECIMALS
 
 WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, SPLINE, DELAY, SPEED, GIMBAL, TRIGGER = (
@@ -555,13 +554,15 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
         sheet.add("missing-key", place, f"expected {name!r}, got none")
     if missing:
         return
-    for name in ("robot", "sortie"):
+    for name, least in (("robot", 1), ("sortie", 1), ("waypoints_out", 0), ("waypoints_home", 0)):
+        if name not in found:
+            continue
         number = _whole(found[name])
-        if number is None or number < 1:
+        if number is None or number < least:
             sheet.add(
                 "wrong-value",
                 place,
-                f"expected a whole number of 1 or more as {name!r}, got {_short(found[name])}",
+                f"expected a whole number of {least} or more as {name!r}, got {_short(found[name])}",
             )
         else:
             setattr(sheet, name, number)
@@ -583,22 +584,33 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
     for name in ("loiter_m", "start_s", "takeover_m"):
         if name in more:
             setattr(sheet, name.rpartition("_")[0], number_in(sheet, place, name, more))
-    for name in ("waypoints_out", "waypoints_home"):
-        if name in more:
-            number = _whole(more[name])
-            if number is None or number < 0:
-                sheet.add(
-                    "wrong-value",
-                    place,
-                    f"expected a whole number of 0 or more as {name!r}, got {_short(more[name])}",
-                )
-            else:
-                setattr(sheet, name, number)
     words = str(found.get(ALTITUDES, "")).split()
     sheet.altitudes = [number_in(sheet, place, ALTITUDES, {ALTITUDES: word}) for word in words] or [
         number_in(sheet, place, "altitude_m", found)
     ]
     sheet.speed = number_in(sheet, place, "speed_m_s", found)
+
+
+def position_in(
+    sheet: Sheet, place: str, names: Sequence[str], found: Mapping[str, str]
+) -> tuple[float, float]:
+    """Return the two coordinates ``names`` as numbers, and note their decimals. If one is missing or
+    invalid, return NaN for both and add a diagnostic.
+    """
+    point = []
+    for name in names:
+        if name not in found:
+            sheet.add("missing-key", place, f"expected the attribute {name!r}, got none")
+            return math.nan, math.nan
+        try:
+            point.append(float(found[name]))
+        except ValueError:
+            sheet.add(
+                "wrong-value", place, f"expected a number as {name!r}, got {found[name][:40]!r}"
+            )
+            return math.nan, math.nan
+        sheet.decimals = max(sheet.decimals or 0, decimals_of(found[name]))
+    return point[0], point[1]
 
 
 def spread_altitudes(sheet: Sheet, place: str) -> None:

@@ -20,8 +20,6 @@ from shoal.missions.formats.items import (
 from shoal.missions.mission import Mission
 from shoal.search.regions.formats.xml import Element
 
-SUFFIX = ".kml"
-
 
 def write(mission: Mission) -> str:
     """Return a mission as the text of a KML file. A single waypoint becomes a Point, because a

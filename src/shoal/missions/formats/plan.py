@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, ValidationError
 
 from shoal.missions.diagnostics import Sheet
 from shoal.missions.fence import circle_ring
@@ -23,8 +22,6 @@ from shoal.missions.formats.items import (
 )
 from shoal.missions.mission import Mission
 
-SUFFIX = ".plan"
-
 _FIRMWARE = {"px4": 12, "ardupilot": 3}  # MAV_AUTOPILOT
 _VEHICLES = {"multirotor": 2, "fixed-wing": 1, "rover": 10}  # MAV_TYPE
 _MULTIROTORS = dict.fromkeys((2, 13, 14, 15), "multirotor")  # with 4, 6, 8 and 3 rotors
@@ -34,91 +31,6 @@ _ALTITUDE_MODES = {
     "ground": 1,
     "sea": 2,
 }  # terrain-following missions are written with heights above home
-
-_Numbers = Annotated[float, Field(strict=True)]
-
-
-class _Form(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-
-class ItemForm(_Form):
-    """The expected structure of a mission item in a ``.plan`` file."""
-
-    type: Literal["SimpleItem"]
-    command: StrictInt
-    frame: StrictInt
-    params: Annotated[list[_Numbers | None], Field(min_length=7, max_length=7)]
-    auto_continue: StrictBool = Field(alias="autoContinue")
-    do_jump_id: StrictInt = Field(alias="doJumpId")
-
-
-class MissionForm(_Form):
-    """The expected structure of the mission in a ``.plan`` file."""
-
-    version: Literal[2]
-    firmware_type: StrictInt = Field(alias="firmwareType")
-    vehicle_type: StrictInt = Field(alias="vehicleType")
-    cruise_speed: _Numbers = Field(alias="cruiseSpeed")
-    hover_speed: _Numbers = Field(alias="hoverSpeed")
-    altitude_mode: StrictInt = Field(alias="globalPlanAltitudeMode")
-    home: Annotated[
-        list[_Numbers | None], Field(min_length=3, max_length=3, alias="plannedHomePosition")
-    ]
-    items: list[ItemForm]
-
-
-_Latitude = Annotated[float, Field(strict=True, ge=-90, le=90)]
-_Longitude = Annotated[float, Field(strict=True, ge=-180, le=180)]
-
-
-class PolygonForm(_Form):
-    """The expected structure of a fence polygon in a ``.plan`` file."""
-
-    version: Literal[1]
-    inclusion: StrictBool
-    polygon: Annotated[list[tuple[_Latitude, _Longitude]], Field(min_length=3)]
-
-
-class RoundForm(_Form):
-    """The expected structure of a circle itself."""
-
-    center: tuple[_Latitude, _Longitude]
-    radius: Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
-
-
-class CircleForm(_Form):
-    """The expected structure of a fence circle in a ``.plan`` file."""
-
-    version: Literal[1]
-    inclusion: StrictBool
-    circle: RoundForm
-
-
-class FenceForm(_Form):
-    """The expected structure of the fence in a ``.plan`` file."""
-
-    version: Literal[2]
-    circles: list[CircleForm]
-    polygons: list[PolygonForm]
-
-
-class RallyForm(_Form):
-    """The expected structure of the rally points in a ``.plan`` file."""
-
-    version: Literal[2]
-    points: list[tuple[_Latitude, _Longitude, _Numbers]]
-
-
-class PlanForm(_Form):
-    """The expected structure of a whole ``.plan`` file."""
-
-    file_type: Literal["Plan"] = Field(alias="fileType")
-    version: Literal[1]
-    ground_station: str = Field(alias="groundStation")
-    mission: MissionForm
-    fence: FenceForm = Field(alias="geoFence")
-    rally: RallyForm = Field(alias="rallyPoints")
 
 
 def write(mission: Mission) -> str:
@@ -169,6 +81,10 @@ def _item(item: Item, number: int) -> dict[str, Any]:
 
 def scan(text: str, sheet: Sheet) -> None:
     """Read the content of a `.plan` file into a mission sheet."""
+    from pydantic import ValidationError  # slow to import, and only files that are read need it
+
+    from shoal.missions.formats.plan_form import PlanForm
+
     data = load_json(text, sheet)
     if not sheet.readable:
         return

@@ -6,11 +6,10 @@ Coordinates in a CSV mission are in degrees, or in metres if the region has no p
 from __future__ import annotations
 
 import csv
-import math
 
 import numpy as np
 
-from shoal.missions.diagnostics import Sheet, decimals_of
+from shoal.missions.diagnostics import Sheet
 from shoal.missions.formats.items import (
     ALTITUDES,
     MORE,
@@ -19,11 +18,11 @@ from shoal.missions.formats.items import (
     degrees,
     number_in,
     plain,
+    position_in,
     take_attributes,
 )
 from shoal.missions.mission import Mission
 
-SUFFIX = ".csv"
 _ALTITUDE = "altitude_m"
 _DEGREES = ("longitude", "latitude")
 _METRES = ("x_m", "y_m")
@@ -143,16 +142,5 @@ def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
 
 
 def _position(sheet: Sheet, line: int, row: dict[str, str]) -> tuple[float, float]:
-    found = []
-    for name in _DEGREES if sheet.geographic else _METRES:
-        try:
-            found.append(float(row[name]))
-        except ValueError:
-            sheet.add(
-                "wrong-value",
-                f"line {line}",
-                f"expected a number as {name!r}, got {row[name][:40]!r}",
-            )
-            return math.nan, math.nan
-        sheet.decimals = max(sheet.decimals or 0, decimals_of(row[name]))
-    return found[0], found[1]
+    names = _DEGREES if sheet.geographic else _METRES
+    return position_in(sheet, f"line {line}", names, row)

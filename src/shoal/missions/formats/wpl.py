@@ -18,7 +18,6 @@ from shoal.missions.formats.items import (
 )
 from shoal.missions.mission import Mission
 
-SUFFIX = ".waypoints"
 _FIELDS = (
     "seq",
     "current",

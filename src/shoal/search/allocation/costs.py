@@ -59,10 +59,6 @@ class TourCost:
     reckoned : bool
         Whether the allocators use the lengths of paths around walls. If false, the allocators use
         straight distances.
-
-    Raises
-    ------
-    InvalidInputError
     """
 
     tour: Tour
@@ -359,10 +355,6 @@ def expected_time(
     seed : int
         Seed of the random start cells.
 
-    Raises
-    ------
-    InvalidInputError
-
     Notes
     -----
     On page 8 of paper H, T_UB is the search time of one robot, and T_LB = T_UB/m is the lower bound
@@ -414,10 +406,6 @@ def stay_share(robots: int, *, dead: int = 0) -> float:
     For k working robots, the mean approaches H_k/k with the harmonic number H_k = 1 + 1/2 + ... +
     1/k. If k random points divide a circle of length 1 into k arcs, the longest arc has the mean
     length H_k/k.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
+from functools import cached_property
 from itertools import pairwise
-from math import ceil, cos, pi, sin, tan
+from math import ceil, pi
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,11 @@ from shoal.search.regions.outline import text_of
 
 Floats = NDArray[np.float64]
 
+
+class NoRoomError(InvalidInputError):
+    """Raised if a vehicle has no room for its turns, its climb or its landing."""
+
+
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 """The six types of shortest paths with a minimum turning radius, spelled with L (left), S
 (straight) and R (right).
@@ -26,8 +32,7 @@ SHARPEST = pi / 6  # largest bend of an approximated path at a vertex
 _ROUND = 2 * pi
 _CLOSE = 1e-9
 _SLIGHT = 0.01  # metres: half of an arc that needs no vertex
-_SENSE = {"L": 1.0, "R": -1.0, "S": 0.0}
-_SENSES = np.array([[_SENSE[letter] for letter in word] for word in WORDS])
+_SENSES = np.array([["RSL".index(letter) - 1.0 for letter in word] for word in WORDS])
 
 
 def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
@@ -65,70 +70,39 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     across = (other[..., :2] - one[..., :2]) / radius
     d, toward = np.hypot(across[..., 0], across[..., 1]), np.arctan2(across[..., 1], across[..., 0])
     a, b = one[..., 2] - toward, other[..., 2] - toward
-    sa, sb, ca, cb, both = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
-    found = []
-    with np.errstate(invalid="ignore"):  # nonexistent curves are NaN until the end
+    # Every word has a mirror image with L and R exchanged: the same formula with -a and -b for a
+    # and b. So three formulas give six words. Lengths of words that do not exist are NaN first.
+    a, b = (angle[..., None] * (1.0, -1.0) for angle in (a, b))
+    d = d[..., None]
+    sa, sb, ca, cb, cab = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
+    with np.errstate(invalid="ignore"):
+        # LSL: p^2 = 2 + d^2 - 2 cos(a - b) + 2 d (sin a - sin b)
         turn = np.arctan2(cb - ca, d + sa - sb)
-        found.append(
-            (turn - a, np.sqrt(np.maximum(2 + d * d - 2 * both + 2 * d * (sa - sb), 0.0)), b - turn)
-        )
-        turn = np.arctan2(ca - cb, d - sa + sb)
-        found.append(
-            (a - turn, np.sqrt(np.maximum(2 + d * d - 2 * both + 2 * d * (sb - sa), 0.0)), turn - b)
-        )
-        p = np.sqrt(d * d - 2 + 2 * both + 2 * d * (sa + sb))
+        p = np.sqrt(np.maximum(2 + d * d - 2 * cab + 2 * d * (sa - sb), 0.0))
+        same_side = np.stack([turn - a, p, b - turn], axis=-1)
+        # LSR: p^2 = d^2 - 2 + 2 cos(a - b) + 2 d (sin a + sin b)
+        p = np.sqrt(d * d - 2 + 2 * cab + 2 * d * (sa + sb))
         turn = np.arctan2(-ca - cb, d + sa + sb) - np.arctan2(-2.0, p)
-        found.append((turn - a, p, turn - b))
-        p = np.sqrt(d * d - 2 + 2 * both - 2 * d * (sa + sb))
-        turn = np.arctan2(ca + cb, d - sa - sb) - np.arctan2(2.0, p)
-        found.append((a - turn, p, b - turn))
-        p = _ROUND - np.arccos((6 - d * d + 2 * both + 2 * d * (sa - sb)) / 8)
+        other_side = np.stack([turn - a, p, turn - b], axis=-1)
+        # RLR: cos p = (6 - d^2 + 2 cos(a - b) + 2 d (sin a - sin b)) / 8
+        p = _ROUND - np.arccos((6 - d * d + 2 * cab + 2 * d * (sa - sb)) / 8)
         t = a - np.arctan2(ca - cb, d - sa + sb) + p / 2
-        found.append((t, p, a - b - t + p))
-        p = _ROUND - np.arccos((6 - d * d + 2 * both + 2 * d * (sb - sa)) / 8)
-        t = -a - np.arctan2(ca - cb, d + sa - sb) + p / 2
-        found.append((t, p, b - a - t + p))
-    parts = np.stack([np.stack(three, axis=-1) for three in found], axis=-2)
+        three_arcs = np.stack([t, p, a - b - t + p], axis=-1)
+    parts = np.concatenate([same_side, other_side, three_arcs], axis=-2)
     parts[..., [0, 2]] %= _ROUND
     parts[..., [0, 2]] = np.where(parts[..., [0, 2]] > _ROUND - _CLOSE, 0.0, parts[..., [0, 2]])
     return np.where(np.isfinite(parts).all(axis=-1, keepdims=True), parts, np.inf)
 
 
-def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> Floats:
-    """Return a path of straight legs that approximates a Dubins curve, in metres; float64, shape
-    (k, 2).
-
-    The argument ``word`` is a curve type of `WORDS`, and ``parts`` holds the three lengths that
-    `dubins_parts` returns for this type. The legs of the path are tangents of the curve's arcs.
-    Therefore a vehicle that rounds off each bend with the turning radius ``radius`` flies exactly
-    along the curve. From leg to leg, the direction changes by at most `SHARPEST`. The first leg has
-    the heading of the curve's start, and the last leg has the heading of the curve's end.
-    """
-    x, y, heading = (float(value) for value in np.asarray(start, dtype=np.float64))
-    found = [(x, y)]
-    for letter, length in zip(word, np.asarray(parts, dtype=np.float64).tolist(), strict=True):
-        sense = _SENSE[letter]
-        if not sense:
-            x, y = x + radius * length * cos(heading), y + radius * length * sin(heading)
-            continue
-        count = max(1, ceil(length / SHARPEST - _CLOSE))
-        bend = length / count
-        reach = radius * tan(bend / 2)
-        for _ in range(count):
-            x, y = x + reach * cos(heading), y + reach * sin(heading)
-            if reach > _SLIGHT:  # otherwise the path bends slightly where the arc begins
-                found.append((x, y))
-            heading += sense * bend
-            x, y = x + reach * cos(heading), y + reach * sin(heading)
-    found.append((x, y))
-    return np.array(found)
-
-
-def dubins_ways(
+def dubins_paths(
     starts: Floats, words: NDArray[np.int64], parts: Floats, radius: float
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the paths of many Dubins curves at once, equal to those of `dubins_way` except for
-    rounding errors.
+    """Return paths of straight legs that approximate Dubins curves.
+
+    The legs of a path are tangents of its curve's arcs. Therefore a vehicle that rounds off each
+    bend with the turning radius ``radius`` flies exactly along the curve. From leg to leg, the
+    direction changes by at most `SHARPEST`. The first leg has the heading of the curve's start, and
+    the last leg has the heading of the curve's end.
 
     Parameters
     ----------
@@ -199,7 +173,7 @@ LINK = (
 _FREE = np.radians([*range(0, 360, 30), *range(45, 360, 90)])  # corners are passed across
 _KEPT, _CUT = 1, 2  # marks of vertices
 _AT_ONCE = 1000  # number of links whose curves are computed at once
-_TOUCH = 0.005  # metres by which a curve may enter a blocked area because of rounding
+_TOUCH = 0.004  # metres by which a path may enter a blocked area; below the rounding in files
 _SAME = 1e-6  # metres, and radians
 _AHEAD = np.array(
     [0.0, 1.0, 2.0, 4.0]
@@ -223,105 +197,111 @@ class _Poses:
     vertices: list[int]
 
 
-@dataclass
-class _Room:
-    """The allowed area and the blocked areas for curves. A curve must not cross a blocked area.
+@dataclass(frozen=True, eq=False)
+class Airspace:
+    """Where vehicles may fly: geometries in metres, each of which may be missing.
 
-    A curve may leave the allowed area only if the straight line between the ends of the curve also
-    leaves the allowed area.
+    Parameters
+    ----------
+    blocked : Shapely geometry, optional
+        Areas that no turn may cross.
+    area : Shapely geometry, optional
+        Area that a turn must not leave, if the straight line between the ends of the turn lies
+        inside the area.
+    free : Shapely geometry, optional
+        Area that a path must not leave where legs are merged, unless the original path leaves it.
+    curves : dict
+        For each turning radius, the costs of links (two points that a curve must connect): the
+        lengths of the shortest unblocked curves, and their types. The key of a link consists of its
+        two end points, their possible headings, and whether curves may make detours. All flights in
+        one airspace share these costs.
     """
 
-    blocked: Any
-    area: Any
+    blocked: Any = None
+    area: Any = None
+    free: Any = None
+    curves: dict[float, dict[tuple[bytes, bool], tuple[Floats, Any]]] = field(
+        default_factory=dict, repr=False
+    )
 
-    @classmethod
-    def of(cls, blocked: Any, area: Any) -> _Room:
-        """Return the allowed area and the blocked areas, each with a small tolerance for rounding
-        errors.
-        """
+    @cached_property
+    def _bounds(self) -> tuple[Any, Any, Any]:
+        """The three geometries, with a small tolerance for rounding errors, prepared."""
         import shapely
 
-        closed = None if blocked is None or blocked.is_empty else blocked.buffer(-_TOUCH)
-        room = cls(closed, None if area is None else area.buffer(_TOUCH, join_style="mitre"))
-        shapely.prepare([shape for shape in (room.blocked, room.area) if shape is not None])
-        return room
+        blocked = (
+            None if self.blocked is None or self.blocked.is_empty else self.blocked.buffer(-_TOUCH)
+        )
+        area = None if self.area is None else self.area.buffer(_TOUCH, join_style="mitre")
+        free = None if self.free is None else self.free.buffer(_TOUCH)
+        shapely.prepare([shape for shape in (blocked, area, free) if shape is not None])
+        return blocked, area, free
 
-    def crossing(self, curves: list[Floats]) -> list[int]:
-        """Return the indices of the curves that cross a blocked area or leave the allowed area."""
-        if not curves:
-            return []
-        numbers = np.repeat(np.arange(len(curves)), [len(curve) for curve in curves])
-        return [
-            int(number) for number in np.flatnonzero(self.crossed(np.concatenate(curves), numbers))
-        ]
+    def allows(self, path: Floats) -> bool:
+        """Return whether a path avoids the blocked areas and stays in the free area."""
+        import shapely
 
-    def crossed(self, points: Floats, numbers: Any) -> Any:
-        """Return whether each of n curves crosses a blocked area or leaves the allowed area; bool,
-        shape (n,).
+        blocked, _, free = self._bounds
+        line = shapely.linestrings(path)
+        if blocked is not None and shapely.intersects(blocked, line):
+            return False
+        return free is None or bool(shapely.covers(free, line))
+
+    def blocks(self, points: Floats, numbers: Any) -> Any:
+        """Return whether each of n curves crosses a blocked area or leaves the area for turns;
+        bool, shape (n,).
 
         The array ``points`` holds the points of all curves, and ``numbers`` the index of the curve
         of each point, ascending from 0.
         """
+        blocked, area, _ = self._bounds
         count = int(numbers[-1]) + 1 if len(numbers) else 0
-        if not count or (self.blocked is None and self.area is None):
+        if not count or (blocked is None and area is None):
             return np.zeros(count, dtype=np.bool_)
         import shapely
 
         begins = np.searchsorted(numbers, np.arange(count))
         single = begins[np.diff(np.append(begins, len(numbers))) == 1]
         if len(single):  # a line needs two points
-            points, numbers = (
-                np.insert(points, single, points[single], axis=0),
-                np.insert(numbers, single, numbers[single]),
-            )
+            points = np.insert(points, single, points[single], axis=0)
+            numbers = np.insert(numbers, single, numbers[single])
             begins = np.searchsorted(numbers, np.arange(count))
         lines = shapely.linestrings(points, indices=numbers)
-        wrong = (
-            np.zeros(count, dtype=np.bool_)
-            if self.blocked is None
-            else shapely.intersects(self.blocked, lines)
-        )
-        if self.area is not None:
+        wrong = np.zeros(count, dtype=np.bool_)
+        if blocked is not None:
+            wrong |= shapely.intersects(blocked, lines)
+        if area is not None:
             ends = np.append(begins[1:], len(numbers)) - 1
             chords = shapely.linestrings(np.stack([points[begins], points[ends]], axis=1))
-            wrong |= ~shapely.covers(self.area, lines) & shapely.covers(self.area, chords)
+            wrong |= ~shapely.covers(area, lines) & shapely.covers(area, chords)
         return wrong
 
+    def circle_side(self, start: Floats, radius: float) -> str:
+        """Return the side on which a vehicle at a given pose has room for a circle: "L", "R", or an
+        empty text for neither side.
+        """
+        for side in "LR":
+            circle = circles(start, side, 1, radius)
+            if not self.blocks(circle, np.zeros(len(circle), dtype=np.int64))[0]:
+                return side
+        return ""
 
-Costs = dict[bytes, tuple[Floats, Any]]
-"""Costs of links, as `KnownCurves` holds them."""
 
-
-@dataclass
-class KnownCurves:
-    """A cache of curves, which all candidate sorties along one route share.
-
-    Several routes may share the costs, but not the vertices: the result for a route must not depend
-    on the routes before it.
-
-    Parameters
-    ----------
-    costs : dict
-        For each link (two points that a curve must connect), the lengths of the shortest unblocked
-        curves, and the types of these curves as indices in `WORDS`. The key of a link consists of
-        its two end points and their possible headings.
-    loose : set
-        Vertices at which straight legs had to be shortened, because all curves at the vertex were
-        blocked.
+def circles(start: Floats, side: str, count: int, radius: float) -> Floats:
+    """Return a path of ``count`` circles to the left ("L") or right ("R") of a pose, back to it;
+    float64, shape (k, 2).
     """
+    word = np.array([WORDS.index(f"{side}S{side}")])
+    return dubins_paths(start[None], word, np.array([(count * _ROUND, 0.0, 0.0)]), radius)[0]
 
-    costs: Costs = field(default_factory=dict)
-    loose: set[bytes] = field(default_factory=set)
 
-
-def turned_way(
+def plan_dubins_path(
     way: Floats,
     radius: float,
     *,
     link: float = 0.0,
-    blocked: Any = None,
-    area: Any = None,
-    known: KnownCurves | None = None,
+    airspace: Airspace | None = None,
+    loose: set[bytes] | None = None,
     cuts: Sequence[int] = (),
 ) -> list[Floats]:
     """Return a path that follows the legs of a given path, and turns outside these legs with at
@@ -348,14 +328,12 @@ def turned_way(
     link : float
         Maximum length in metres of a straight leg that a curve may replace, usually `LINK` times
         the side of the footprint.
-    blocked : Shapely geometry, optional
-        Areas that no curve may cross.
-    area : Shapely geometry, optional
-        Area that a curve must not leave if the straight line between the ends of the curve lies
-        inside the area.
-    known : KnownCurves, optional
-        Cache of curves for paths with equal ``radius``, ``link``, ``blocked`` and ``area``. New
-        curves are added to the cache.
+    airspace : Airspace, optional
+        Where curves may lead.
+    loose : set of bytes, optional
+        Vertices at which straight legs had to be shortened, because all curves at the vertex were
+        blocked. All candidate sorties along one route share them; those of other routes must not
+        come in, because the result for a route must not depend on the routes before it.
     cuts : sequence of int
         Indices of inner vertices at which the path is cut. A piece begins in the direction in which
         the previous piece ends.
@@ -373,7 +351,7 @@ def turned_way(
     Examples
     --------
     >>> rows = np.array([(0.0, 0.0), (400.0, 0.0), (400.0, 20.0), (0.0, 20.0), (-50.0, 0.0)])
-    >>> (flown,) = turned_way(rows, 50.0, link=30.0)
+    >>> (flown,) = plan_dubins_path(rows, 50.0, link=30.0)
     >>> bool((flown[:, 0].max() > 450.0) & (len(flown) > 12))
     True
     """
@@ -387,18 +365,18 @@ def turned_way(
     marks[np.cumsum(moves)[np.asarray(cuts, dtype=np.int64) - 1]] = _CUT
     straight = np.hypot(*np.diff(points, axis=0).T) > max(link, _SAME)
     straight[[0, -1]] = ~moves[[0, -1]]  # where the first or last point is given twice
-    room = _Room.of(blocked, area)
-    memory = KnownCurves() if known is None else known
-    loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in memory.loose]
+    airspace = Airspace() if airspace is None else airspace
+    loose = set() if loose is None else loose
+    loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in loose]
     detours = False
     while True:
         for vertex in reversed(loosen):
-            points, straight, marks = _loosened(
+            points, straight, marks = _shorten_straight_legs(
                 points, straight, marks, vertex, 3 * radius, max(link / LINK, radius / 8)
             )
-        found = _along(_poses(points, straight), radius, room, memory, detours=detours)
+        found = _shortest_path(_possible_poses(points, straight), radius, airspace, detours=detours)
         if not isinstance(found, list):
-            return _joined(*found, marks)
+            return _join_pieces(*found, marks)
         *stuck, lost = found
         exhausted = not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck)
         if exhausted and not detours:
@@ -406,17 +384,19 @@ def turned_way(
             continue
         if exhausted:
             allowed = (
-                "outside the no-go zones" if area is None else "in the airspace around the region"
+                "outside the no-go zones"
+                if airspace.area is None
+                else "in the airspace around the region"
             )
-            raise InvalidInputError(
+            raise NoRoomError(
                 f"turn_radius: expected room for turns of {radius:.4g} m {allowed}, got none at"
                 f" {text_of(points[lost])}"
             )
-        memory.loose.update(points[vertex].tobytes() for vertex in stuck)
+        loose.update(points[vertex].tobytes() for vertex in stuck)
         loosen = stuck
 
 
-def _loosened(
+def _shorten_straight_legs(
     points: Floats, straight: Any, marks: Any, vertex: int, reach: float, step: float
 ) -> tuple[Floats, Any, Any]:
     """Return the points, the straight legs and the marks of a path, with shorter straight legs at a
@@ -443,8 +423,8 @@ def _loosened(
     return points, straight, marks
 
 
-def _along(
-    poses: _Poses, radius: float, room: _Room, known: KnownCurves, *, detours: bool
+def _shortest_path(
+    poses: _Poses, radius: float, airspace: Airspace, *, detours: bool
 ) -> tuple[_Poses, Any, list[Floats]] | list[int]:
     """Return the shortest path through all points.
 
@@ -453,12 +433,12 @@ def _along(
     unreachable vertex.
     """
     links = np.flatnonzero(~np.array(poses.straight))
-    lengths, words = _costs(poses, links, radius)
+    lengths, words = _link_costs(poses, links, radius)
     looked: set[int] = set()
     extended: set[int] = set()
     known_curves: dict[tuple[int, int, int], Floats] = {}
     while True:
-        chosen = _cheapest(poses, links, lengths)
+        chosen = _choose_headings(poses, links, lengths)
         if isinstance(chosen, int):
             before = (
                 range(*np.searchsorted(links, (chosen - _RETRIED, chosen)).tolist())
@@ -470,8 +450,8 @@ def _along(
                 for number in retried:
                     looked.add(number)
                     extended.add(number)
-                    lengths[number], words[number] = _detour_costs(
-                        poses, int(links[number]), radius, room, known
+                    lengths[number], words[number] = _clear_costs(
+                        poses, int(links[number]), radius, airspace, detours=True
                     )
                 known_curves = {
                     key: curve for key, curve in known_curves.items() if key[0] not in extended
@@ -486,21 +466,24 @@ def _along(
             (number, chosen[link], chosen[link + 1]) for number, link in enumerate(links.tolist())
         ]
         fresh = [key for key in keys if key not in known_curves]
-        curves = _curves(poses, links, words, fresh, radius)
+        curves = _chosen_curves(poses, links, words, fresh, radius)
         known_curves.update(zip(fresh, curves, strict=True))
         untested = [k for k, key in enumerate(fresh) if key[0] not in looked]
-        crossing = [fresh[untested[k]][0] for k in room.crossing([curves[k] for k in untested])]
+        numbers = np.repeat(np.arange(len(untested)), [len(curves[k]) for k in untested])
+        tested = np.concatenate([np.zeros((0, 2)), *(curves[k] for k in untested)])
+        blocked = np.flatnonzero(airspace.blocks(tested, numbers)).tolist()
+        crossing = [fresh[untested[k]][0] for k in blocked]
         if not crossing:
             return poses, links, [known_curves[key] for key in keys]
         for number in crossing:  # all curves of these links are tested once
             looked.add(number)
-            lengths[number], words[number] = _free_costs(
-                poses, int(links[number]), radius, room, known
+            lengths[number], words[number] = _clear_costs(
+                poses, int(links[number]), radius, airspace
             )
         known_curves = {key: curve for key, curve in known_curves.items() if key[0] not in crossing}
 
 
-def _poses(points: Floats, far: Any) -> _Poses:
+def _possible_poses(points: Floats, far: Any) -> _Poses:
     """Return the points of a path with their possible headings. Both ends of a straight leg have
     the heading of this leg.
     """
@@ -527,7 +510,7 @@ def _poses(points: Floats, far: Any) -> _Poses:
     return _Poses(points[vertices], np.array(headings), straight[:-1], vertices)
 
 
-def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
+def _link_costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
     """Return the length and the type of the shortest Dubins curve for each link and each pair of
     headings at its two ends.
     """
@@ -540,7 +523,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
     for some, count in ((np.flatnonzero(fixed), 1), (np.flatnonzero(~fixed), HEADINGS)):
         for begin in range(0, len(some), _AT_ONCE):
             chunk = some[begin : begin + _AT_ONCE]
-            every = _parts(poses, links[chunk], radius, count).sum(axis=-1)
+            every = _link_parts(poses, links[chunk], radius, count).sum(axis=-1)
             lengths[chunk, :count, :count], words[chunk, :count, :count] = (
                 every.min(axis=-1),
                 every.argmin(axis=-1),
@@ -548,7 +531,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
     return lengths, words
 
 
-def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
+def _link_parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
     """Return the lengths of the parts of each link's Dubins curves, infinite for unused headings;
     shape (n, count, count, 6, 3).
     """
@@ -559,99 +542,68 @@ def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> F
     return dubins_parts(ends[0][:, :, None, :], ends[1][:, None, :, :], radius)
 
 
-def _free_costs(
-    poses: _Poses, link: int, radius: float, room: _Room, known: KnownCurves
+def _clear_costs(
+    poses: _Poses, link: int, radius: float, airspace: Airspace, *, detours: bool = False
 ) -> tuple[Floats, Any]:
-    """Return the lengths and types of the shortest unblocked Dubins curves of one link, for each
-    pair of headings.
+    """Return the lengths and types of the shortest unblocked curves of one link, for each pair of
+    headings.
+
+    With ``detours``, a link whose Dubins curves are all blocked for a pair of headings makes a
+    detour: a Dubins curve with a straight leg before it, a straight leg after it, or both. The type
+    is the index of the curve type in `WORDS`, plus 6 times the index of the pair of straight legs.
     """
-    key = poses.points[link : link + 2].tobytes() + poses.headings[link : link + 2].tobytes()
-    if key in known.costs:
-        return known.costs[key]
-    parts = _parts(poses, np.array([link]), radius)[0]
-    lengths = parts.sum(axis=-1)
-    ranks = np.argsort(lengths, axis=-1, kind="stable")
-    best, words = np.full(lengths.shape[:2], np.inf), np.zeros(lengths.shape[:2], dtype=np.int8)
-    ones, others = np.nonzero(np.isfinite(lengths).any(axis=-1))
-    for rank in range(
-        len(WORDS)
-    ):  # the shortest curve of each pair of headings first; a longer one only if it is blocked
-        word = ranks[ones, others, rank]
-        there = np.isfinite(lengths[ones, others, word])
-        ones, others, word = ones[there], others[there], word[there]
-        if not len(ones):
-            break
-        starts = np.column_stack(
-            [np.tile(poses.points[link], (len(ones), 1)), poses.headings[link, ones]]
-        )
-        blocked = room.crossed(*dubins_ways(starts, word, parts[ones, others, word], radius))
-        free = ones[~blocked], others[~blocked]
-        words[free] = word[~blocked]
-        best[free] = lengths[(*free, word[~blocked])]
-        ones, others = ones[blocked], others[blocked]
-    known.costs[key] = best, words
-    return known.costs[key]
-
-
-def _detour_costs(
-    poses: _Poses, link: int, radius: float, room: _Room, known: KnownCurves
-) -> tuple[Floats, Any]:
-    """Return the lengths and types of the shortest unblocked curves of one link, with detours where
-    all Dubins curves are blocked.
-
-    A detour is a Dubins curve with a straight leg before it, a straight leg after it, or both. The
-    type is the index of the curve type in `WORDS` plus 6 times the index of the pair of straight
-    legs.
-    """
-    key = (
-        poses.points[link : link + 2].tobytes()
-        + poses.headings[link : link + 2].tobytes()
-        + b"detours"
-    )
-    if key in known.costs:
-        return known.costs[key]
-    best, types = (array.copy() for array in _free_costs(poses, link, radius, room, known))
+    known = airspace.curves.setdefault(radius, {})
+    ends = slice(link, link + 2)
+    key = (poses.points[ends].tobytes() + poses.headings[ends].tobytes(), detours)
+    if key in known:
+        return known[key]
+    ahead = _AHEAD if detours else _AHEAD[:1]
+    best = np.full((HEADINGS, HEADINGS), np.inf)
+    kinds = np.zeros((HEADINGS, HEADINGS), dtype=np.int8)
+    if detours:
+        direct, words = _clear_costs(poses, link, radius, airspace)
+        best, kinds = direct.copy(), words.copy()
     there = ~np.isnan(poses.headings[link])[:, None] & ~np.isnan(poses.headings[link + 1])
     ones, others = np.nonzero(there & ~np.isfinite(best))
-    poses_at = [
-        np.column_stack(
-            [np.tile(poses.points[link + end], (len(k), 1)), poses.headings[link + end, k]]
-        )
-        for end, k in ((0, ones), (1, others))
-    ]
-    count = len(_AHEAD)
-    before, after = np.repeat(_AHEAD, count), np.tile(_AHEAD, count)
-    starts = _moved(
-        poses_at[0][:, None], radius * before
-    )  # shape (pairs, combinations of straight legs, 3)
-    ends = _moved(poses_at[1][:, None], -radius * after)
-    parts = dubins_parts(starts, ends, radius)
+    first, last = (
+        np.column_stack([np.tile(poses.points[point], (len(k), 1)), poses.headings[point, k]])
+        for point, k in ((link, ones), (link + 1, others))
+    )
+    before, after = np.repeat(ahead, len(ahead)), np.tile(ahead, len(ahead))
+    starts = _move_ahead(
+        first[:, None], radius * before
+    )  # shape (pairs, pairs of straight legs, 3)
+    stops = _move_ahead(last[:, None], -radius * after)
+    parts = dubins_parts(starts, stops, radius)
     lengths = (parts.sum(axis=-1) + (before + after)[:, None]).reshape(
         len(ones), len(before) * len(WORDS)
     )
-    lengths[:, : len(WORDS)] = np.inf  # without straight legs: already blocked
+    if detours:
+        lengths[:, : len(WORDS)] = np.inf  # without straight legs: already blocked
     ranks = np.argsort(lengths, axis=-1, kind="stable")
     left = np.arange(len(ones))
-    for rank in range(lengths.shape[1] - len(WORDS)):
+    for rank in range(lengths.shape[1]):  # the shortest first; a longer one only if it is blocked
         kind = ranks[left, rank]
         possible = np.isfinite(lengths[left, kind])
         left, kind = left[possible], kind[possible]
         if not len(left):
             break
         legs, word = kind // len(WORDS), kind % len(WORDS)
-        points, numbers = dubins_ways(starts[left, legs], word, parts[left, legs, word], radius)
-        points = np.concatenate([poses_at[0][left, :2], points, poses_at[1][left, :2]])
-        numbers = np.concatenate([np.arange(len(left)), numbers, np.arange(len(left))])
-        order = np.argsort(numbers, kind="stable")
-        free = ~room.crossed(points[order], numbers[order])
-        best[ones[left[free]], others[left[free]]] = lengths[left[free], kind[free]]
-        types[ones[left[free]], others[left[free]]] = kind[free]
-        left = left[~free]
-    known.costs[key] = best, types
-    return known.costs[key]
+        points, numbers = dubins_paths(starts[left, legs], word, parts[left, legs, word], radius)
+        if detours:
+            points = np.concatenate([first[left, :2], points, last[left, :2]])
+            numbers = np.concatenate([np.arange(len(left)), numbers, np.arange(len(left))])
+            order = np.argsort(numbers, kind="stable")
+            points, numbers = points[order], numbers[order]
+        clear = ~airspace.blocks(points, numbers)
+        best[ones[left[clear]], others[left[clear]]] = lengths[left[clear], kind[clear]]
+        kinds[ones[left[clear]], others[left[clear]]] = kind[clear]
+        left = left[~clear]
+    known[key] = best, kinds
+    return known[key]
 
 
-def _moved(poses: Floats, lengths: Floats) -> Floats:
+def _move_ahead(poses: Floats, lengths: Floats) -> Floats:
     """Return poses moved straight ahead by given lengths in metres."""
     x, y, heading = np.moveaxis(poses, -1, 0)
     return np.stack(
@@ -664,7 +616,7 @@ def _moved(poses: Floats, lengths: Floats) -> Floats:
     )
 
 
-def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
+def _choose_headings(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
     """Return the heading of each point on the shortest path, as a column index of ``headings``.
 
     If no path exists, return the first unreachable point.
@@ -688,7 +640,7 @@ def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
     return chosen[::-1]
 
 
-def _curves(
+def _chosen_curves(
     poses: _Poses, links: Any, words: Any, chosen: list[tuple[int, int, int]], radius: float
 ) -> list[Floats]:
     """Return the curve of each chosen link. A chosen link is its number, and the numbers of the
@@ -702,25 +654,20 @@ def _curves(
     ends = np.column_stack([poses.points[begins + 1], poses.headings[begins + 1, others]])
     legs, types = np.divmod(words[numbers, ones, others].astype(np.int64), len(WORDS))
     before, after = (radius * _AHEAD[index] for index in np.divmod(legs, len(_AHEAD)))
-    starts, ends = _moved(starts, before), _moved(ends, -after)
+    starts, ends = _move_ahead(starts, before), _move_ahead(ends, -after)
     parts = dubins_parts(starts, ends, radius)[np.arange(len(types)), types]
-    found = []
-    for start, end, word, lengths, straight in zip(
-        starts, ends, types.tolist(), parts, np.stack([before, after], axis=1), strict=True
-    ):
-        way = dubins_way(start, WORDS[word], lengths, radius)
-        way[-1] = end[:2]  # the heading exists except for rounding errors
-        if straight.any():
-            first, last = (
-                _moved(start[None], -straight[:1])[0, :2],
-                _moved(end[None], straight[1:])[0, :2],
-            )
-            way = np.vstack([first, way, last])
-        found.append(way)
+    points, curves = dubins_paths(starts, types, parts, radius)
+    found = np.split(points, np.flatnonzero(np.diff(curves)) + 1)
+    for number, way in enumerate(found):
+        way[-1] = ends[number, :2]  # the heading exists except for rounding errors
+        if before[number] or after[number]:
+            first = _move_ahead(starts[number], -before[number])[:2]
+            last = _move_ahead(ends[number], after[number])[:2]
+            found[number] = np.vstack([first, way, last])
     return found
 
 
-def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
+def _join_pieces(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
     """Return the pieces of the path that consists of all legs and curves, without unmarked points
     on straight lines.
 
@@ -749,13 +696,3 @@ def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list
     way, mark = way[mark > 0], mark[mark > 0]
     borders = [0, *np.flatnonzero(mark == _CUT).tolist(), len(way) - 1]
     return [np.asarray(way[begin : end + 1]) for begin, end in pairwise(borders)]
-
-
-def room_beside(start: Floats, radius: float, *, blocked: Any, area: Any) -> str:
-    """Return the side on which a vehicle at a given pose has room for a circle: "L", "R", or an
-    empty text for neither side.
-    """
-    room = _Room.of(blocked, area)
-    return "".join(
-        sense for sense in "LR" if not room.crossing([dubins_way(start, sense, [2 * pi], radius)])
-    )[:1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -12,10 +12,35 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.search.flight.timing import Floats, Trajectory
 
+HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
+"""Defaults of the horizontal and vertical separation in metres, and of a vehicle's maximum
+unplanned delay in seconds.
+"""
+
 LEVEL = 1e-3  # metres: tolerance of the vertical separation
 _HAIR = 1e-9  # relative to a leg's duration
 _HIGHEST = 1e6  # metres: a larger vertical separation counts as infinite
 _FIRST = 64  # number of pairs of legs that are tested first
+
+
+@dataclass(frozen=True)
+class Separation:
+    """The required horizontal and vertical distance of vehicles in flight.
+
+    Two vehicles must always keep the horizontal or the vertical distance.
+
+    Parameters
+    ----------
+    horizontal, vertical : float
+        Required horizontal and vertical distance in metres.
+    delay : float
+        Maximum unplanned delay of each vehicle in seconds. The unplanned delays of different
+        vehicles are independent.
+    """
+
+    horizontal: float = HORIZONTAL
+    vertical: float = VERTICAL
+    delay: float = DELAY
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,6 +260,21 @@ def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats
     return point, along, low, np.where(touching, low, high)
 
 
+def _edges(
+    start: Floats, mine: _Legs, theirs: _Legs, normals: Floats, limits: Floats
+) -> Iterator[tuple[Floats, Floats, Floats, Floats, Floats, Floats]]:
+    """Yield, for each constraint, what `_clipped` returns of its border line, and along this line
+    the horizontal offset of the two vehicles at its point and the change of this offset.
+    """
+    for edge in range(normals.shape[1]):
+        point, along, low, high = _clipped(normals, limits, edge)
+        base, change = (
+            times[:, :1] * mine.velocities[:, :2] - times[:, 1:] * theirs.velocities[:, :2]
+            for times in (point, along)
+        )
+        yield point, along, low, high, start + base, change
+
+
 def _least(
     mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
 ) -> tuple[float, Any]:
@@ -244,12 +284,7 @@ def _least(
     normals, limits = _planes(mine, theirs, level, shift)
     start = mine.points[:, :2] - theirs.points[:, :2]
     found = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
-    for edge in range(normals.shape[1]):
-        point, along, low, high = _clipped(normals, limits, edge)
-        base = (
-            start + point[:, :1] * mine.velocities[:, :2] - point[:, 1:] * theirs.velocities[:, :2]
-        )
-        change = along[:, :1] * mine.velocities[:, :2] - along[:, 1:] * theirs.velocities[:, :2]
+    for point, along, low, high, base, change in _edges(start, mine, theirs, normals, limits):
         square = (change**2).sum(axis=1)
         best = -(base * change).sum(axis=1) / np.where(square > 0, square, 1.0)
         there = (low <= high) & np.isfinite(low) & np.isfinite(high)
@@ -340,17 +375,14 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
     start = a.points[:, :2] - b.points[:, :2]
     begins, near_by = a.begins - b.begins, horizontal + a.reach + b.reach
     found = [_tangents(start, a.velocities, b.velocities, normals, limits, near_by)]
-    for edge in range(normals.shape[1]):
-        point, along, least, most = _clipped(normals, limits, edge)
-        base = start + point[:, :1] * a.velocities[:, :2] - point[:, 1:] * b.velocities[:, :2]
-        change = along[:, :1] * a.velocities[:, :2] - along[:, 1:] * b.velocities[:, :2]
-        least, most = _near(base, change, near_by, least, most)
+    for point, along, low, high, base, change in _edges(start, a, b, normals, limits):
+        least, most = _near(base, change, near_by, low, high)
         there = (least <= most) & np.isfinite(least) & np.isfinite(most)
         ends = np.where(there[:, None], np.stack([least, most], axis=1), 0.0)
         shifts = (point[:, 0] - point[:, 1])[:, None] + ends * (along[:, 0] - along[:, 1])[:, None]
         found.append(np.where(there[:, None], np.sort(shifts, axis=1), [np.inf, -np.inf]))
     every = np.array(found)
-    return merged_intervals(
+    return merge_intervals(
         np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1)
     )
 
@@ -399,14 +431,14 @@ def _tangents(
     return np.stack([found[0], found[1]], axis=1)
 
 
-def merged_intervals(intervals: Floats) -> Floats:
+def merge_intervals(intervals: Floats) -> Floats:
     """Return the unions of overlapping intervals in increasing order; float64, shape (k, 2).
 
     The function drops intervals that end before they begin.
 
     Examples
     --------
-    >>> merged_intervals(np.array([(3.0, 4.0), (0.0, 2.0), (1.0, 2.5), (9.0, 8.0)])).tolist()
+    >>> merge_intervals(np.array([(3.0, 4.0), (0.0, 2.0), (1.0, 2.5), (9.0, 8.0)])).tolist()
     [[0.0, 2.5], [3.0, 4.0]]
     """
     kept = intervals[intervals[:, 0] <= intervals[:, 1]]
@@ -420,11 +452,6 @@ def merged_intervals(intervals: Floats) -> Floats:
     )
 
 
-HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
-"""Defaults of the horizontal and vertical separation in metres, and of a vehicle's maximum
-unplanned delay in seconds.
-"""
-
 _WORTH = 0.05  # relative to the longest flight: time that another layer must save
 # seconds: distance of delays from a conflict, so that delays can be rounded to whole seconds
 _AFTER = 1.0
@@ -433,27 +460,7 @@ Flights = Callable[[int], Sequence[Trajectory]]
 Started = tuple[Sequence[Trajectory], float]
 
 
-@dataclass(frozen=True)
-class Separation:
-    """The required horizontal and vertical distance of vehicles in flight.
-
-    Two vehicles must always keep the horizontal or the vertical distance.
-
-    Parameters
-    ----------
-    horizontal, vertical : float
-        Required horizontal and vertical distance in metres.
-    delay : float
-        Maximum unplanned delay of each vehicle in seconds. The unplanned delays of different
-        vehicles are independent.
-    """
-
-    horizontal: float = HORIZONTAL
-    vertical: float = VERTICAL
-    delay: float = DELAY
-
-
-def staggered(
+def stagger_starts(
     flights: Sequence[Flights],
     separation: Separation,
     layers: Sequence[int] | None = None,
@@ -493,7 +500,7 @@ def staggered(
     --------
     >>> way = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 30.0), (100.0, 0.0, 30.0), (0.0, 0.0, 30.0), (0.0, 0.0, 0.0)])
     >>> flight = Trajectory(np.array([0.0, 10.0, 30.0, 50.0, 60.0]), way)
-    >>> layers, delays = staggered([lambda layer: [flight]] * 2, Separation())
+    >>> layers, delays = stagger_starts([lambda layer: [flight]] * 2, Separation())
     >>> layers.tolist(), delays.tolist()
     ([0, 0], [0.0, 71.0])
     """
@@ -541,7 +548,7 @@ def _earliest(
             # With both uncertainties, the start differs by delay - started, plus or minus the
             # tolerance.
             barred.append(started - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0]))
-    for low, high in merged_intervals(np.concatenate(barred)).tolist():
+    for low, high in merge_intervals(np.concatenate(barred)).tolist():
         if low - _AFTER < delay < high + _AFTER:
             delay = high + _AFTER
     return float(np.ceil(delay))

@@ -37,11 +37,11 @@ class Sorties:
     way : ndarray of float64, shape (k, 2) or (k, 3)
         Path in metres, with altitudes in the third column.
     flight : Flight
-    room : int
+    most_waypoints : int
         Maximum number of waypoints in a sortie.
     ways : callable or None
         Function that computes the path between home and a point of the route; see
-        `shoal.missions.missions_of`.
+        `shoal.missions.split_missions`.
     robot : int
         Number of the robot for error messages.
     out : int
@@ -49,9 +49,16 @@ class Sorties:
     """
 
     def __init__(
-        self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int, out: int
+        self,
+        way: Points,
+        flight: Flight,
+        most_waypoints: int,
+        ways: Ways | None,
+        robot: int,
+        out: int,
     ) -> None:
-        self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
+        self.way, self.flight, self.ways, self.robot = way, flight, ways, robot
+        self.most_waypoints = most_waypoints
         self.home, self.limit = flight.home, (1 - _FLAT) * flight.vehicle.usable_seconds - _ROUNDING
         self.returning = replace(flight, landing=None)
         self.at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
@@ -67,7 +74,10 @@ class Sorties:
             no room for a turn.
         """
         *early, last = [waypoints for waypoints, _, _ in self.parts()]
-        return [*(self.returning.flown(waypoints) for waypoints in early), self.flight.flown(last)]
+        return [
+            *(self.returning.trajectory(waypoints) for waypoints in early),
+            self.flight.trajectory(last),
+        ]
 
     def parts(self) -> list[tuple[NDArray[np.float64], int, int]]:
         """Return the waypoints of each sortie, with the columns of `Flight.waypoints`.
@@ -80,7 +90,7 @@ class Sorties:
         while True:
             until = self._latest(begin)
             waypoints = self._sortie(begin, until)
-            found.append((waypoints, *self._beside(waypoints, begin, until)))
+            found.append((waypoints, *self._count_beside(waypoints, begin, until)))
             if until >= end:
                 return found
             begin = until
@@ -116,8 +126,8 @@ class Sorties:
     def _fits(self, begin: float, until: float) -> bool:
         waypoints = self._sortie(begin, until)
         return (
-            len(waypoints) <= self.room
-            and self._flight(until).flown(waypoints).duration <= self.limit
+            len(waypoints) <= self.most_waypoints
+            and self._flight(until).trajectory(waypoints).duration <= self.limit
         )
 
     def _sortie(self, begin: float, until: float) -> NDArray[np.float64]:
@@ -126,10 +136,12 @@ class Sorties:
         """
         flight = self._flight(until)
         out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
-        out, between, back = map(flight.lengthened, (out, self._between(begin, until), back))
+        out, between, back = map(
+            flight.lengthen_short_legs, (out, self._between(begin, until), back)
+        )
         return flight.waypoints(np.vstack([out[1:-1], between, back[1:-1]]))
 
-    def _beside(
+    def _count_beside(
         self, waypoints: NDArray[np.float64], begin: float, until: float
     ) -> tuple[int, int]:
         """Return the number of waypoints before and after the section of the path that a sortie
@@ -179,19 +191,22 @@ class Sorties:
         progress.
         """
         shortest = self._sortie(begin, begin)
-        if self.flight.flown(shortest).duration <= self.limit and len(shortest) + 1 > self.room:
+        if (
+            self.flight.trajectory(shortest).duration <= self.limit
+            and len(shortest) + 1 > self.most_waypoints
+        ):
             raise InvalidInputError(
-                f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: the"
+                f"cap: expected room for more waypoints of robot {self.robot}, got {self.most_waypoints}: the"
                 f" paths from home to {text_of(self._point(begin))} and back have {len(shortest)}"
                 " waypoints"
             )
         away = np.hypot(*(self.way[:, :2] - self.home).T)
         farthest = self.way[int(np.argmax(away))]  # the next obstacle to progress
-        needed = self.flight.flown(self.flight.waypoints(farthest[None])).duration
+        needed = self.flight.trajectory(self.flight.waypoints(farthest[None])).duration
         because = f"{text_of(farthest)} is {away.max():.6g} m from home"
         if needed <= self.limit:  # the paths from home and back are longer than straight paths
             until = min(begin + _SHORTEST, float(self.at[-1]))
-            needed = self._flight(until).flown(self._sortie(begin, until)).duration
+            needed = self._flight(until).trajectory(self._sortie(begin, until)).duration
             because = f"the paths from home to {text_of(self._point(begin))} and back take as long"
         raise InvalidInputError(
             f"endurance: expected sorties of more than {needed / 60:.4g} min for robot"

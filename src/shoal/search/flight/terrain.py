@@ -190,7 +190,9 @@ class Profile:
     rough: float
 
 
-def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float) -> Profile:
+def ground_profile(
+    terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float
+) -> Profile:
     """Return ground heights below a path: at the path's vertices, at every crossed grid line, and
     at points in between.
 
@@ -204,10 +206,6 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
         Allowed error of the height above ground, in metres. Between two samples, the ground
         deviates from a straight line by at most an eighth of ``error``, unless the terrain is too
         rough.
-
-    Raises
-    ------
-    InvalidInputError
     """
     ends = terrain.grid_points(way, frame)
     spans = np.abs(np.diff(ends, axis=0)).max(axis=1, initial=0.0)
@@ -265,7 +263,7 @@ def _crossings(along: Floats, places: Points) -> Floats:
     return np.concatenate(found)
 
 
-def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
+def limit_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
     """Return the lowest heights along a path that keep to limits of climb and descent, and are
     nowhere below given heights.
 
@@ -281,7 +279,7 @@ def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
 
     Examples
     --------
-    >>> limited_climbs(np.array([0.0, 0.0, 10.0, 0.0]), np.full(3, 6.0), np.full(3, 8.0)).tolist()
+    >>> limit_climbs(np.array([0.0, 0.0, 10.0, 0.0]), np.full(3, 6.0), np.full(3, 8.0)).tolist()
     [0.0, 4.0, 10.0, 2.0]
     """
     up, down = (np.concatenate([[0.0], np.cumsum(most)]) for most in (climbs, sinks))
@@ -289,7 +287,7 @@ def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
     return np.asarray(np.maximum.accumulate(raised + down) - down)
 
 
-def followed(profile: Profile, clearance: float, error: float) -> Floats:
+def follow_terrain(profile: Profile, clearance: float, error: float) -> Floats:
     """Return a path with a nearly constant height above the ground. The function adds points
     between the path's vertices.
 
@@ -310,7 +308,7 @@ def followed(profile: Profile, clearance: float, error: float) -> Floats:
     Examples
     --------
     >>> hill = Profile(np.array([(0.0, 0.0), (50.0, 0.0), (100.0, 0.0)]), np.array([0.0, 20.0, 0.0]), np.array([0, 2]), 0.0)
-    >>> followed(hill, 30.0, 2.0).tolist()
+    >>> follow_terrain(hill, 30.0, 2.0).tolist()
     [[0.0, 0.0, 30.0], [50.0, 0.0, 50.0], [100.0, 0.0, 30.0]]
     """
     wanted = profile.heights + clearance

@@ -37,10 +37,11 @@ from shoal.search.cells.layers import (
 )
 from shoal.search.cells.routing import RegionPaths, Route, Transits, WaysOut
 from shoal.search.cells.visibility_graph import leg_lengths
-from shoal.search.flight.dubins import LINK, Costs
+from shoal.search.flight.dubins import LINK, Airspace, NoRoomError
 from shoal.search.flight.flight import Flight
+from shoal.search.flight.legs import merge_straight_legs
 from shoal.search.flight.sorties import Sorties as FlightSorties
-from shoal.search.flight.timing import Trajectory, merged, turn_cells, turn_shares, working_seconds
+from shoal.search.flight.timing import Trajectory, turn_cells, turn_shares, working_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.planning.orientation import (
     Candidate,
@@ -104,6 +105,9 @@ def start_points(problem: SearchProblem, grid: CellGrid, rng: Generator) -> Poin
 
 Points = NDArray[np.float64]
 Sorties = tuple[tuple[float, float], ...]
+Durations = tuple[float, ...] | InvalidInputError
+"""The durations of a robot's flights in seconds or, if it cannot fly its path, the reason."""
+
 MERGED = 0.001
 """Maximum distance in metres of an omitted point of a path from the straight leg that
 replaces it.
@@ -111,9 +115,6 @@ replaces it.
 
 NARROWER = (0.5, 0.25, 0.0)
 """Margins that are tried for vehicles without room, as shares of the default margin."""
-
-NO_ROOM = ("turn_radius", "launch: expected a path ", "landing: expected a path ")
-"""Beginnings of the errors of a vehicle without room."""
 
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
@@ -166,8 +167,9 @@ class SearchPlan:
         delay, and again as soon as it is back and recharged.
     image : Image, optional
         Image of the vehicles' camera. By default, robots see squares along the rows of cells.
-    curves : dict
-        Cache of the curves of fixed wings, which all compared plans and the missions share.
+    airspace : Airspace
+        Where vehicles may fly, with the known curves of fixed wings, which all compared plans and
+        the missions share.
     flown : dict
         Cache of the durations of flights, which all compared allocations of one tour share.
     """
@@ -188,12 +190,16 @@ class SearchPlan:
     flies: bool = False
     schedule: tuple[Sorties, ...] | None = None
     image: Image | None = None
-    curves: dict[Any, Costs] = field(default_factory=dict, repr=False)
-    flown: dict[Any, tuple[float, ...] | str] = field(default_factory=dict, repr=False)
+    airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
+    flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if self.delays is None:
             object.__setattr__(self, "delays", np.zeros(len(self.places)))
+        if self.airspace is None:
+            region = self.grid.region
+            blocked = grown(region.no_go, region.margin)
+            object.__setattr__(self, "airspace", Airspace(blocked, free=region.free))
 
     @property
     def tour(self) -> Tour:
@@ -236,23 +242,23 @@ class SearchPlan:
         )
 
     @cached_property
-    def refusal(self) -> str:
-        """The reason why a vehicle cannot fly its path, or an empty text if all vehicles can.
+    def refusal(self) -> InvalidInputError | None:
+        """The reason why a vehicle cannot fly its path, or None if all vehicles can.
 
         A battery may be too small, or there may be no room for a turn.
         """
         if not self.flies or self.schedule is not None:
-            return ""
+            return None
         durations = (
             self._durations(robot, stops)
             for robot in range(len(self.places))
             if len(stops := self.stops(robot))
         )
-        return next((lasting for lasting in durations if isinstance(lasting, str)), "")
+        return next((lasting for lasting in durations if not isinstance(lasting, tuple)), None)
 
     def _durations(
         self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
-    ) -> tuple[float, ...] | str:
+    ) -> Durations:
         """Return the durations of a robot's flights in seconds or, if it cannot fly its path, the
         reason.
         """
@@ -265,7 +271,7 @@ class SearchPlan:
                     flight.duration for flight in self._flights(robot, stops, detours)
                 )
             except InvalidInputError as error:
-                self.flown[key] = str(error)
+                self.flown[key] = error.with_traceback(None)
         return self.flown[key]
 
     def sorties_along(
@@ -286,7 +292,7 @@ class SearchPlan:
         if not len(np.asarray(stops)):
             return ()
         durations = self._durations(robot, stops, detours)
-        for seconds in (self.seconds(cells),) if isinstance(durations, str) else durations:
+        for seconds in durations if isinstance(durations, tuple) else (self.seconds(cells),):
             found.append((since, seconds))
             since += seconds + self.vehicle.recharge_seconds
         return tuple(found)
@@ -297,21 +303,22 @@ class SearchPlan:
         """Return the flights of a robot, as its missions contain them: out, along the stops, and
         home, with turns and climbs.
         """
-        region, vehicle = self.grid.region, self.vehicle
+        vehicle = self.vehicle
         out, way = self.flown_route(robot, stops, detours)
         ending = "land" if self.landing is not None else "loiter" if vehicle.radius else "return"
         flight = Flight(
             vehicle,
             self.places[robot],
-            rate=float(self.rates[robot]),
-            link=float(self.footprints[robot]) * LINK,
-            blocked=grown(region.no_go, region.margin),
-            free=region.free,
             landing=None if self.landing is None else self.landing[robot],
             ending=ending,
-            curves=self.curves,
+            airspace=self.airspace,
+            rate=float(self.rates[robot]),
+            link=float(self.footprints[robot]) * LINK,
         )
-        led, searched = merged(way[: out + 1], MERGED)[:-1], merged(way[out:], MERGED)
+        led, searched = (
+            merge_straight_legs(way[: out + 1], MERGED)[:-1],
+            merge_straight_legs(way[out:], MERGED),
+        )
         return FlightSorties(
             np.vstack([led, searched]), flight, _MEMORY, self.leg, robot + 1, len(led)
         ).trajectories()
@@ -564,7 +571,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     region: SearchRegion = problem.place
     if problem.margin is not None or not region.margin:
         return _said(plan)
-    for share in NARROWER if plan.refusal.startswith(NO_ROOM) else ():
+    for share in NARROWER if isinstance(plan.refusal, NoRoomError) else ():
         margin = share * region.margin
         place = with_margin(
             without_margin(region), margin, barriers=region.barriers, pointed=region.pointed
@@ -574,7 +581,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
             found = plan_at_margin(narrow, seed)
         except InvalidInputError:
             continue
-        if not found.refusal.startswith(NO_ROOM):
+        if not isinstance(found.refusal, NoRoomError):
             tell_once(narrower_margin_text(margin, region.margin))
             return _said(found)
     return _said(plan)
@@ -592,7 +599,7 @@ def narrower_margin_text(margin: float, wanted: float) -> str:
 
 def _said(plan: SearchPlan) -> SearchPlan:
     """Return a plan, with a notice if a vehicle cannot fly its path."""
-    if plan.refusal:
+    if plan.refusal is not None:
         tell_once(
             "plan: its times are estimates without the paths of vehicles, because a vehicle cannot"
             f" fly its path: {plan.refusal}"
@@ -671,11 +678,10 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     every = [
         plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)
     ]
-    curves: dict[Any, Costs] = {}
-    every = [replace(plan, curves=curves) for plan in every]
-    plans = [
-        plan for plan in every if not plan.refusal
-    ] or every  # a plan that cannot be flown is not the fastest
+    every = [replace(plan, airspace=every[0].airspace) for plan in every]
+    plans = [plan for plan in every if plan.refusal is None]
+    if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
+        return min(every, key=lambda plan: plan.seconds(plan.allocation.makespan))
     best = min(plans, key=_without_delays)
     return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
 
@@ -753,7 +759,7 @@ def _team_plans(
     shared = [Candidate(angle, tour.name, time, given.allocator) for given, time in compared]
     delays = np.zeros(robots) if problem.delays is None else np.array(problem.delays)
     plans = []
-    flown: dict[Any, tuple[float, ...] | str] = {}
+    flown: dict[Any, Durations] = {}
     for allocation, _ in compared:
         given = allocation
         if problem.multiplicity > 1:

@@ -674,10 +674,6 @@ class SearchProblem(Problem):
     def check_at_place(self) -> None:
         """Refuse a region of several parts if robots must stay inside it, and refuse altitudes
         above the top of a volume.
-
-        Raises
-        ------
-        InvalidInputError
         """
         region: SearchRegion = self.place
         check_spikes(region.area, float(np.min(self.chosen_footprint)), f"region {region.name!r}")

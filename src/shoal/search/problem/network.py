@@ -197,10 +197,6 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     loss : float
         Probability that a message is lost, in addition to the losses of the models in ``text``.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> network_of("range:8,delay:0.5", loss=0.1).media
@@ -312,10 +308,6 @@ def check_faults(value: Any) -> tuple[Fault, ...]:
 
     Each entry of the list is a fault object, or a text such as ``crash:2@30``. A text may contain
     several faults, separated by commas.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------

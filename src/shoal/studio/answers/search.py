@@ -4,7 +4,6 @@ projection.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,6 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, end_of, plan_search
-from shoal.search.problem import SearchProblem
-from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 from shoal.studio.answers.drawings import drawing_of, frame_of, placed_problem
@@ -171,31 +168,17 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the missions of a plan: the sorties, their heights and start delays, and the nearest
     approach of two vehicles.
     """
-    from shoal.views.search.mission_folder import MissionFolder
+    from shoal.missions import MissionOptions, MissionSet
 
-    problem = flown(placed_problem(folder, about))
-    made = MissionFolder(
-        Path(), problem, checked_fields(MissionOptions, about.get("missions") or {}, folder)
-    )
-    plan = made.planned(seed=checked_seed(about))
-    told = made.report(plan)
-    if made.approach is not None:
-        canvas = _Canvas(plan.grid.region.frame, frame_of(about.get("frame")))
+    options = checked_fields(MissionOptions, about.get("missions") or {}, folder)
+    made = MissionSet.from_problem(placed_problem(folder, about), options, seed=checked_seed(about))
+    told = made.report()
+    if made.approach is not None and made.region is not None:
+        canvas = _Canvas(made.region.frame, frame_of(about.get("frame")))
         told["nearest_approach"]["place"] = canvas.points(made.approach.place[:2])[0]
     for start, mission in zip(told["starts"], made.missions, strict=True):
         start |= {"length_m": mission.length, "items": mission.n_items}
     return told
-
-
-def flown(problem: SearchProblem) -> SearchProblem:
-    """Return the problem with a vehicle, because missions need one. The default is a multirotor, as
-    in ``shoal search``.
-    """
-    return (
-        problem
-        if problem.vehicle is not None
-        else problem.replaced(vehicle="multirotor").at_place(problem.place)
-    )
 
 
 def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

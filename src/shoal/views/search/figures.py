@@ -52,6 +52,35 @@ def draw_heading(figure: Figure, axes: Axes, words: str) -> None:
     )
 
 
+def marker(shape: str, label: str, **look: Any) -> Any:
+    """Return a marker for a legend; ``look`` holds arguments of a `matplotlib.lines.Line2D`."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], ls="", marker=shape, label=label, **look)
+
+
+def dashes(label: str, **look: Any) -> Any:
+    """Return a dashed line for a legend."""
+    from matplotlib.lines import Line2D
+
+    usual: dict[str, Any] = {"color": MUTED, "lw": 1.0, "ls": (0, (3, 2))}
+    return Line2D([], [], label=label, **usual | look)
+
+
+def add_legend(figure: Figure, handles: Sequence[Any], ncols: int, *, spacing: float = 1.4) -> None:
+    """Write a legend below a figure."""
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=ncols,
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+        handletextpad=0.5,
+        columnspacing=spacing,
+    )
+
+
 def timeline_figure(episode: SearchEpisode) -> Figure:
     """Return a figure with the timeline of a search, with one row for each robot.
 
@@ -216,7 +245,6 @@ def _draw_moments(axes: Axes, history: SearchHistory, clock: _Clock) -> None:
 
 
 def _draw_kinds(figure: Figure, history: SearchHistory) -> None:
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     first = robot_colour(0)
@@ -225,31 +253,12 @@ def _draw_kinds(figure: Figure, history: SearchHistory) -> None:
         "own": Patch(facecolor=first, label="its own part"),
         "taken": Patch(facecolor="#b3d5e8", edgecolor=first, hatch="/////", label="another's part"),
         "waiting": Patch(facecolor=WAITING, label="waiting"),
-        "paused": Line2D([], [], color=first, lw=1.6, ls=(0, (1, 1.6)), label="paused"),
-        "dead": Line2D([], [], ls="", marker="x", color=INK, ms=7, mew=2, label="died"),
-        "complete": Line2D(
-            [],
-            [],
-            ls="",
-            marker="o",
-            mfc="white",
-            mec=INK,
-            mew=1.3,
-            ms=5,
-            label="knows that all is searched",
-        ),
+        "paused": dashes("paused", color=first, lw=1.6, ls=(0, (1, 1.6))),
+        "dead": marker("x", "died", color=INK, ms=7, mew=2),
+        "complete": marker("o", "knows that all is searched", mfc="white", mec=INK, mew=1.3, ms=5),
     }
     kinds = {activity.kind for activities in history.activities for activity in activities}
-    figure.legend(
-        handles=[handle for kind, handle in known.items() if kind in kinds],
-        loc="outside lower center",
-        ncols=7,
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-        handletextpad=0.5,
-        columnspacing=1.2,
-    )
+    add_legend(figure, [handle for kind, handle in known.items() if kind in kinds], 7, spacing=1.2)
 
 
 NOT_SEEN = "#d81b1b"
@@ -641,52 +650,31 @@ def _holes_text(region: SearchRegion) -> str:
 
 
 def _draw_legend(figure: Figure, history: SearchHistory) -> None:
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     episode = history.episode
-    handles: list[Any] = [Line2D([], [], ls="", marker="s", color=MUTED, ms=8, label="start")]
+    handles: list[Any] = [marker("s", "start", color=MUTED, ms=8)]
     if any(history.death(robot) < inf for robot in range(history.n_robots)):
-        handles.append(Line2D([], [], ls="", marker="x", color=INK, ms=7, mew=2, label="died"))
+        handles.append(marker("x", "died", color=INK, ms=7, mew=2))
     if history.taken.any():
         handles.append(
             Patch(facecolor="#c9ced6", edgecolor=MUTED, lw=1.5, label="searched for another robot")
         )
     if episode.findings:
-        handles.append(
-            Line2D(
-                [],
-                [],
-                ls="",
-                marker="D",
-                mfc="#ffd54a",
-                mec=INK,
-                ms=6,
-                label="finding, and how sure",
-            )
-        )
+        handles.append(marker("D", "finding, and how sure", mfc="#ffd54a", mec=INK, ms=6))
     if episode.obstacles:
         handles.append(Patch(facecolor=OBSTACLE, label="obstacle, found on the way"))
     if history.panels.labels or any(
         route.long_legs(history.panels.largest).any() for route in episode.routes
     ):
         what = "way to a cell farther off" + (" or another layer" if history.panels.labels else "")
-        handles.append(Line2D([], [], color=MUTED, lw=1.0, ls=(0, (3, 1.8)), label=what))
+        handles.append(dashes(what, ls=(0, (3, 1.8))))
     if holes := _holes_text(episode.plan.grid.region):
         handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label=holes))
     left = _not_seen(history).area
     if left > 1e-6 * episode.plan.grid.region.area_m2:
         handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4,
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-        handletextpad=0.5,
-        columnspacing=1.4,
-    )
+    add_legend(figure, handles, 3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4)
 
 
 FIGURES = {"routes": routes_figure, "timeline": timeline_figure}

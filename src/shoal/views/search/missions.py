@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,19 +18,42 @@ from shoal.missions.rules import inside_of, searching
 from shoal.search.episode import duration_text
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.canvas import path_of_rings, rings_of
-from shoal.views.drawing.charts import INK, MUTED, bare_axes, draw_scale_bar, new_figure
-from shoal.views.search.figures import draw_heading
+from shoal.views.drawing.charts import (
+    INK,
+    MUTED,
+    bare_axes,
+    draw_scale_bar,
+    new_figure,
+    save_figure,
+)
+from shoal.views.search.figures import add_legend, dashes, draw_heading, marker
 from shoal.views.search.history import ROBOTS, robot_colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from shoal.missions import MissionCheck, MissionSet
+
 _LAND, _HOLE, _ZONE, _FENCE, _NEAR = "#f4f6ee", "#dfe3e8", "#d81b1b", "#39424e", "#000000"
 _BESIDE = 11.0  # points: distance of a label from its launch point
 _FREE = 16.0  # points: places at this distance do not disturb a label
 _PAD = 0.04  # relative to the longer side
 _LONG = 0.02  # relative to all paths: level stretches whose altitude has its own colour
+
+
+MAP = "map.png"
+
+
+def save_missions_map(source: MissionSet | MissionCheck, folder: Path) -> list[Path]:
+    """Write the map of a mission set, or of a check, into a folder as ``map.png``. Return the
+    written files: none, if no mission can be drawn.
+    """
+    if not source.missions or source.region is None:
+        return []
+    figure = missions_figure(source.missions, source.region, source.approach)
+    save_figure(figure, folder / MAP)
+    return [folder / MAP]
 
 
 def missions_figure(
@@ -318,63 +342,26 @@ def _draw_legend(
     levels: Sequence[Any],
     approach: MissionApproach | None,
 ) -> None:
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles: list[Any] = [
-        Line2D([], [], color=robot_colour(robot - 1), lw=2, label=f"robot {robot} at {ups}")
-        for robot, ups in _heights_by_robot(missions, levels)
+        dashes(f"robot {robot} at {heights}", color=robot_colour(robot - 1), lw=2, ls="solid")
+        for robot, heights in _heights_by_robot(missions, levels)
     ]
-    handles.append(Line2D([], [], color=MUTED, lw=1.0, ls=(0, (3, 2)), label="out and home"))
-    handles.append(Line2D([], [], ls="", marker="^", color=INK, ms=7, label="launch"))
+    handles += [dashes("out and home"), marker("^", "launch", color=INK, ms=7)]
     if any(mission.end != mission.home for mission in missions):
-        handles.append(Line2D([], [], ls="", marker="s", color=INK, ms=6, label="landing"))
+        handles.append(marker("s", "landing", color=INK, ms=6))
     if any(mission.loiter for mission in missions):
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=MUTED,
-                lw=1.1,
-                ls=(0, (5, 1.5)),
-                marker="o",
-                mfc="none",
-                mew=1.1,
-                ms=9,
-                label="loiter circle",
-            )
-        )
+        look: dict[str, Any] = {"lw": 1.1, "ls": (0, (5, 1.5)), "marker": "o", "mfc": "none"}
+        handles.append(dashes("loiter circle", **look, mew=1.1, ms=9))
     if any(mission.rally for mission in missions):
-        handles.append(
-            Line2D([], [], ls="", marker="o", mfc="white", mec=INK, ms=7, label="rally point")
-        )
+        handles.append(marker("o", "rally point", mfc="white", mec=INK, ms=7))
     if not region.no_go.is_empty:
         handles.append(Patch(facecolor="none", edgecolor=_ZONE, hatch="////", label="no-go zone"))
     if _holes(region):
         handles.append(Patch(facecolor=_HOLE, edgecolor=INK, label="hole"))
     if any(mission.fence is not None for mission in missions):
-        handles.append(Line2D([], [], color=_FENCE, lw=1.0, ls=(0, (1, 2)), label="fence"))
+        handles.append(dashes("fence", color=_FENCE, ls=(0, (1, 2))))
     if approach is not None:
-        handles.append(
-            Line2D(
-                [],
-                [],
-                ls="",
-                marker="o",
-                mfc="none",
-                mec=_NEAR,
-                mew=1.6,
-                ms=9,
-                label="nearest approach",
-            )
-        )
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=4 if figure.get_figwidth() > 6 else 2,
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-        handletextpad=0.5,
-        columnspacing=1.4,
-    )
+        handles.append(marker("o", "nearest approach", mfc="none", mec=_NEAR, mew=1.6, ms=9))
+    add_legend(figure, handles, 4 if figure.get_figwidth() > 6 else 2)

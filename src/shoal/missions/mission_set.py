@@ -1,0 +1,368 @@
+"""MissionSet: the missions of all robots of a search, planned or read from files, to be checked,
+written and run.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
+from shoal.missions.approach import (
+    MissionApproach,
+    airspace_of,
+    homes_of,
+    missions_approach,
+    near_homes,
+)
+from shoal.missions.checking import MissionCheck, check_sheets
+from shoal.missions.deconfliction import plan_missions
+from shoal.missions.diagnostics import Sheet
+from shoal.missions.fence import CORNERS, fenced_region
+from shoal.missions.files import (
+    format_of,
+    mission_of,
+    mission_texts,
+    open_sheets,
+    sheets_of_texts,
+    write_missions,
+)
+from shoal.missions.formats import FORMATS
+from shoal.missions.mission import Mission
+from shoal.missions.options import CheckOptions, MissionOptions
+from shoal.search.episode import SearchEpisode
+from shoal.search.flight.dubins import NoRoomError
+from shoal.search.flight.flight import Altitudes
+from shoal.search.flight.terrain import Terrain, open_terrain
+from shoal.search.planning.plan import (
+    NARROWER,
+    SearchPlan,
+    narrower_margin_text,
+    plan_at_margin,
+)
+from shoal.search.problem import SearchProblem
+from shoal.search.regions.margin import without_margin
+from shoal.search.regions.places import read_points
+from shoal.search.regions.region import SearchRegion
+from shoal.search.run import run
+
+VEHICLE = "multirotor"
+"""The vehicle of missions of a search that names none."""
+
+
+class MissionSet:
+    """The missions of all robots of a search, on the assumption that no robot has a fault.
+
+    Make a set with `from_problem` or `from_plan`, or read one with `read`.
+
+    Attributes
+    ----------
+    problem : SearchProblem or None
+        The problem, in whose region vehicles keep the margin and the exclusion polygons of the
+        missions' fence; None for a set that was read.
+    plan : SearchPlan or None
+        The plan of the search; None for a set that was read.
+    options : MissionOptions
+    seed : int
+        The seed of the plan, with which `run` simulates the search.
+    folder : Path or None
+        The folder from which the set was read.
+
+    Examples
+    --------
+    >>> problem = SearchProblem("rectangle:60x40", robots=2, footprint=20)
+    >>> missions = MissionSet.from_problem(problem)
+    >>> [mission.name for mission in missions.missions], missions.plan.vehicle.kind
+    (['robot-01', 'robot-02'], 'multirotor')
+    >>> missions.check().coverage.covered_fraction
+    1.0
+    """
+
+    def __init__(
+        self,
+        missions: Sequence[Mission] | None = None,
+        *,
+        problem: SearchProblem | None = None,
+        plan: SearchPlan | None = None,
+        options: MissionOptions | None = None,
+        seed: int = 0,
+        folder: Path | None = None,
+    ) -> None:
+        self._missions = None if missions is None else tuple(missions)
+        self.problem, self.plan, self.seed, self.folder = problem, plan, seed, folder
+        self.options = MissionOptions() if options is None else options
+
+    @classmethod
+    def from_problem(
+        cls, problem: SearchProblem, options: MissionOptions | None = None, *, seed: int = 0
+    ) -> MissionSet:
+        """Plan a search and its missions.
+
+        Missions need a vehicle: a multirotor, if the problem names none. If a vehicle has no room
+        for a turn or a path, and the problem gives no margin, the method tries narrower margins.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+            If an option is invalid, or if a rover would have to leave the region, before any
+            planning; or if the robots cannot search the region as the problem demands.
+        """
+        options = MissionOptions() if options is None else options
+        problem.check_at_place()
+        for name in options.format:
+            FORMATS.get(name)
+        if problem.vehicle is None:
+            problem = problem.replaced(vehicle=VEHICLE).at_place(problem.place)
+        options.check_for(problem)
+        terrain = None if options.terrain is None else open_terrain(options.terrain)
+        fenced = _with_fence(problem, options)
+        widest = fenced.margin or 0.0
+        for share in (*NARROWER, None) if problem.margin is None else (None,):
+            try:
+                plan = plan_at_margin(fenced, seed=seed)
+                made = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
+            except NoRoomError:
+                if share is None:
+                    raise
+                narrower = problem.replaced(margin=share * widest).at_place(problem.place)
+                fenced = _with_fence(narrower, options)
+            else:
+                break
+        if fenced.margin != widest:
+            tell_once(narrower_margin_text(fenced.margin or 0.0, widest))
+        return made
+
+    @classmethod
+    def from_plan(
+        cls,
+        plan: SearchPlan,
+        options: MissionOptions | None = None,
+        *,
+        problem: SearchProblem | None = None,
+        seed: int = 0,
+        terrain: Terrain | None = None,
+    ) -> MissionSet:
+        """Make the missions of a plan. Only `run` needs the ``problem`` and the ``seed`` of the plan."""
+        options = MissionOptions() if options is None else options
+        region = plan.grid.region
+        rally = options.rally
+        missions = plan_missions(
+            plan,
+            separation=options.kept_apart,
+            rally=None if rally is None else read_points(Path(rally), region, what="rally points"),
+            fenced=options.fenced,
+            airspace=options.airspace,
+            ending=options.ending,
+            autopilot=options.autopilot,  # type: ignore[arg-type]  # one of the choices
+            cap=options.cap,
+            altitudes=Altitudes(options.altitude_frame, terrain, options.terrain_error),
+        )
+        return cls(missions, problem=problem, plan=plan, options=options, seed=seed)
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike[str]) -> MissionSet:
+        """Read the mission files of a folder. What is wrong in them, `check` reports.
+
+        Raises
+        ------
+        InvalidInputError
+            If the folder has no mission files.
+        """
+        if not Path(folder).is_dir():
+            raise InvalidInputError(
+                f"{folder}: expected a folder of mission files, got"
+                f" {'a file' if Path(folder).exists() else 'none'}"
+            )
+        return cls(folder=Path(folder))
+
+    @cached_property
+    def missions(self) -> tuple[Mission, ...]:
+        """The missions, robot by robot and sortie by sortie.
+
+        Of a set that was read, these are the missions of the first format in the folder, without
+        those that a vehicle cannot fly.
+        """
+        if self._missions is not None:
+            return self._missions
+        sheets = self._sheets()
+        flyable = []
+        for sheet in sheets:
+            if format_of(Path(sheet.file)) == format_of(Path(sheets[0].file)) and sheet.readable:
+                try:
+                    flyable.append(mission_of(sheet, sheet.file))
+                except InvalidInputError:
+                    continue  # a diagnostic of the check says why
+        return tuple(sorted(flyable, key=lambda mission: (mission.robot, mission.sortie)))
+
+    def _sheets(self) -> list[Sheet]:
+        """Return what the files of the missions contain, fresh for a check, which adds to it."""
+        if self.folder is not None:
+            return open_sheets(self.folder)
+        return sheets_of_texts(self.texts())
+
+    def texts(self) -> dict[str, str]:
+        """Return the texts of the files that `write` writes, by file name."""
+        return mission_texts(self.missions, **self._writing)
+
+    @property
+    def _writing(self) -> dict[str, Any]:
+        plan = self.plan
+        return {
+            "formats": self.options.format or None,
+            "vehicle": None if plan is None else plan.vehicle,
+            "angle": None if plan is None else plan.grid.angle,
+        }
+
+    def write(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write the missions in the formats of the options, and return the written files, as
+        `write_missions` does.
+        """
+        return write_missions(self.missions, folder, **self._writing)
+
+    def check(self, options: CheckOptions | None = None) -> MissionCheck:
+        """Check the files of the missions against what ``options`` say.
+
+        Parameters
+        ----------
+        options : CheckOptions, optional
+            By default, missions with a plan are compared with the plan: its region, footprints and
+            vehicle, and the cap and the separation of the missions. A set that was read needs
+            ``options``, because its files do not name the region.
+        """
+        return check_sheets(self._sheets(), self.check_options if options is None else options)
+
+    @property
+    def check_options(self) -> CheckOptions:
+        """What a check compares missions with a plan with."""
+        if self.plan is None:
+            raise InvalidInputError(
+                "options: expected the region of missions that were read, got none"
+            )
+        sides = tuple(self.plan.footprints.tolist())
+        return CheckOptions(
+            self.plan.grid.region if self.problem is None else self.problem.place,
+            footprint=sides if len({*sides}) > 1 else sides[0],
+            angle=self.plan.grid.angle,
+            cap=self.options.cap,
+            separation=self.options.kept_apart or (0.0,),
+            vehicle=self.plan.vehicle,
+        )
+
+    @property
+    def region(self) -> SearchRegion | None:
+        """The region of the plan, or None for a set that was read."""
+        return None if self.plan is None else self.plan.grid.region
+
+    @cached_property
+    def approach(self) -> MissionApproach | None:
+        """The nearest approach of two vehicles, or None if they always keep the vertical
+        separation, or if the options ask for no separation.
+        """
+        plan, separation = self.plan, self.options.kept_apart
+        if plan is None or separation is None:
+            return None
+        return missions_approach(
+            self.missions, separation, plan.grid.region.frame, vehicle=plan.vehicle
+        )
+
+    def run(self) -> SearchEpisode:
+        """Run the planned search with the missions' start times, which keep the vehicles apart."""
+        problem, plan = self.problem, self.plan
+        if problem is None or plan is None:
+            raise InvalidInputError("missions: expected planned missions to run, got read ones")
+        flights: list[list[tuple[float, float]]] = [[] for _ in range(problem.robots)]
+        for mission in self.missions:
+            flights[mission.robot - 1].append(
+                (mission.start or 0.0, mission.duration(plan.vehicle))
+            )
+        delays = tuple(sorties[0][0] if sorties else 0.0 for sorties in flights)
+        if any(delays):
+            problem = problem.replaced(delays=delays).at_place(problem.place)
+        schedule = tuple(tuple(sorties) for sorties in flights)
+        return run(
+            problem, seed=self.seed, plan=replace(plan, delays=np.array(delays), schedule=schedule)
+        )
+
+    def report(self) -> dict[str, Any]:
+        """Return a summary of planned missions as JSON data."""
+        plan, separation, near = self.plan, self.options.kept_apart, self.approach
+        assert plan is not None
+        vehicle, region = plan.vehicle, plan.grid.region
+        homes = (
+            None
+            if separation is None
+            else near_homes(homes_of(self.missions), separation.horizontal, region.frame)
+        )
+        return {
+            "sorties": len(self.missions),
+            "usable_s": None if vehicle.endurance is None else vehicle.usable_seconds,
+            "recharge_s": vehicle.recharge_seconds,
+            "separation_m": (
+                None if separation is None else [separation.horizontal, separation.vertical]
+            ),
+            "delay_tolerance_s": None if separation is None else separation.delay,
+            "nearest_approach": None if near is None else near.report(region.frame),
+            "near_homes": None if homes is None else homes.report(),
+            "airspace_m": airspace_of(self.missions, region),
+            "starts": [
+                {
+                    **mission.flight_report(vehicle),
+                    "robot": mission.robot,
+                    "sortie": mission.sortie,
+                    "start_s": mission.start,
+                    "altitude_m": mission.altitude,
+                    "takeover_m": mission.takeover,
+                }
+                for mission in self.missions
+            ],
+        }
+
+
+def _with_fence(problem: SearchProblem, options: MissionOptions) -> SearchProblem:
+    """Return a problem with the margin of missions, and with exclusion polygons that the autopilot
+    can store.
+    """
+    region = problem.kept_margin(without_margin(problem.place), fenced=True)
+    if options.fenced:
+        region = fenced_region(
+            region,
+            CORNERS[options.autopilot],
+            places=np.concatenate(problem.known_places(region)),
+            wing=problem.chosen_vehicle.kind == "fixed-wing",
+        )
+    if not region.margin:
+        tell_once("margin: paths may touch the fence and no-go zones, because the margin is 0 m")
+    return problem.replaced(margin=region.margin).at_place(region)
+
+
+def check_missions(
+    folder: str | os.PathLike[str],
+    region: SearchRegion | str | os.PathLike[str],
+    footprint: float | Sequence[float] | None = None,
+    **options: Any,
+) -> MissionCheck:
+    """Check the mission files of a folder, as ``shoal missions check`` does.
+
+    Parameters
+    ----------
+    folder : path
+        Folder of mission files.
+    region, footprint, **options
+        The fields of `CheckOptions`. Without a footprint, and without a vehicle that has a camera
+        or detector, the function only lints the files.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        If the folder has no mission files (of the given format), if a robot has no footprint, or if
+        the region is in degrees and a mission in metres, or the reverse.
+    """
+    checked = CheckOptions(region, footprint=footprint, **options)  # type: ignore[arg-type]
+    return MissionSet.read(folder).check(checked)
