@@ -10,7 +10,6 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from shoal.cli.plain_values import parse_plain_values
 from shoal.core.version import __version__
 
 
@@ -71,10 +70,6 @@ SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 class _Command(TyperCommand):
     """A command that checks its option ``--seed``, even if the command uses no random numbers."""
 
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters of the command or group, including the option ``--help``."""
-        return parse_plain_values(super().get_params(ctx))
-
     def invoke(self, ctx: Any) -> Any:
         """Check the seed and run the command."""
         if ctx.params.get("seed") is not None:
@@ -129,10 +124,6 @@ class _Commands(TyperGroup):
 
     prefix = ""
     listing = False
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters of the command or group, including the option ``--help``."""
-        return parse_plain_values(super().get_params(ctx))
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands and groups in this group, in the order of `COMMANDS`."""

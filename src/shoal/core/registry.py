@@ -358,29 +358,3 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
         with suppress(ValueError, KeyError):
             return read(value)
     return value
-
-
-def loaded_on_use(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """Return a function ``__getattr__`` for a package. The function imports each public name of the
-    package on first use.
-
-    Parameters
-    ----------
-    package : str
-        The ``__name__`` of the package.
-    homes : mapping of str to tuple of str
-        The public names of each module. Module names are relative to the package.
-
-    Examples
-    --------
-    >>> loaded_on_use("shoal", {"core.episode": ("Episode", "Status")})("Status").COMPLETE
-    <Status.COMPLETE: 'complete'>
-    """
-
-    def get(name: str) -> Any:
-        for module, names in homes.items():
-            if name in names:
-                return getattr(importlib.import_module(f"{package}.{module}"), name)
-        raise AttributeError(f"module {package!r} has no attribute {name!r}")
-
-    return get
