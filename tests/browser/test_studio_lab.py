@@ -109,7 +109,7 @@ def test_the_file_and_the_form_follow_each_other(page: Page, studio: Studio) -> 
     assert page.get_by_label("Values").last.input_value() == "2 to 8 step 2"
     page.get_by_label("Values").last.fill("1 to 100 in 3 values log")
     page.get_by_text("6 points, 24 trials").wait_for()
-    assert 'particles = {from = 1, to = 100, count = 3, scale = "log"}' in text.input_value()
+    assert 'particles = { from = 1, to = 100, count = 3, scale = "log" }' in text.input_value()
     text.fill(text.input_value().replace("seed = 1", f"seed = {2**62 + 1}"))
     until(page, f"document.getElementById('sweepSeed').value === '{2**62 + 1}'")
     page.get_by_label("Trials per point").fill("5")

@@ -185,6 +185,9 @@ def _lines(text: str) -> dict[str, int]:
     return found
 
 
+_TABLES = ("problem", "axes")
+
+
 def as_toml(sweep: Mapping[str, Any]) -> str:
     """Return the text of a sweep file. Omit empty tables, and fields with the value None.
 
@@ -201,7 +204,7 @@ def as_toml(sweep: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> print(as_toml({"name": "a", "trials": 3, "problem": {"kind": "line", "cells": 9}}))
+    >>> print(as_toml({"name": "a", "trials": 3, "problem": {"kind": "line", "cells": 9}, "axes": {"particles": [1, 2]}}))
     name = "a"
     trials = 3
     <BLANKLINE>
@@ -209,43 +212,54 @@ def as_toml(sweep: Mapping[str, Any]) -> str:
     kind = "line"
     cells = 9
     <BLANKLINE>
+    [axes]
+    particles = [1, 2]
+    <BLANKLINE>
     """
-    import tomlkit
-    from tomlkit.exceptions import TOMLKitError
-
-    document = tomlkit.document()
-    for name, value in sweep.items():
-        try:
-            if name in ("problem", "axes"):
-                table = tomlkit.table()
-                for key, one in value.items():
-                    if one is not None:
-                        table.add(key, _on_one_line(one))
-                if len(table):
-                    document.add(name, table)
-            elif value not in (None, []):
-                document.add(name, _on_one_line(value))
-        except (TOMLKitError, ValueError, TypeError):
-            raise InvalidInputError(
-                f"{name}: expected texts, numbers, truth values or lists of these, got"
-                f" {shortened(value)}"
-            ) from None
-    return tomlkit.dumps(document)
+    blocks = [
+        _fields(
+            {name: value for name, value in sweep.items() if name not in _TABLES and value != []}
+        )
+    ]
+    blocks += [f"[{name}]\n{_fields(sweep[name])}" for name in _TABLES if sweep.get(name)]
+    return "\n".join(blocks)
 
 
-def _on_one_line(value: Any) -> Any:
-    """Return a value for TOML. Tables of their own would change the order of the axes."""
-    import tomlkit
+def _fields(table: Mapping[str, Any]) -> str:
+    return "".join(
+        f"{_key(name)} = {_value(value, name)}\n"
+        for name, value in table.items()
+        if value is not None
+    )
 
+
+def _key(name: str) -> str:
+    plain = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if plain else _text(name)
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _value(value: Any, name: str) -> str:
+    if isinstance(value, str):
+        return _text(value)
     if isinstance(value, Mapping):
-        table = tomlkit.inline_table()
-        table.update({name: _on_one_line(one) for name, one in value.items()})
-        return table
+        return (
+            "{ "
+            + ", ".join(f"{_key(key)} = {_value(one, name)}" for key, one in value.items())
+            + " }"
+        )
     if isinstance(value, list | tuple):
-        array = tomlkit.array()
-        array.extend(_on_one_line(one) for one in value)
-        return array
-    return value
+        return "[" + ", ".join(_value(one, name) for one in value) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    raise InvalidInputError(
+        f"{name}: expected texts, numbers, truth values or lists of these, got {shortened(value)}"
+    )
 
 
 LARGEST_SWEEP = 10_000_000
