@@ -33,7 +33,7 @@ from shoal.search import TourMaker, components, make_tour
 from shoal.search.allocation.allocate import ALLOCATORS, Allocator, Team, numbers_of
 from shoal.search.allocation.costs import TourCost
 from shoal.search.tours import find_tour_maker
-from shoal.steering import ContactWorld, Planner, SteeringTask, make_planner, open_workspace
+from shoal.steering import ContactWorld, Planner, SteeringTask, make_planner, polygon
 from shoal.swarm import (
     GridWorkspace,
     GridWorld,
@@ -353,7 +353,7 @@ def check_planner(planner: str | Planner, *, seed: int = 0) -> None:
     AssertionError
     """
     chosen, rng = make_planner(planner), np.random.default_rng(seed)
-    name, world = chosen.name, ContactWorld(open_workspace("square"))
+    name, world = chosen.name, ContactWorld(polygon([(0, 0), (1, 0), (1, 1), (0, 1)]))
     for number in range(6):
         start = rng.uniform(0.2, 0.8, (2, 2))
         shifted = number < 3  # one move from the start, and no wall on the way
