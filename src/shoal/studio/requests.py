@@ -38,48 +38,6 @@ MAYBE_TEXT, MAYBE_OBJECT, MAYBE_LIST, MAYBE_BOOL, MAYBE_INTEGER, SEED = (
     for kinds in ((str,), (dict,), (list,), (bool,), (int,), (int, str))
 )
 
-QUESTIONS: dict[str, dict[str, Field]] = {
-    "page": {"file": TEXT},
-    "copies": {"problem": MAYBE_OBJECT, "file": MAYBE_TEXT, "seed": SEED},
-    "save": {"problem": OBJECT, "name": MAYBE_TEXT, "seed": SEED},
-    "map": {"problem": OBJECT, "cells": MAYBE_OBJECT, "seed": SEED},
-    "photograph": {"file": TEXT},
-    "vessels": {"problem": OBJECT, "exact": MAYBE_BOOL},
-    "sketch": {"shape": LIST, "free": TEXT, "name": MAYBE_TEXT},
-    "steer": {"problem": OBJECT, "seed": SEED},
-    "workspace": {"problem": OBJECT, "seed": SEED},
-    "reach": {"problem": OBJECT, "moves": MAYBE_INTEGER, "seed": SEED},
-    "plan": {"problem": OBJECT, "drawing": MAYBE_OBJECT, "frame": MAYBE_LIST, "seed": SEED},
-    "missions": {
-        "problem": OBJECT,
-        "drawing": MAYBE_OBJECT,
-        "missions": MAYBE_OBJECT,
-        "frame": MAYBE_LIST,
-        "seed": SEED,
-    },
-    "simulate": {"problem": OBJECT, "drawing": MAYBE_OBJECT, "seed": SEED},
-    "draw": {"problem": OBJECT, "drawing": MAYBE_OBJECT},
-    "earth": {"frame": LIST},
-    "papers": {},
-    "lab-forms": {},
-    "sweeps": {},
-    "sweep": {"store": TEXT, "sweep": MAYBE_TEXT, "measure": MAYBE_TEXT},
-    "new-sweep": {"toml": MAYBE_TEXT, "sweep": MAYBE_OBJECT},
-    "picture": {"file": TEXT},
-}
-"""The fields of each question of a page. Each question may also have the field ``slow``."""
-
-JOBS: dict[str, dict[str, Field]] = {
-    "play": {"problem": OBJECT, "seed": SEED},
-    "compare": {"problem": OBJECT, "policies": LIST, "trials": MAYBE_INTEGER, "seed": SEED},
-    "export": {"episode": TEXT, "format": TEXT},
-    "reproduce": {"name": MAYBE_TEXT, "quick": MAYBE_BOOL},
-    "sweep": {"toml": TEXT, "store": MAYBE_TEXT, "sweep": MAYBE_TEXT},
-    "table": {"store": TEXT, "sweep": MAYBE_TEXT, "measure": MAYBE_TEXT, "format": TEXT},
-    "missions": {"problem": OBJECT, "missions": MAYBE_OBJECT, "seed": SEED},
-}
-"""The fields of the description of each kind of job."""
-
 
 def read_json(body: bytes) -> dict[str, Any]:
     """Return the JSON object in the body of a request.
@@ -164,7 +122,7 @@ def check_request(data: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
 
     Examples
     --------
-    >>> check_request({"file": 5}, QUESTIONS["page"])
+    >>> check_request({"file": 5}, {"file": TEXT})
     Traceback (most recent call last):
     ...
     shoal.core.errors.InvalidInputError: file: expected a text, got 5

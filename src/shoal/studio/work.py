@@ -8,9 +8,10 @@ import tempfile
 import time
 import warnings
 import zipfile
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,15 +36,30 @@ from shoal.studio.forms import (
     checked_sweep,
     mission_words,
 )
-from shoal.studio.jobs import Say, named
+from shoal.studio.requests import (
+    LIST,
+    MAYBE_BOOL,
+    MAYBE_INTEGER,
+    MAYBE_OBJECT,
+    MAYBE_TEXT,
+    OBJECT,
+    SEED,
+    TEXT,
+    Field,
+)
+
+Say = Callable[[str, Any], None]
+"""Function with which a job reports an event. The arguments are the kind and the content of the
+event.
+"""
 
 MOST_COMPARED = 4
 MOST_TRIALS = 1000
 FORMATS = ("png", "svg", "mp4", "gif", "html")
 
 
-def work(
-    connection: Connection, root: str, function: str, spec: dict[str, Any], processors: int
+def do_job(
+    connection: Connection, root: str, kind: str, spec: dict[str, Any], processors: int
 ) -> None:
     """Run a job in the current process. Some jobs can use several processors.
 
@@ -56,7 +72,7 @@ def work(
         connection.send((word, what))
 
     try:
-        say("done", storable(named(function)(Folder(root), spec | {"processors": processors}, say)))
+        say("done", storable(JOBS[kind].run(Folder(root), spec | {"processors": processors}, say)))
     except ShoalError as error:
         say("failed", {"error": str(error)})
     except MemoryError:
@@ -351,7 +367,7 @@ FIGURES = ("png", "svg")
 """File suffixes for the figures of a sweep."""
 
 
-def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+def run_missing_trials(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Run the missing trials of a sweep.
 
     The job first records the sweep in the store, and then writes the sweep file beside the store.
@@ -393,7 +409,7 @@ def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     }
 
 
-def write(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+def write_results(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Write the table of a sweep, or a figure of one measure of the sweep."""
     kind = check_choice(
         spec.get("format"), what="format", choices=(*(suffix[1:] for suffix in SUFFIXES), *FIGURES)
@@ -418,3 +434,36 @@ def write(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
         file = folder.new_name(f"{name}-{measure}-figure", f".{kind}")
         save_figure(means_figure(means, title=name, measure=measure), folder.path(file))
     return {"file": file}
+
+
+class Job(NamedTuple):
+    """A kind of job: the function that does it, and the fields of its description."""
+
+    run: Callable[[Folder, dict[str, Any], Say], dict[str, Any]]
+    fields: dict[str, Field]
+    part: str | None = None
+    """The part of Shoal whose problems the job takes; None if it takes problems of every part."""
+    long: bool = False
+    """Whether the queue keeps one processor free for interactive jobs while such a job runs."""
+
+
+JOBS: dict[str, Job] = {
+    "play": Job(play, {"problem": OBJECT, "seed": SEED}),
+    "compare": Job(
+        compare_policies,
+        {"problem": OBJECT, "policies": LIST, "trials": MAYBE_INTEGER, "seed": SEED},
+        part="swarm",
+    ),
+    "export": Job(export_episode, {"episode": TEXT, "format": TEXT}),
+    "reproduce": Job(reproduce_figures, {"name": MAYBE_TEXT, "quick": MAYBE_BOOL}, long=True),
+    "sweep": Job(
+        run_missing_trials, {"toml": TEXT, "store": MAYBE_TEXT, "sweep": MAYBE_TEXT}, long=True
+    ),
+    "table": Job(
+        write_results, {"store": TEXT, "sweep": MAYBE_TEXT, "measure": MAYBE_TEXT, "format": TEXT}
+    ),
+    "missions": Job(
+        missions_zip, {"problem": OBJECT, "missions": MAYBE_OBJECT, "seed": SEED}, part="search"
+    ),
+}
+"""The kinds of jobs."""

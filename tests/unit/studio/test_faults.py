@@ -16,7 +16,9 @@ from shoal.lab import Store
 from shoal.lab.sweep import as_toml
 from shoal.studio import jobs as queue_module
 from shoal.studio.folder import Folder
-from shoal.studio.jobs import ENDED, LONG, JobQueue, JobStore, Worker
+from shoal.studio.jobs import ENDED, JobQueue, JobStore
+from shoal.studio.processes import Worker
+from shoal.studio.work import JOBS
 
 SHORT = {
     "problem": {"kind": "swarm", "map": "line:9", "particles": 1, "policy": "closest-frontier"},
@@ -85,7 +87,7 @@ def test_long_jobs_leave_a_processor_for_what_somebody_looks_at(tmp_path, monkey
 
     asyncio.run(scenario())
     assert begun == [("sweep", 3), ("play", 1)]
-    assert {"sweep", "reproduce"} == {*LONG}
+    assert {"sweep", "reproduce"} == {kind for kind, job in JOBS.items() if job.long}
 
 
 PROBLEM = {"kind": "line", "cells": 30, "placements": 200}

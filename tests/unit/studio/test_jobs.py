@@ -12,7 +12,8 @@ import pytest
 
 from shoal.core.errors import InvalidInputError
 from shoal.studio.folder import Folder
-from shoal.studio.jobs import ENDED, JobQueue, JobStore, Worker
+from shoal.studio.jobs import ENDED, JobQueue, JobStore
+from shoal.studio.processes import Worker
 
 
 def test_a_job_that_was_cut_off_is_begun_again_and_then_marked(tmp_path):
