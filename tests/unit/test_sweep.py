@@ -19,12 +19,12 @@ from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.core.version import digest_of_folder
 from shoal.lab import Store, Sweep, run_sweep, sweep_of
+from shoal.lab.batches import MixedVersionsWarning, check_versions, versions_text, worker_versions
+from shoal.lab.database import FORMAT
 from shoal.lab.exchange import export, frame
-from shoal.lab.schema import FORMAT
 from shoal.lab.statistics import number_text
 from shoal.lab.store import faults_of, is_locked, locked
 from shoal.lab.sweep import differences, trial_seed
-from shoal.lab.versions import MixedVersionsWarning, check_versions, worker_versions, written
 from shoal.lab.workers import Processes
 
 HERE = "tests.unit.sweep_functions"
@@ -604,12 +604,14 @@ def test_going_on_with_another_version_is_told(tmp_path, monkeypatch, capsys):
     ours, old = worker_versions(), worker_versions() | {"shoal": "0.0.9", "code": "beef"}
     with Store("s.sqlite") as store:
         assert (
-            store.versions("corridors") == store.status("corridors").versions == {written(ours): 16}
+            store.versions("corridors")
+            == store.status("corridors").versions
+            == {versions_text(ours): 16}
         )
         whole = [*store.rows("corridors")]
     assert "version" not in capsys.readouterr().err
     with sqlite3.connect("s.sqlite") as connection:
-        connection.execute("UPDATE batches SET version = ?", (written(old),))
+        connection.execute("UPDATE batches SET version = ?", (versions_text(old),))
         connection.execute("DELETE FROM trials WHERE point = 2")
     connection.close()
     assert command([*go, "--json"]) == 0

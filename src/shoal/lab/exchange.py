@@ -12,7 +12,7 @@ from typing import Any
 
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.files import atomic, check_suffix
-from shoal.lab.schema import unfinished_store
+from shoal.lab.database import unfinished_store
 from shoal.lab.store import Store
 from shoal.lab.sweep import differences
 

@@ -17,9 +17,8 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.registry import digest_of_module, named_modules, users_modules
-from shoal.lab.batches import worker_name
+from shoal.lab.batches import check_versions, worker_name, worker_versions
 from shoal.lab.trials import begin_worker, default_workers, give_up
-from shoal.lab.versions import check_versions, worker_versions
 
 
 class WorkerPool(Protocol):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from shoal.core.files import write_text
-from shoal.lab.versions import worker_versions
+from shoal.lab.batches import worker_versions
 from shoal.papers.claims import Claim, Verdict
 from shoal.papers.errata import CHECKS, Erratum
 from shoal.papers.recipe import Result, Table, capital

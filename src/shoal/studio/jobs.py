@@ -12,7 +12,7 @@ from typing import Any
 
 from shoal.core.checks import check_choice, check_number, check_text, parse_json, shortened
 from shoal.core.errors import InvalidInputError, OutputError
-from shoal.lab.schema import told, transaction
+from shoal.lab.database import sqlite_errors_at, transaction
 from shoal.lab.trials import default_workers
 from shoal.studio.folder import Folder
 from shoal.studio.processes import Worker
@@ -52,7 +52,7 @@ class JobStore:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / FILE
-        with told(self.path):
+        with sqlite_errors_at(self.path):
             self._connection = sqlite3.connect(
                 self.path, timeout=5, isolation_level=None, check_same_thread=False
             )
@@ -90,7 +90,7 @@ class JobStore:
 
     def _ask(self, statement: str, *values: Any) -> list[tuple[Any, ...]]:
         """Run an SQL statement, and return the rows of the result."""
-        with told(self.path):
+        with sqlite_errors_at(self.path):
             return self._connection.execute(statement, values).fetchall()
 
     def add(self, kind: str, spec: dict[str, Any], *, urgent: bool = False) -> int:

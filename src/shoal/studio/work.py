@@ -19,12 +19,11 @@ import shoal
 from shoal.core.checks import check_choice, check_integer, check_text, shortened
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import atomic, write_json, write_text
-from shoal.lab.batches import SweepProgress
+from shoal.lab.batches import MixedVersionsWarning, SweepProgress
 from shoal.lab.coordinator import run_sweep
 from shoal.lab.exchange import SUFFIXES, export
 from shoal.lab.statistics import summarise
 from shoal.lab.store import Store
-from shoal.lab.versions import MixedVersionsWarning
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
 from shoal.studio.folder import PAPERS, Folder

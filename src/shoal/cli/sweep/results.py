@@ -196,11 +196,11 @@ def _say_if_mixed(store: Store, name: str) -> None:
     """Print a warning on stderr if several versions of Shoal or its libraries wrote the rows of a
     sweep.
     """
-    from shoal.lab.versions import told_apart
+    from shoal.lab.batches import short_names
 
     rows = store.versions(name)
     if len(rows) > 1:
-        names = told_apart(rows)
+        names = short_names(rows)
         counted = ", ".join(f"{count} rows by {names[text]}" for text, count in rows.items())
         say(
             f"shoal: warning: {store.path}: sweep {name}: expected rows of one version, got"

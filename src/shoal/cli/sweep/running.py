@@ -94,7 +94,7 @@ def run(
     The exit code is 1 if at least one trial failed.
     """
     from shoal.lab import Store, Sweep, run_sweep
-    from shoal.lab.versions import MixedVersionsWarning
+    from shoal.lab.batches import MixedVersionsWarning
 
     sweep = Sweep.load(spec)
     changes: dict[str, Any] = {
@@ -230,9 +230,9 @@ def _duration(seconds: float) -> str:
 
 
 def _described(status: SweepStatus) -> dict[str, Any]:
-    from shoal.lab.versions import parsed
+    from shoal.lab.batches import parse_versions
 
-    wrote = [parsed(text) | {"rows": count} for text, count in status.versions.items()]
+    wrote = [parse_versions(text) | {"rows": count} for text, count in status.versions.items()]
     more = {
         "complete": status.complete,
         "left": status.left,
@@ -243,9 +243,9 @@ def _described(status: SweepStatus) -> dict[str, Any]:
 
 
 def _provenance(status: SweepStatus) -> str:
-    from shoal.lab.versions import mixture
+    from shoal.lab.batches import describe_mixture
 
-    return mixture(status.versions)
+    return describe_mixture(status.versions)
 
 
 def _rows(status: SweepStatus) -> list[tuple[str, str]]:

@@ -11,9 +11,8 @@ from typing import Any
 import shoal
 from shoal.core.checks import check_text, parse_toml
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.lab.schema import StoredSweep
 from shoal.lab.statistics import compare_along, first_measure, summarise
-from shoal.lab.store import Store
+from shoal.lab.store import Store, StoredSweep
 from shoal.lab.sweep import as_toml, trial_seed
 from shoal.parts import PARTS
 from shoal.studio.folder import Folder
