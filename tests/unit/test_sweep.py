@@ -863,10 +863,10 @@ SPEC += 'policy = ["closest-frontier", "elect-particle"]\nparticles = [3, 6]\n'
 
 
 def test_a_long_sweep_tells_its_progress_without_a_terminal(tmp_path, monkeypatch, capsys):
-    from shoal.cli.sweep import running
+    from shoal.cli import sweep
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(running, "_APART", 0.0)
+    monkeypatch.setattr(sweep, "_APART", 0.0)
     Path("sweep.toml").write_text(SPEC)
     assert command(["sweep", "run", "sweep.toml", "--store", "s.sqlite", "--workers", "0"]) == 0
     told = [line for line in capsys.readouterr().err.splitlines() if "trials" in line]

@@ -10,7 +10,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say, warnings_said
-from shoal.cli.sweep.running import live
+from shoal.cli.sweep import live
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ import json
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,24 @@ def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None =
     OutputError
     """
     write_text(path, json.dumps(value, indent=indent, allow_nan=False) + "\n")
+
+
+def as_json(value: Any) -> Any:
+    """Return a value as JSON data: infinities and NaN become None, and NumPy's numbers and arrays
+    become Python's.
+
+    Examples
+    --------
+    >>> as_json({"mean": float("nan"), "ends": (1, 2.5)})
+    {'mean': None, 'ends': [1, 2.5]}
+    """
+    if isinstance(value, Mapping):
+        return {str(name): as_json(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_json(one) for one in value]
+    if hasattr(value, "tolist"):  # of NumPy, which this module does not import
+        return as_json(value.tolist())
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 _CHECKSUM = 32  # bytes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -320,6 +320,17 @@ class Row:
     counted: int
     completed: int | None = None
     bound: float | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return the row as data for JSON; infinities and NaN stay."""
+        return {
+            "axes": self.values,
+            "trials": self.counted,
+            "missing": self.missing,
+            "completed": self.completed,
+            "bound": self.bound,
+            "estimate": self.estimate and asdict(self.estimate),
+        }
 
     def __str__(self) -> str:
         if not self.counted:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tempfile
 import time
@@ -18,7 +17,7 @@ import numpy as np
 import shoal
 from shoal.core.checks import check_choice, check_integer, check_text, shortened
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.files import atomic, write_json, write_text
+from shoal.core.files import as_json, atomic, write_json, write_text
 from shoal.lab.batches import MixedVersionsWarning, SweepProgress
 from shoal.lab.coordinator import run_sweep
 from shoal.lab.exchange import SUFFIXES, export
@@ -71,7 +70,7 @@ def do_job(
         connection.send((word, what))
 
     try:
-        say("done", storable(JOBS[kind].run(Folder(root), spec | {"processors": processors}, say)))
+        say("done", as_json(JOBS[kind].run(Folder(root), spec | {"processors": processors}, say)))
     except ShoalError as error:
         say("failed", {"error": str(error)})
     except MemoryError:
@@ -200,7 +199,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
             say("piece", {"compared": _compared(policies, rows)})
     found = {"compared": _compared(policies, rows), "files": files, "trials": trials}
     name = folder.new_name(f"compared-{Path(str(spec['problem']['map'])).name}", ".comparison.json")
-    write_json(folder.path(name), storable(found | {"problem": spec["problem"], "seed": seed}))
+    write_json(folder.path(name), as_json(found | {"problem": spec["problem"], "seed": seed}))
     return found | {"file": name}
 
 
@@ -231,7 +230,7 @@ def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
                 "p": against.p_value,
             }
         )
-    compared: dict[str, Any] = storable({"policies": told, "best": best, "trials": whole})
+    compared: dict[str, Any] = as_json({"policies": told, "best": best, "trials": whole})
     return compared
 
 
@@ -285,21 +284,6 @@ def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[st
 
     result = reproduce(recipe.name, out, quick=quick, workers=1, on_progress=on_progress)
     return {"file": f"{PAPERS}/{result.files[0].name}"}
-
-
-def storable(value: Any) -> Any:
-    """Convert a value to JSON data: infinities and NaN become None, and NumPy numbers become Python
-    numbers.
-    """
-    if isinstance(value, dict):
-        return {str(name): storable(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [storable(one) for one in value]
-    if isinstance(value, np.generic):
-        return storable(value.item())
-    if isinstance(value, np.ndarray):
-        return storable(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # so that equal missions give equal archives
@@ -422,16 +406,11 @@ def write_results(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, A
             export(store, name, folder.path(file))
             return {"file": file}
         from shoal.views import save_figure
-        from shoal.views.drawing.curves import PointMean, means_figure
+        from shoal.views.drawing.curves import means_figure
 
-        rows = summarise(store, name, measure)
-        means = [
-            PointMean(row.values, row.estimate.mean, row.estimate.low, row.estimate.high)
-            for row in rows
-            if row.estimate
-        ]
+        rows = [row for row in summarise(store, name, measure) if row.estimate]
         file = folder.new_name(f"{name}-{measure}-figure", f".{kind}")
-        save_figure(means_figure(means, title=name, measure=measure), folder.path(file))
+        save_figure(means_figure(rows, title=name, measure=measure), folder.path(file))
     return {"file": file}
 
 

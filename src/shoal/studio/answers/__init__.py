@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from shoal.core.checks import check_choice
 from shoal.core.errors import ShoalError
+from shoal.core.files import as_json
 from shoal.studio.answers import files, lab, search, steering, vessels
 from shoal.studio.folder import Folder
 from shoal.studio.forms import sweep_forms
@@ -29,7 +30,6 @@ from shoal.studio.requests import (
     TEXT,
     Field,
 )
-from shoal.studio.work import storable
 
 
 def answer_all(connection: Connection, root: str) -> None:
@@ -55,7 +55,7 @@ def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
     "broken" stands for an error of Shoal itself, which no question should cause.
     """
     try:
-        return "answer", storable(
+        return "answer", as_json(
             QUESTIONS[check_choice(what, what="question", choices=QUESTIONS)].answer(folder, about)
         )
     except ShoalError as error:

@@ -79,14 +79,7 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         told["failed"] = [error for *_, error in store.failures(name, limit=3)]
     watched = _first_trials(stored, folder, text)
     told["points"] = [
-        {
-            "axes": row.values,
-            "trials": row.counted,
-            "missing": row.missing,
-            "completed": row.completed,
-            "bound": row.bound,
-        }
-        | {"estimate": row.estimate and asdict(row.estimate), "watch": watch}
+        row.report() | {"watch": watch}
         for row, watch in zip(
             rows[:MOST_SHOWN], watched[:MOST_SHOWN] or [None] * len(rows), strict=False
         )

@@ -1,10 +1,10 @@
-"""shoal sweep run, status: run the trials of a sweep, store the results, and show the progress."""
+"""shoal sweep run, status, summary, plot, export, merge, check: sweeps and their results."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,6 +16,7 @@ from shoal.cli import options
 from shoal.cli.output import (
     cell,
     check_folder,
+    print_columns,
     print_drawn,
     print_json,
     print_table,
@@ -24,14 +25,14 @@ from shoal.cli.output import (
     visible,
     warnings_said,
 )
-from shoal.cli.sweep.results import StoreFile, check_table
 from shoal.core.errors import InvalidInputError
-from shoal.core.files import write_json
+from shoal.core.files import as_json, check_suffix, write_json
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from shoal.lab import Store, SweepProgress, SweepStatus
+    from shoal.lab.statistics import Comparison, Row
 
 RUN_EXAMPLE = "Example: shoal sweep run sweep.toml --store results.sqlite"
 STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
@@ -41,6 +42,35 @@ _APART, _SLOW = (
     4.0,
     60.0,
 )  # seconds between two lines of progress, with and without a new tenth of the trials
+SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
+EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
+MERGE_EXAMPLE = "Example: shoal sweep merge results.sqlite --out merged.sqlite"
+CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
+
+StoreFile = Annotated[
+    Path, typer.Argument(metavar="STORE", help="File with the results of sweeps.")
+]
+SweepName = Annotated[
+    str | None,
+    typer.Option(
+        "--sweep",
+        metavar="NAME",
+        help="Name of the sweep, required if the store contains several sweeps.",
+    ),
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        help=(
+            "Method of the confidence intervals: t (Student), log (Student on a log scale, never"
+            " below 0; in comparisons, an interval of the ratio) or bootstrap. auto means log for"
+            " means of counts, and t for differences."
+        ),
+    ),
+]
+PLOT_EXAMPLE = "Example: shoal sweep plot results.sqlite --measure moves --out moves.png"
+FIGURES = (".png", ".svg", ".pdf")
 
 
 def run(
@@ -343,3 +373,287 @@ def _watch(store: Store) -> None:
             time.sleep(_EVERY)
             found = [store.status(name) for name in store.names]
             shown.update(_table(found), refresh=True)
+
+
+def summary(
+    store: StoreFile,
+    name: SweepName = None,
+    measure: Annotated[
+        str | None, typer.Option("--measure", help="Measure to summarise, such as moves.")
+    ] = None,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            "--compare",
+            metavar="AXIS",
+            help=(
+                "Name of a paired axis. The summary compares each value of the axis with the first"
+                " value."
+            ),
+        ),
+    ] = None,
+    level: Annotated[
+        float, typer.Option("--level", help="Confidence level of the intervals.")
+    ] = 0.95,
+    method: Method = "auto",
+    seed: options.UnusedSeed = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")
+    ] = None,
+    json_: options.Json = False,
+) -> None:
+    """Show means with confidence intervals, and compare the values of a paired axis.
+
+    If some trials ended before their task was complete, the summary states the number of unfinished
+    trials. For a measure that grows until the end of a trial, unfinished trials turn the mean into
+    a restricted mean. In a restricted mean, every value above a cutoff counts as the cutoff. The
+    cutoff of a restricted mean is the smallest value at which a trial ended unfinished.
+    """
+    from shoal.core.checks import check_choice
+    from shoal.lab import Store
+    from shoal.lab.statistics import METHODS, compare_along, first_measure, summarise
+
+    if out is not None:
+        check_folder(out.parent)
+    way: Any = check_choice(method, what="--method", choices=METHODS)
+    with Store(store) as opened:
+        chosen = opened.only(name)
+        wanted = measure or first_measure(opened.stored(chosen).measures)
+        _say_if_mixed(opened, chosen)
+        rows = summarise(opened, chosen, wanted, level=level, method=way)
+        pairs = (
+            compare_along(opened, chosen, wanted, compare, level=level, method=way)
+            if compare
+            else []
+        )
+    result = {
+        "sweep": chosen,
+        "measure": wanted,
+        "level": level,
+        "method": method,
+        "points": [as_json(row.report()) for row in rows],
+        "comparisons": [
+            {
+                "axes": others,
+                compare: [first, second],
+                "comparison": found and as_json(asdict(found)),
+            }
+            for others, first, second, found in pairs
+        ],
+    }
+    if out is not None:
+        write_json(out, result)
+    if json_:
+        print_json(result)
+        return
+    title = f"{wanted} along {compare}, on the same seeds"
+    _print_summary(
+        rows, pairs, compare, means=f"{wanted} of {chosen}", along=title, level=level, method=way
+    )
+
+
+def _print_summary(
+    rows: Sequence[Row],
+    pairs: Sequence[Any],
+    compare: str | None,
+    *,
+    means: str,
+    along: str,
+    level: float,
+    method: str,
+) -> None:
+    print_columns(
+        [*rows[0].values] if rows else [],
+        [f"mean [{100 * level:g} % interval]"],
+        [[*map(str, row.values.values()), str(row)] for row in rows],
+        title=means,
+    )
+    if pairs:
+        print_columns(
+            [*pairs[0][0], str(compare)],
+            [
+                "difference",
+                f"ratio [{100 * level:g} % interval]" if method == "log" else "ratio",
+                "effect",
+                "p",
+            ],
+            [
+                [*map(str, others.values()), *_compared(f"{second} less {first}", found)]
+                for others, first, second, found in pairs
+            ],
+            title=along,
+        )
+
+
+def _compared(names: str, found: Comparison | None) -> list[str]:
+    if found is None:
+        return [
+            names,
+            "not comparable, fewer than two trials of both, or none of them finished",
+            *3 * ["-"],
+        ]
+    return [
+        f"{names}{found.note}",
+        str(found.difference),
+        found.ratio_text,
+        f"{found.effect:.3g}",
+        f"{found.p_value:.2g}",
+    ]
+
+
+def _say_if_mixed(store: Store, name: str) -> None:
+    """Print a warning on stderr if several versions of Shoal or its libraries wrote the rows of a
+    sweep.
+    """
+    from shoal.lab.batches import short_names
+
+    rows = store.versions(name)
+    if len(rows) > 1:
+        names = short_names(rows)
+        counted = ", ".join(f"{count} rows by {names[text]}" for text, count in rows.items())
+        say(
+            f"shoal: warning: {store.path}: sweep {name}: expected rows of one version, got"
+            f" {counted}"
+        )
+
+
+def plot(
+    store: StoreFile,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="File for the figure: .png, .svg or .pdf.")
+    ],
+    name: SweepName = None,
+    measure: Annotated[
+        str | None, typer.Option("--measure", help="Measure to draw, such as moves.")
+    ] = None,
+    seed: options.UnusedSeed = 0,
+    json_: options.Json = False,
+) -> None:
+    """Plot means with 95 % intervals over the first numeric axis, one line for each combination of
+    the other axes' values.
+    """
+    check_folder(check_suffix(out, *FIGURES).parent)
+    from shoal.lab import Store
+    from shoal.lab.statistics import first_measure, summarise
+    from shoal.views import save_figure
+    from shoal.views.drawing.curves import means_figure
+
+    with Store(store) as opened:
+        chosen = opened.only(name)
+        wanted = measure or first_measure(opened.stored(chosen).measures)
+        rows = [row for row in summarise(opened, chosen, wanted) if row.estimate is not None]
+    if not rows:
+        raise InvalidInputError(
+            f"{store}: sweep {chosen}: expected finished trials to draw, got none"
+        )
+    save_figure(means_figure(rows, title=chosen, measure=wanted), out)
+    if json_:
+        print_json({"sweep": chosen, "measure": wanted, "points": len(rows), "out": str(out)})
+    else:
+        print_table([("points", str(len(rows)))], title=f"{wanted} of {chosen}", written=[out])
+
+
+def export_(
+    store: StoreFile,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="File for the table: .csv or .parquet.")
+    ],
+    name: SweepName = None,
+    seed: options.UnusedSeed = 0,
+    json_: options.Json = False,
+) -> None:
+    """Write a table with one row for each trial of a sweep: axes, trial, seed and measures."""
+    from shoal.lab import Store
+    from shoal.lab.exchange import export
+
+    check_table(out)
+    with Store(store) as opened:
+        chosen = opened.only(name)
+        _say_if_mixed(opened, chosen)
+        count = export(opened, chosen, out)
+    if json_:
+        print_json({"sweep": chosen, "rows": count, "out": str(out)})
+    else:
+        print_table([("rows", str(count))], title=f"sweep {chosen}", written=[out])
+
+
+def merge(
+    stores: Annotated[
+        list[Path], typer.Argument(metavar="STORES", help="Files with the results of sweeps.")
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="File for the merged results.")
+    ],
+    seed: options.UnusedSeed = 0,
+    json_: options.Json = False,
+) -> None:
+    """Merge the results of the same sweeps in several stores, for example from several machines,
+    into a new store.
+
+    If several stores contain the same trial, its result must be the same in all these stores.
+    """
+    from shoal.lab import Store
+    from shoal.lab.exchange import merge_stores
+
+    check_folder(out.parent)
+    names = merge_stores(stores, out)
+    with Store(out) as opened:
+        found = [opened.status(name) for name in names]
+    if json_:
+        print_json(
+            {
+                "out": str(out),
+                "sweeps": [
+                    {"name": one.name, "done": one.done, "total": one.total} for one in found
+                ],
+            }
+        )
+    else:
+        print_table(
+            [(one.name, f"{one.done} of {one.total} trials") for one in found],
+            title=f"merged into {out}",
+        )
+
+
+def check(
+    store: StoreFile,
+    seed: options.UnusedSeed = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")
+    ] = None,
+    json_: options.Json = False,
+) -> None:
+    """Check that a store is intact: its structure, keys, seeds and results. The exit code is 1 if a
+    check fails.
+    """
+    from shoal.lab import Store
+    from shoal.lab.store import faults_of
+
+    if out is not None:
+        check_folder(out.parent)
+    with Store(store) as opened:
+        faults, names = faults_of(opened), opened.names
+    result = {"store": str(store), "sweeps": names, "faults": faults, "whole": not faults}
+    if out is not None:
+        write_json(out, result)
+    if json_:
+        print_json(result)
+    else:
+        print_table(
+            [
+                ("store", str(store)),
+                ("sweeps", ", ".join(names) or "none"),
+                ("faults", "; ".join(faults) or "none"),
+            ],
+            title="check",
+        )
+    if faults:
+        say(f"shoal: {store}: {len(faults)} faults")
+        raise typer.Exit(1)
+
+
+def check_table(out: Path) -> None:
+    """Raise an error if Shoal cannot write the table file ``out``."""
+    from shoal.lab.exchange import SUFFIXES
+
+    check_folder(check_suffix(out, *SUFFIXES).parent)
