@@ -17,11 +17,11 @@ from shoal.studio.forms import checked_problem, checked_seed, copies_of
 
 def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Read an episode file in the folder, and return the episode as data for the player."""
-    from importlib import import_module
+    from shoal.views import page_data
 
     name = str(about["file"])
     episode: Any = shoal.load(folder.path(name))
-    data: dict[str, Any] = import_module(f"shoal.views.{episode.part}.page").page_data(episode)
+    data = page_data(episode)
     fields = episode.problem.to_dict()
     return {
         "part": episode.part,
