@@ -112,10 +112,6 @@ def check_world(
         A class or function that is called with a workspace and a move rule and returns a world.
     rules : sequence of str
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     rng = np.random.default_rng(seed)
     for workspace in sample_workspaces(rng):
@@ -163,10 +159,6 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
     ----------
     task : str or Task
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     todo = make_task(task)
     rng = np.random.default_rng(seed)
@@ -214,10 +206,6 @@ def check_policy(
         Maximum number of moves. An episode with more than ``max_moves`` moves is a violation of the
         contract.
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     chosen = make_policy(policy)
     rng = np.random.default_rng(seed)
@@ -347,10 +335,6 @@ def check_planner(planner: str | Planner, *, seed: int = 0) -> None:
     ----------
     planner : str or Planner
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     chosen, rng = make_planner(planner), np.random.default_rng(seed)
     name, world = chosen.name, ContactWorld(polygon([(0, 0), (1, 0), (1, 1), (0, 1)]))
@@ -389,10 +373,6 @@ def check_allocator(allocator: str | Allocator, *, seed: int = 0) -> None:
     ----------
     allocator : str or callable
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     share = configured(ALLOCATORS, allocator) if isinstance(allocator, str) else allocator
     name = allocator if isinstance(allocator, str) else getattr(share, "__name__", str(share))
@@ -433,10 +413,6 @@ def check_map_format(suffix: str, *, examples: Sequence[str | Path] = (), seed: 
     examples : sequence of path
         Map files of the format. A format that Shoal only reads needs at least one.
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     form = MAP_FORMATS.get(suffix)
     assert form is not None, f"{suffix}: expected a registered map format"
@@ -482,10 +458,6 @@ def check_mission_format(form: str | MissionFormat, *, seed: int = 0) -> None:
     ----------
     form : str or MissionFormat
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     chosen = MISSION_FORMATS.get(form) if isinstance(form, str) else form
     name, rng = chosen.suffix, np.random.default_rng(seed)
@@ -541,10 +513,6 @@ def check_rig(rig: Rig, *, exact: bool = True, moves: int = 40, seed: int = 0) -
     moves : int
         Number of random commands.
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     assert isinstance(rig, Rig), f"expected the attributes and methods of Rig, got {rig!r}"
     name, shape, rule = rig.name, tuple(rig.shape), rig.rule

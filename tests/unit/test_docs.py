@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import pydoc
 import re
 import runpy
 import shlex

@@ -268,12 +268,7 @@ def duration_text(seconds: float) -> str:
 
 
 def check_folder(folder: Path) -> Path:
-    """Check, without creating anything, that Shoal can write into an output folder or create it.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Check, without creating anything, that Shoal can write into an output folder or create it."""
     existing = folder
     try:
         while not existing.exists() and existing != existing.parent:
@@ -358,12 +353,7 @@ def _write_film(episode: Any, path: Path) -> None:
 
 
 def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:
-    """Raise an error if the seed of an episode is not the requested seed.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Raise an error if the seed of an episode is not the requested seed."""
     if wanted is not None and wanted != found:
         raise InvalidInputError(
             f"{episode_file}: expected an episode of seed {wanted}, got seed {found}"

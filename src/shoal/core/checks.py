@@ -57,10 +57,6 @@ _TOML_DEEP_KEY = re.compile(rf"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+){{{_DEEPE
 def check_integer(value: Any, *, what: str, least: float = -inf, most: float = inf) -> int:
     """Check a whole number, and return it as an int. Accept NumPy integers and refuse booleans.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> check_integer(np.int64(3), what="particles", least=1)
@@ -93,10 +89,6 @@ def check_number(
     The checked number must be at least ``least``, at most ``most``, more than ``above``, and less
     than ``below``.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> check_number(1, what="loss", least=0, most=1)
@@ -119,24 +111,14 @@ def check_number(
 
 
 def check_bool(value: Any, *, what: str) -> bool:
-    """Check that a value is a boolean, and return the value.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Check that a value is a boolean, and return the value."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidInputError(f"{what}: expected true or false, got {shortened(value)}")
     return bool(value)
 
 
 def check_text(value: Any, *, what: str) -> str:
-    """Check that a value is a string, and return the value.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Check that a value is a string, and return the value."""
     if not isinstance(value, str):
         raise InvalidInputError(f"{what}: expected a text, got {shortened(value)}")
     return value
@@ -145,10 +127,6 @@ def check_text(value: Any, *, what: str) -> str:
 def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
     """Check that a text is one of ``choices``, and return the text. The error message suggests the
     nearest valid choice.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------
@@ -171,10 +149,6 @@ def check_points(
 ) -> NDArray[np.float64]:
     """Return points as a float64 array of shape (count, dimensions). Refuse a coordinate whose
     absolute value exceeds `FARTHEST`.
-
-    Raises
-    ------
-    InvalidInputError
     """
     expected = (
         f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
@@ -204,10 +178,6 @@ def check_points(
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
     """Raise an error if there is no file at ``path``, or if the file is empty or larger than
     ``most`` bytes.
-
-    Raises
-    ------
-    InvalidInputError
     """
     try:
         found, folder = path.is_file(), path.is_dir()
@@ -301,10 +271,6 @@ def check_json_memory(text: str, *, where: str) -> None:
     and twenty times its length.
 
     A text of braces otherwise needs up to a hundred times its own length.
-
-    Raises
-    ------
-    InvalidInputError
     """
     memory = sum(text.count(sign) * size for sign, size in _JSON_MEMORY.items())
     if memory > max(_LARGEST_VALUES, 20 * len(text)):
@@ -377,12 +343,7 @@ def parse_toml(text: str, *, where: str) -> dict[str, Any]:
 
 
 def read_polygon(text: str, *, where: str) -> Any:
-    """Return a polygon or multipolygon from its well-known text, and refuse any other geometry.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return a polygon or multipolygon from its well-known text, and refuse any other geometry."""
     import shapely
 
     why = f"{text.strip()[:20]!r}"
@@ -402,10 +363,6 @@ def read_polygon(text: str, *, where: str) -> Any:
 def check_depth(data: Any, *, where: str) -> None:
     """Refuse lists and objects that are nested more than `DEEPEST` levels deep, because many
     libraries fail on such data.
-
-    Raises
-    ------
-    InvalidInputError
     """
     level = [data]
     for _ in range(DEEPEST + 1):

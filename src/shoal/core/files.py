@@ -20,12 +20,7 @@ from shoal.core.interruption import half_written
 
 
 def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
-    """Return the path of an output file. Refuse a path whose suffix is not one of ``suffixes``.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the path of an output file. Refuse a path whose suffix is not one of ``suffixes``."""
     target = Path(path)
     if target.suffix not in suffixes:
         known = ", ".join(suffixes[:-1]) + " or " * (len(suffixes) > 1) + suffixes[-1]
@@ -74,23 +69,13 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a UTF-8 text file. A failed write leaves no partial file.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Write a UTF-8 text file. A failed write leaves no partial file."""
     with atomic(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None = 1) -> None:
-    """Write a JSON file in ASCII. A failed write leaves no partial file.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Write a JSON file in ASCII. A failed write leaves no partial file."""
     write_text(path, json.dumps(value, indent=indent, allow_nan=False) + "\n")
 
 

@@ -290,12 +290,7 @@ def worker_versions() -> dict[str, str]:
 
 
 def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
-    """Refuse a worker whose versions differ from the versions of the current process.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Refuse a worker whose versions differ from the versions of the current process."""
     ours = worker_versions()
     wrong = [
         f"{name} {theirs.get(name, 'none')} instead of {ours[name]}"

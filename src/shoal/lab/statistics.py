@@ -151,10 +151,6 @@ def estimate(
     seed : int
         Seed of the random numbers in the bootstrap.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> print(estimate([2, 4, 4, 6]))
@@ -229,10 +225,6 @@ def compare(
         ratio on a logarithmic scale, and Student's interval of the difference. The delta method
         estimates the standard error of the logarithm of the ratio as s / sqrt(n), where s is the
         standard deviation of b / mean(b) - a / mean(a) over the n pairs.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------
@@ -390,10 +382,6 @@ def measured(store: Store, name: str, measure: str) -> list[Measured]:
     """Return the values of a measure at each point of a sweep, in the order of the points.
 
     The function imports no third-party code.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     stored = store.stored(name)
     axes, kind, measures = stored.axes, stored.form.problem.get("kind"), stored.measures
@@ -444,10 +432,6 @@ def summarise(
     For a measure that grows until the task is done, an unfinished trial gives only a lower bound of
     its value. The estimate of such a measure is a restricted mean: a value above the row's field
     ``bound`` counts as ``bound``.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     expected = store.stored(name).trials
     rows = []

@@ -144,10 +144,6 @@ class Store:
         """Check that the store has a sweep with the given name, and return the name.
 
         If ``name`` is None, return the name of the only sweep in the store.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
         """
         if name is not None:
             self.stored(name)
@@ -180,12 +176,7 @@ class Store:
             yield number, stored.values(text)
 
     def check_points(self, name: str) -> None:
-        """Refuse a sweep whose stored points are not the points of its axes.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
-        """
+        """Refuse a sweep whose stored points are not the points of its axes."""
         stored = self.stored(name)
         stored.check_points(
             [
@@ -557,10 +548,6 @@ class StoredSweep:
         Two points with the same axis values would otherwise share one mean in a summary. The check
         compares the axis values only, so that it runs no third-party code; `shoal.lab.store` also
         compares the digests of the problems.
-
-        Raises
-        ------
-        InvalidInputError
         """
         with errors_at(f"{self.where}: spec"):
             axes = [axis_values(name, values) for name, values in self.form.axes.items()]

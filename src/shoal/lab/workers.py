@@ -324,10 +324,6 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
     dask : str, optional
         Address of a Dask scheduler. The scheduler's workers run all trials, in place of processes
         on the local machine.
-
-    Raises
-    ------
-    InvalidInputError, MissingExtraError
     """
     if dask is not None:
         if workers is not None:

@@ -32,12 +32,7 @@ _LONG = 14  # rows of a table that are shown unfolded
 def write_page(
     results: Sequence[Result], errata: Sequence[Erratum], path: str | os.PathLike[str]
 ) -> Path:
-    """Write the page of results as an HTML file, and return the path of the file.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Write the page of results as an HTML file, and return the path of the file."""
     target = Path(path)
     counts = Counter(
         claim.verdict for result in results if result.outcome for claim in result.outcome.claims

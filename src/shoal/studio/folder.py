@@ -102,10 +102,6 @@ class Folder:
     def check_fields(self, data: Mapping[str, Any]) -> None:
         """Refuse a problem if one of its fields names a file outside the folder, or a picture that
         is too large.
-
-        Raises
-        ------
-        InvalidInputError
         """
         for value in data.values():
             texts = [
@@ -263,10 +259,6 @@ def purpose_of(name: str) -> str | None:
 def check_pixels(path: Path) -> None:
     """Refuse a picture of more than `MOST_PIXELS` pixels. The check reads only the header of the
     file.
-
-    Raises
-    ------
-    InvalidInputError
     """
     if path.suffix.lower() not in PICTURES or not path.is_file():
         return

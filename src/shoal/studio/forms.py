@@ -114,10 +114,6 @@ def checked_problem(data: Any, folder: Folder, *, part: str | None = None) -> Pr
     or with third-party code.
 
     With ``part``, also refuse a problem of another part.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     kind = data.get("kind") if isinstance(data, Mapping) else None
     if not isinstance(kind, str) or kind not in PARTS:
@@ -135,10 +131,6 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
 
     The function parses the text of a field as the command line does. The function refuses files
     outside the folder, and third-party code.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     if not isinstance(data, Mapping):
         raise InvalidInputError(f"{kind.part}: expected fields with values, got {shortened(data)}")
@@ -156,10 +148,6 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
 def checked_seed(about: Mapping[str, Any]) -> int:
     """Return the seed from a browser, or 0 without a seed. A large seed arrives as text, because
     numbers in browsers have 53 bits.
-
-    Raises
-    ------
-    InvalidInputError
     """
     given = about.get("seed")
     if isinstance(given, str) and given.isascii() and given.isdecimal() and len(given) < 20:

@@ -116,10 +116,6 @@ def check_request(data: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
     """Check that a request has the fields of a question or job, each of the right type, and no
     other field.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> check_request({"file": 5}, {"file": TEXT})

@@ -360,10 +360,6 @@ class Drawing:
 def frame_of(data: Any) -> LocalFrame | None:
     """Return the local frame around a longitude and latitude in degrees, or None if ``data`` is
     None.
-
-    Raises
-    ------
-    InvalidInputError
     """
     if data is None:
         return None
@@ -375,12 +371,7 @@ def frame_of(data: Any) -> LocalFrame | None:
 
 
 def drawing_of(data: Any) -> Drawing | None:
-    """Return the drawing that the data of a page describe, or None for an empty drawing.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the drawing that the data of a page describe, or None for an empty drawing."""
     if data is None:
         return None
     if not isinstance(data, dict):
@@ -408,10 +399,6 @@ def drawing_of(data: Any) -> Drawing | None:
 def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
     """Return the search problem that a page describes. If the user has drawn a region, the problem
     contains the drawn region.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     drawing = drawing_of(about.get("drawing"))
     given = about["problem"] | (

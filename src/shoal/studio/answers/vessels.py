@@ -119,10 +119,6 @@ def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 def _cells(painted: dict[str, Any]) -> NDArray[np.bool_]:
     """Return painted cells: the ``shape`` of a map, and its ``free`` cells as bits, encoded in
     base64.
-
-    Raises
-    ------
-    InvalidInputError
     """
     sides, packed = painted.get("shape"), painted.get("free")
     if not isinstance(sides, list) or len(sides) != 2:

@@ -34,12 +34,7 @@ _APART = 9
 
 
 def check_film(path: str | os.PathLike[str]) -> Path:
-    """Check the suffix of a film's path, and return the path.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Check the suffix of a film's path, and return the path."""
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise InvalidInputError(
