@@ -29,7 +29,7 @@ _CONTROLS = (
     *range(0x202A, 0x202F),
     *range(0x2066, 0x206A),
 )
-_TOLD = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in _CONTROLS}
+_ESCAPED = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in _CONTROLS}
 
 
 def visible(text: str) -> str:
@@ -41,7 +41,7 @@ def visible(text: str) -> str:
     >>> print(visible("a\x1b[31mb"))
     a\x1b[31mb
     """
-    return text.translate(_TOLD)
+    return text.translate(_ESCAPED)
 
 
 def say(text: str) -> None:
@@ -240,7 +240,7 @@ def warnings_said(category: type[Warning]) -> Iterator[None]:
         yield
 
 
-def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
+def report_moves(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
     """Return a function that prints the progress of a long episode on stderr: the number of moves
     and of frontier cells.
     """

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from numpy.random import Generator
     from pydantic import ValidationError
 
 
@@ -234,9 +233,9 @@ def decode_text(raw: bytes, *, where: str) -> str:
     return text
 
 
-def parse_json(text: str, *, where: str) -> Any:
+def parse_json(text: str, *, where: str, **hooks: Any) -> Any:
     """Parse a JSON text. Refuse lists and objects that are nested more than `DEEPEST` levels deep,
-    and repeated names.
+    and repeated names. ``hooks`` are the hooks of `json.loads` for numbers.
 
     Raises
     ------
@@ -247,7 +246,7 @@ def parse_json(text: str, *, where: str) -> Any:
     """
     check_json_memory(text, where=where)
     try:
-        found = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where))
+        found = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where), **hooks)
     except json.JSONDecodeError as error:
         raise InvalidInputError(
             f"{where}: expected JSON, got something else in line {error.lineno}, column"
@@ -475,30 +474,6 @@ def _ranged(least: float, most: float, above: float = -inf, below: float = inf) 
 def _plain(number: float) -> str:
     """Return a number as a text. Keep all digits of whole numbers."""
     return shortened(number) if isinstance(number, int) else f"{number:g}"
-
-
-def world_generators(
-    seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]
-) -> list[tuple[int | None, Generator]]:
-    """Return the seed and the random generator of each world whose index is in ``chosen``.
-
-    ``seed`` is None, a number, or a sequence with a number or None for each world. If ``seed`` is a
-    number, the seed of each world is the sum of ``seed`` and the world's index. A world with the
-    seed None keeps its generator from the list ``own``, or gets a new generator if ``own`` is
-    empty.
-    """
-    several = isinstance(seed, Sequence | np.ndarray)
-    if several and len(seed) != worlds:
-        raise InvalidInputError(f"seed: expected {worlds} seeds, one per world, got {len(seed)}")
-    found: list[tuple[int | None, Generator]] = []
-    for world in chosen.tolist():
-        given = seed[world] if several else seed
-        if given is None:
-            found.append((None, own[world] if own else np.random.default_rng()))
-            continue
-        given = check_integer(given, what="seed", least=0) + (0 if several else world)
-        found.append((given, np.random.default_rng(given)))
-    return found
 
 
 MOST_TRIALS = 1_000_000_000

@@ -122,7 +122,7 @@ class Studio:
         told = {
             "folder": self.folder.root.name,
             "version": __version__,
-            "jobs": self.queue.all_told(),
+            "jobs": self.queue.list_jobs(),
         }
         return JSONResponse(
             told
@@ -212,7 +212,7 @@ class Studio:
 
     async def jobs(self, request: Request) -> Response:
         """Return the newest jobs, and the number of jobs in each state."""
-        return JSONResponse({"jobs": self.queue.all_told(), "counts": self.queue.store.counts()})
+        return JSONResponse({"jobs": self.queue.list_jobs(), "counts": self.queue.store.counts()})
 
     async def add_job(self, request: Request) -> Response:
         """Add a job to the queue. A job that could not begin is refused: a field that is missing or
@@ -235,7 +235,7 @@ class Studio:
     async def cancel_job(self, request: Request) -> Response:
         """Cancel the job whose number the request contains."""
         text = request.path_params["number"]
-        if not (text.isascii() and text.isdecimal() and len(text) < 19) or not self.queue.told(
+        if not (text.isascii() and text.isdecimal() and len(text) < 19) or not self.queue.describe(
             int(text)
         ):
             raise InvalidInputError(f"job: expected the number of a job, got {shortened(text)}")
@@ -270,7 +270,7 @@ class Studio:
                     # between these lines.
                     for piece in self.queue.pieces(number):
                         listener.put_nowait({"piece": piece, "of": number})
-                    listener.put_nowait({"job": self.queue.told(number)})
+                    listener.put_nowait({"job": self.queue.describe(number)})
         except WebSocketDisconnect:
             pass
         except ShoalError:

@@ -263,14 +263,14 @@ def _private(send: Send, host: str) -> Send:
         if message["type"] == "http.response.start":
             message["headers"] = [
                 *message.get("headers", []),
-                *_told({"content-security-policy": _POLICY.format(host=host)}),
+                *_encode_headers({"content-security-policy": _POLICY.format(host=host)}),
             ]
         await send(message)
 
     return private
 
 
-def _told(more: dict[str, str]) -> list[tuple[bytes, bytes]]:
+def _encode_headers(more: dict[str, str]) -> list[tuple[bytes, bytes]]:
     return [(name.encode(), value.encode()) for name, value in (_KEPT_PRIVATE | more).items()]
 
 
@@ -288,7 +288,11 @@ async def _answer(
         "content-security-policy": "default-src 'none'",
     }
     await send(
-        {"type": "http.response.start", "status": status, "headers": _told(headers | more_headers)}
+        {
+            "type": "http.response.start",
+            "status": status,
+            "headers": _encode_headers(headers | more_headers),
+        }
     )
     await send({"type": "http.response.body", "body": body, "more_body": more})
 

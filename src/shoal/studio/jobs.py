@@ -255,9 +255,9 @@ class JobQueue:
         if self.store.counts().get("queued", 0) >= MOST_QUEUED:
             raise OutputError(f"jobs: expected at most {MOST_QUEUED} waiting jobs, got one more")
         number = self.store.add(kind, spec, urgent=urgent)
-        self.tell({"job": self.told(number)})
+        self.tell({"job": self.describe(number)})
         self.go_on()
-        return self.told(number)
+        return self.describe(number)
 
     def go_on(self) -> None:
         """Start waiting jobs while processors are free."""
@@ -277,7 +277,7 @@ class JobQueue:
                 return
             processors = free_for_long if job["kind"] == "sweep" else 1
             running = self._running[job["id"]] = _Running(job, processors)
-            self.tell({"job": self.told(job["id"])})
+            self.tell({"job": self.describe(job["id"])})
             task = asyncio.get_running_loop().create_task(self._follow(running))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
@@ -317,7 +317,7 @@ class JobQueue:
                 running.done, running.note = what
                 if running.done_before is None:
                     running.done_before = running.done
-                self.tell({"job": self.told(number)})
+                self.tell({"job": self.describe(number)})
             elif word == "piece":
                 self._piece(running, what)
             else:
@@ -341,7 +341,7 @@ class JobQueue:
     def _end(self, number: int, state: str, result: dict[str, Any]) -> None:
         self._unsaved[number] = state, result
         self._save_ends()
-        self.tell({"job": self.told(number), "files": True})
+        self.tell({"job": self.describe(number), "files": True})
 
     def _save_ends(self) -> None:
         for number, (state, result) in list(self._unsaved.items()):
@@ -356,7 +356,7 @@ class JobQueue:
         """Return all pieces of the episode that a running job has computed so far."""
         return list(self._running[number].pieces) if number in self._running else []
 
-    def told(self, number: int) -> dict[str, Any]:
+    def describe(self, number: int) -> dict[str, Any]:
         """Return a job as data for browsers. If the job does not exist, return empty data.
 
         The keys of the data are ``id, kind, spec, state, created, began, ended, result``. For a
@@ -366,7 +366,7 @@ class JobQueue:
         job = self.store.job(number)
         return {} if job is None else self._with_progress(job)
 
-    def all_told(self) -> list[dict[str, Any]]:
+    def list_jobs(self) -> list[dict[str, Any]]:
         """Return the newest jobs as data for browsers."""
         return [self._with_progress(job) for job in self.store.newest()]
 
@@ -382,7 +382,7 @@ class JobQueue:
     def cancel(self, number: int) -> None:
         """Cancel a waiting or running job."""
         if self.store.cancel_queued(number):
-            self.tell({"job": self.told(number)})
+            self.tell({"job": self.describe(number)})
         elif number in self._running:
             self._running[number].cancelled = True
             if (worker := self._running[number].worker) is not None:

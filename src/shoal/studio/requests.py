@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from shoal.core.checks import DEEPEST, check_depth, shortened
+from shoal.core.checks import decode_text, parse_json, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
@@ -56,29 +56,15 @@ def read_json(body: bytes) -> dict[str, Any]:
     ...
     shoal.core.errors.InvalidInputError: request: expected finite numbers, got 1e999
     """
-    try:
-        found = json.loads(
-            body.decode("utf-8"),
-            parse_constant=_finite,
-            parse_float=_finite,
-            parse_int=_short,
-            object_pairs_hook=_unique,
-        )
-    except InvalidInputError:
-        raise
-    except UnicodeDecodeError:
-        raise InvalidInputError("request: expected JSON in UTF-8, got other bytes") from None
-    except RecursionError:
-        raise InvalidInputError(
-            f"request: expected JSON nested at most {DEEPEST} deep, got deeper lists and objects"
-        ) from None
-    except ValueError:
-        raise InvalidInputError(
-            f"request: expected a JSON object, got {shortened(body[:60])}"
-        ) from None
+    found = parse_json(
+        decode_text(body, where="request"),
+        where="request",
+        parse_constant=_finite,
+        parse_float=_finite,
+        parse_int=_short,
+    )
     if not isinstance(found, dict):
         raise InvalidInputError(f"request: expected a JSON object, got {shortened(found)}")
-    check_depth(found, where="request")
     try:
         json.dumps(found, ensure_ascii=False).encode()
     except UnicodeEncodeError:
@@ -101,15 +87,6 @@ def _short(text: str) -> int:
             f"request: expected whole numbers of at most {MOST_DIGITS} digits, got {text[:24]}…"
         )
     return int(text)
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InvalidInputError(f"request: expected each key once, got {shortened(twice)} twice")
-    return found
 
 
 def check_request(data: Mapping[str, Any], fields: Mapping[str, Field]) -> None:

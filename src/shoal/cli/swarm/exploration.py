@@ -17,12 +17,12 @@ from shoal.cli.options import takes_problem
 from shoal.cli.output import (
     check_outputs,
     duration_text,
-    moves_told,
     patience,
     print_json,
     print_table,
     progress,
     quiet,
+    report_moves,
     say,
     write_films,
 )
@@ -115,7 +115,7 @@ def _play(
                 workers=workers,
                 seed=seed,
                 on_trial=advance,
-                on_moves=moves_told(workspace.name) if trials == 1 else None,
+                on_moves=report_moves(workspace.name) if trials == 1 else None,
                 keep=True,
             )
         result = summary(episodes, seed=seed)
