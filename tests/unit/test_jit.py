@@ -82,7 +82,7 @@ def test_what_is_loaded_from_the_cache_is_not_told(fresh):
     load, told, _ = fresh
     assert load().total_of_doubled(np.arange(3)) == 6
     told.clear()
-    notices._sent.clear()
+    notices._told.clear()
     watch = jit.Stopwatch()
     spent = jit.seconds_compiling()
     assert load().total_of_doubled(np.arange(3)) == 6

@@ -7,14 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 listeners: list[Callable[[str], None]] = []
-_sent: set[str] = set()
+_told: set[str] = set()
 
 
 def tell_once(text: str) -> None:
     """Send a notice of one sentence to every listener, unless the text is empty or this process has
     already sent it.
     """
-    if listeners and text and text not in _sent:
-        _sent.add(text)
+    if listeners and text and text not in _told:
+        _told.add(text)
         for listener in listeners:
             listener(text)

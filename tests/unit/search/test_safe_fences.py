@@ -298,7 +298,7 @@ def test_a_path_outside_the_written_fence_is_refused_before_a_file_exists(tmp_pa
 def test_zones_that_have_no_room_in_the_fence_are_said(tmp_path, monkeypatch):
     said = []
     monkeypatch.setattr("shoal.core.notices.listeners", [said.append])
-    monkeypatch.setattr("shoal.core.notices._sent", set())
+    monkeypatch.setattr("shoal.core.notices._told", set())
     monkeypatch.setattr(
         "shoal.views.search.mission_folder.fenced_region", lambda region, most, **_: region
     )
@@ -353,7 +353,7 @@ def test_long_sides_of_a_fence_are_straight_in_degrees_and_the_margin_has_room_f
 
 
 def test_missions_without_a_margin_say_so(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("shoal.core.notices._sent", set())
+    monkeypatch.setattr("shoal.core.notices._told", set())
     words = [
         "search",
         "rectangle:200x100",
