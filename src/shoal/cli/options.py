@@ -168,9 +168,8 @@ def takes_problem(
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
-        del vars(wrapped)[
-            "__wrapped__"
-        ]  # otherwise Typer reads the signature of the command itself
+        # otherwise Typer reads the signature of the command itself
+        del vars(wrapped)["__wrapped__"]
         return wrapped
 
     return decorate

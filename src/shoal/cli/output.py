@@ -141,9 +141,8 @@ def print_drawn(drawn: Any) -> None:
     console = Console(soft_wrap=False)
     with console.capture() as captured:
         console.print(drawn)
-    print(
-        captured.get(), end=""
-    )  # not by the console, which ends the program itself when a pipe is closed
+    # not by the console, which ends the program itself when a pipe is closed
+    print(captured.get(), end="")
 
 
 @contextmanager

@@ -38,10 +38,11 @@ RUN_EXAMPLE = "Example: shoal sweep run sweep.toml --store results.sqlite"
 STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
 
 _EVERY = 2.0  # seconds between two updates of --watch
+# seconds between two lines of progress, with and without a new tenth of the trials
 _APART, _SLOW = (
     4.0,
     60.0,
-)  # seconds between two lines of progress, with and without a new tenth of the trials
+)
 SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
 EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
 MERGE_EXAMPLE = "Example: shoal sweep merge results.sqlite --out merged.sqlite"
@@ -70,7 +71,6 @@ Method = Annotated[
     ),
 ]
 PLOT_EXAMPLE = "Example: shoal sweep plot results.sqlite --measure moves --out moves.png"
-FIGURES = (".png", ".svg", ".pdf")
 
 
 def run(
@@ -532,6 +532,8 @@ def plot(
     """Plot means with 95 % intervals over the first numeric axis, one line for each combination of
     the other axes' values.
     """
+    from shoal.views.drawing.charts import FIGURES
+
     check_folder(check_suffix(out, *FIGURES).parent)
     from shoal.lab import Store
     from shoal.lab.statistics import first_measure, summarise

@@ -47,9 +47,10 @@ texts.
 _DEEPEST_KEY = 10  # parts of a TOML key, such as problem.vehicle.name
 _MOST_KEYS = 100_000
 _MOST_VALUES = 500_000  # the parser needs about five seconds for a million
+# texts and comments, which may contain any number of dots
 _TOML_TEXTS = re.compile(
     r'''"""(?s:.*?)"""|\'{3}(?s:.*?)\'{3}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*'''
-)  # texts and comments, which may contain any number of dots
+)
 _TOML_DEEP_KEY = re.compile(rf"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+){{{_DEEPEST_KEY}}}")
 
 
@@ -348,9 +349,8 @@ def read_polygon(text: str, *, where: str) -> Any:
     why = f"{text.strip()[:20]!r}"
     if len(text) <= LARGEST_WKT and re.match(r"\s*(MULTI)?POLYGON\b", text, re.IGNORECASE):
         try:
-            with np.errstate(
-                all="ignore"
-            ):  # 1e400 is refused like any coordinate that is too large
+            # 1e400 is refused like any coordinate that is too large
+            with np.errstate(all="ignore"):
                 return shapely.from_wkt(text.strip())
         except (shapely.errors.ShapelyError, TypeError, UnicodeError) as error:
             why = str(error).strip()[:120]

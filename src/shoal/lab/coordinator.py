@@ -223,9 +223,8 @@ class _Run:
     on_progress: OnProgress | None
     paces: dict[int, float] = field(default_factory=dict)
     pace: float | None = None
-    sound: set[str] = field(
-        default_factory=set
-    )  # workers on which batches fail that also fail on others
+    # workers on which batches fail that also fail on others
+    sound: set[str] = field(default_factory=set)
     fresh: int = 0
     failures: int = 0
     deaths: int = 0
@@ -294,9 +293,8 @@ class _Run:
             error = future.exception()
             if error is None:
                 answer = future.result()
-                check_versions(
-                    answer.versions, worker=answer.worker
-                )  # workers of a cluster may join and leave
+                # workers of a cluster may join and leave
+                check_versions(answer.versions, worker=answer.worker)
                 if self._doubts(job, answer):
                     yield job
                 else:

@@ -22,11 +22,12 @@ from shoal.core.version import __version__
 APPLICATION = 0x53484F41  # "SHOA"
 FORMAT = 1
 _NAMES = ("sweeps", "points", "batches", "trials", "failures")
+# a damaged file may have any type in a column, and a text compares larger than every number
 _RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "sweeps": {"trials": (0, 10**18), "points": (0, 10**18)},
     "points": {"id": (0, 10**18), "number": (0, 10**18)},
     "batches": {"trials": (0, 10**18), "seconds": (0, 1e12), "finished": (0, 1e12)},
-}  # a damaged file may have any type in a column, and a text compares larger than every number
+}
 _TEXTS = {
     "sweeps": ("name", "spec", "inputs", "measures", "version"),
     "points": ("key", "axes"),
@@ -197,9 +198,8 @@ def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
         log = path.with_name(f"{path.name}-wal")
         if not log.exists() or not log.stat().st_size:
             return _connected(path, options="immutable=1")
-        with (
-            tempfile.TemporaryDirectory() as folder
-        ):  # the file may disappear as soon as the copy is open
+        # the file may disappear as soon as the copy is open
+        with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / "store"
             shutil.copyfile(path, copy)
             shutil.copyfile(log, copy.with_name("store-wal"))
@@ -257,9 +257,8 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
 def _make_durable(connection: sqlite3.Connection) -> None:
     """Make SQLite write every commit to the disk before the next statement."""
     connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute(
-        "PRAGMA synchronous = FULL"
-    )  # with NORMAL, a power failure could lose the last commits
+    # with NORMAL, a power failure could lose the last commits
+    connection.execute("PRAGMA synchronous = FULL")
     connection.execute("PRAGMA foreign_keys = ON")
 
 

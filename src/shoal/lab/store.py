@@ -91,9 +91,8 @@ class Store:
         the store file, except the data that other processes are still reading.
         """
         if self.write:
-            with suppress(
-                sqlite3.Error
-            ):  # data that others still read stays in the log beside the file
+            # data that others still read stays in the log beside the file
+            with suppress(sqlite3.Error):
                 self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
         self._connection.close()
 
@@ -637,9 +636,8 @@ def columns_of(
 
 
 _TRIES = 5
-_PLAIN = (
-    os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-)  # a link or a pipe may be an attack: nothing is written to it
+# a link or a pipe may be an attack: nothing is written to it
+_PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 
 
 def _lock_file(store: Path, name: str) -> Path:
@@ -684,12 +682,10 @@ def locked(store: Path, name: str) -> Iterator[None]:
         os.close(descriptor)  # its last holder removed the file between our two calls
     half_written.add(path)
     try:
-        with suppress(
-            OSError
-        ):  # on a full disk the lock still works, but it does not name its holder
-            os.ftruncate(
-                descriptor, 0
-            )  # fails for anything but a plain file, and nothing is written
+        # on a full disk the lock still works, but it does not name its holder
+        with suppress(OSError):
+            # fails for anything but a plain file, and nothing is written
+            os.ftruncate(descriptor, 0)
             os.write(
                 descriptor,
                 f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode(),

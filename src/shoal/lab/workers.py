@@ -134,9 +134,8 @@ class Processes(_OneMachine):
         try:
             with _interruptions_kept():
                 return self._pool.submit(function, *arguments)
-        except (
-            BrokenExecutor
-        ) as error:  # a worker died since the last call: reported like other deaths
+        except BrokenExecutor as error:
+            # a worker died since the last call: reported like other deaths
             future: Future[Any] = Future()
             future.set_exception(error)
             return future

@@ -69,10 +69,11 @@ class Studio:
         self.folder = Folder(root)
         self._listeners: set[asyncio.Queue[dict[str, Any]]] = set()
         self.queue = JobQueue(self.folder, self.tell)
+        # quick, and slow
         self.previews = {
             False: Preview(str(self.folder.root)),
             True: Preview(str(self.folder.root)),
-        }  # quick, and slow
+        }
 
     def tell(self, message: dict[str, Any]) -> None:
         """Send a message to all connected browsers."""

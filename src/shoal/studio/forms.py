@@ -206,9 +206,8 @@ def as_command(problem: Problem, *, seed: int) -> str:
     """
     fields, known = _fields(problem), problem.declarations()
     words = ["shoal", _COMMANDS.get(problem.part, "map")]
-    if (
-        fields.get("task") == "coverage" or "subset" in fields
-    ):  # `shoal map` accepts all other tasks
+    # `shoal map` accepts all other tasks
+    if fields.get("task") == "coverage" or "subset" in fields:
         words[1] = "cover"
         fields.pop("task", None)
     if not all(_has_text(problem, known[name], value) for name, value in fields.items()):

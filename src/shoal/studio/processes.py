@@ -72,7 +72,8 @@ class Worker:
             except (
                 ProcessLookupError,
                 PermissionError,
-            ):  # the process has not created its group yet, or has ended
+            ):
+                # the process has not created its group yet, or has ended
                 self._process.kill()
 
     def end(self) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
+from shoal.parts import PARTS
 from shoal.views.drawing.charts import save_figure
 
 if TYPE_CHECKING:
@@ -198,7 +199,7 @@ def _page_of(episode: Any) -> Any:
 
 def _part_of(episode: Any) -> str:
     part = getattr(episode, "part", None)
-    if part not in ("swarm", "steering", "search"):
+    if part not in PARTS:
         raise InvalidInputError(
             "episode: expected an episode of swarm, steering or search, got"
             f" {type(episode).__name__}"

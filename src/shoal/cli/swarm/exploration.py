@@ -105,9 +105,8 @@ def _play(
         else nullcontext()
     )
     _tell_duration(problem, trials=trials, workers=workers, seed=seed, out=out)
-    with (
-        patient()
-    ):  # after Ctrl-C, the results so far are written and printed before the process ends
+    # after Ctrl-C, the results so far are written and printed before the process ends
+    with patient():
         with planned, progress("trials", trials, shown=trials > 1) as advance:
             episodes = run_trials(
                 problem,
@@ -416,9 +415,8 @@ def write_outputs(
         save_figure(figure(episodes, kind="frontier"), out / "frontier.png")
         written += [out / "map.png", out / "frontier.png", *overlay(episodes[0].problem, out)]
         _remove_earlier(out)
-        kept = [
-            episode for episode in episodes if episode.observations is None
-        ]  # the run of a rig with noise is kept in its log
+        # the run of a rig with noise is kept in its log
+        kept = [episode for episode in episodes if episode.observations is None]
         names = (
             ["episode.npz"]
             if len(episodes) == 1

@@ -129,9 +129,8 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         else:
             text = check_text(text, what="toml")
             fields = parse_toml(text, where="sweep")
-        told["sweep"] = fields | {
-            "seed": str(fields.get("seed", 0))
-        }  # as text, because numbers in pages have 53 bits
+        # as text, because numbers in pages have 53 bits
+        told["sweep"] = fields | {"seed": str(fields.get("seed", 0))}
         made = checked_sweep(text, folder)
     except ShoalError as error:
         return told | {"error": str(error)}

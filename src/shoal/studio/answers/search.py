@@ -34,10 +34,11 @@ _STRAIGHT = 1 - 1e-9  # cosine of the largest angle that does not count as a tur
 
 Points = NDArray[np.float64]
 
+# of the polynomials of `earth`, and radius in metres within which they are fitted
 _DEGREE, _REACH = (
     4,
     20_000.0,
-)  # of the polynomials of `earth`, and radius in metres within which they are fitted
+)
 
 
 def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

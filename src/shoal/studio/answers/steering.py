@@ -77,10 +77,11 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     turned = np.eye(2)
     if place.round:
         sets: Any = disk_reach(float(np.hypot(*delta)), moves=moves, radius=place.radius)
+        # its sets are rotated as if Δ pointed to the right
         (cosine, sine), length = (
             delta,
             max(float(np.hypot(*delta)), 1e-300),
-        )  # its sets are rotated as if Δ pointed to the right
+        )
         turned = np.array([[cosine, sine], [-sine, cosine]]) / length
     else:
         sets = polygon_reach(place, delta, moves=moves)

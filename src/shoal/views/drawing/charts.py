@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+FIGURES = (".png", ".svg", ".pdf")
+"""Suffixes of the files of figures."""
+
 INK, MUTED, GRID = "#22262c", "#6b7280", "#e5e7eb"
 # These colours (Okabe and Ito) differ for all common kinds of colour blindness and are dark enough
 # for thin lines.
@@ -82,11 +85,10 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     OutputError
         If writing the output file fails.
     """
-    target = check_suffix(path, ".png", ".svg", ".pdf")
+    target = check_suffix(path, *FIGURES)
     with atomic(target) as temporary, warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "Glyph"
-        )  # characters that the font lacks are drawn as boxes
+        # characters that the font lacks are drawn as boxes
+        warnings.filterwarnings("ignore", "Glyph")
         figure.savefig(temporary)
 
 

@@ -211,10 +211,11 @@ def write_mp4(
     ):
         assert encoder.stdin is not None
         try:
+            # the encoder has ended: its exit code gives the reason
             with (
                 suppress(BrokenPipeError),
                 encoder.stdin,
-            ):  # the encoder has ended: its exit code gives the reason
+            ):
                 for frame in chain([first], frames):
                     encoder.stdin.write(frame.tobytes())
         except BaseException:
