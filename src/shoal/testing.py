@@ -235,11 +235,9 @@ def _check_episodes(problem: SwarmProblem, trial: int) -> None:
     """Check the first decision of a problem's policy, and check that three runs of one trial end
     and send equal commands.
     """
-    policy, place, limit = (
-        problem.chosen_policy,
-        _place(problem.place, problem.rule),
-        problem.max_moves,
-    )
+    policy = problem.chosen_policy
+    place = _place(problem.place, problem.rule)
+    limit = problem.max_moves
     _check_view(policy, problem.place, problem.start, problem.rule)
     changed = problem.replaced(policy=copy.deepcopy(policy))
     first, *others = (

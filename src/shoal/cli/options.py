@@ -232,11 +232,9 @@ def _parameter(declared: Declaration, *, from_file: bool = False) -> inspect.Par
     shown: Any = default not in (None, "", inspect.Parameter.empty)
     help_, metavar = help_of(declared), option.metavar
     if from_file and option.argument:
-        default, shown, help_ = (
-            inspect.Parameter.empty,
-            False,
-            f"{help_} The argument may also be a problem file (JSON).",
-        )
+        default = inspect.Parameter.empty
+        shown = False
+        help_ = f"{help_} The argument may also be a problem file (JSON)."
     elif not option.argument:  # None: the user has not given the option
         default, shown = None, str(default) if shown and default is not False else False
     if declared.optional or default is None:

@@ -39,10 +39,8 @@ STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
 
 _EVERY = 2.0  # seconds between two updates of --watch
 # seconds between two lines of progress, with and without a new tenth of the trials
-_APART, _SLOW = (
-    4.0,
-    60.0,
-)
+_APART = 4.0
+_SLOW = 60.0
 SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
 EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
 MERGE_EXAMPLE = "Example: shoal sweep merge results.sqlite --out merged.sqlite"

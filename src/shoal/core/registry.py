@@ -284,10 +284,8 @@ def configured(registry: Registry[Any], text: str) -> Any:
     kind: Any = registry.get(name)
     if not inspect.isclass(kind) and not options:
         return kind
-    what, function = (
-        f"the {registry.kind} {name!r}",
-        registry.functions and not inspect.isclass(kind),
-    )
+    what = f"the {registry.kind} {name!r}"
+    function = registry.functions and not inspect.isclass(kind)
     try:
         signature = inspect.signature(kind)
         own = {

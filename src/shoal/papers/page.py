@@ -44,10 +44,8 @@ def write_page(
     )
     failed = sum(result.outcome is None for result in results)
     shown = sum(erratum.shown for erratum in errata)
-    trials, seconds = (
-        sum(result.trials for result in results),
-        sum(result.seconds for result in results),
-    )
+    trials = sum(result.trials for result in results)
+    seconds = sum(result.seconds for result in results)
     made = ", ".join(
         f"{_NAMES[name]} {value}" for name, value in worker_versions().items() if name in _NAMES
     )

@@ -86,11 +86,9 @@ class Guard:
     def __init__(self, application: Application, port: int) -> None:
         self.application = application
         self.hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
-        self.token, self._secret, self._cookie = (
-            secrets.token_urlsafe(32),
-            secrets.token_urlsafe(32),
-            f"shoal_studio_{port}",
-        )
+        self.token = secrets.token_urlsafe(32)
+        self._secret = secrets.token_urlsafe(32)
+        self._cookie = f"shoal_studio_{port}"
         self._sockets = 0
 
     async def __call__(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:

@@ -166,10 +166,8 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
     """
     from shoal.swarm.run import run
 
-    policies, trials = (
-        spec["policies"],
-        check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS),
-    )
+    policies = spec["policies"]
+    trials = check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS)
     seed = checked_seed(spec)
     if not isinstance(policies, list) or not 2 <= len(policies) <= MOST_COMPARED:
         raise InvalidInputError(

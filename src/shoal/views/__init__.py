@@ -113,10 +113,8 @@ def notebook_page(episode: Episode) -> str:
         encode_figure,  # needs matplotlib, which is slow to import
     )
 
-    encoded, name = (
-        base64.b64encode(encode_figure(figure(episode))).decode(),
-        html.escape(repr(episode).strip("<>")),
-    )
+    encoded = base64.b64encode(encode_figure(figure(episode))).decode()
+    name = html.escape(repr(episode).strip("<>"))
     told = (
         name
         if html.escape(episode.sentence) in name

@@ -222,13 +222,11 @@ def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tu
     """Return the additional rows of the printed summary for episodes with noise."""
     if "noise" not in result:
         return []
-    noise, mean = (
-        result["noise"],
-        {
-            name: statistics.fmean(result[name])
-            for name in ("false_free", "false_obstacles", "undecided")
-        },
-    )
+    noise = result["noise"]
+    mean = {
+        name: statistics.fmean(result[name])
+        for name in ("false_free", "false_obstacles", "undecided")
+    }
     rates = ", ".join(f"{name} {rate:g}" for name, rate in noise.items())
     wrong = (
         f"{mean['false_free']:g} walls classified as free, {mean['false_obstacles']:g} free cells"

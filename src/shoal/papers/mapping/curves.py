@@ -79,10 +79,8 @@ def _on_complex(
     All other axes of the sweep are paired: along these axes, the k-th trials have equal seeds.
     """
     chosen = settings.complex
-    problem, axes = (
-        {**GREEDY, "map": chosen, **(fixed or {})},
-        axes | {"particles": counts_of(open_map(chosen).n_free)},
-    )
+    problem = {**GREEDY, "map": chosen, **(fixed or {})}
+    axes = axes | {"particles": counts_of(open_map(chosen).n_free)}
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
     return Sweep(
         name=f"{name}.{_slug(chosen)}",

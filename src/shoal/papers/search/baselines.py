@@ -155,10 +155,8 @@ def _baselines(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome
         [trial["share"] for trial in trials if trial["way"] == "spiral" and trial["robots"] == 2]
     )
     # the bound is 5 %
-    slowest, of_bound = (
-        float(alone["spiral"].max()),
-        (strips.mean / 5, strips.low / 5, strips.high / 5),
-    )
+    slowest = float(alone["spiral"].max())
+    of_bound = (strips.mean / 5, strips.low / 5, strips.high / 5)
     claims = (
         claim(
             "strips: time of 20 robots by 1/m",

@@ -35,10 +35,8 @@ _STRAIGHT = 1 - 1e-9  # cosine of the largest angle that does not count as a tur
 Points = NDArray[np.float64]
 
 # of the polynomials of `earth`, and radius in metres within which they are fitted
-_DEGREE, _REACH = (
-    4,
-    20_000.0,
-)
+_DEGREE = 4
+_REACH = 20_000.0
 
 
 def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -55,10 +53,8 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     except ShoalError as error:
         return told | {"problem": str(error)}
     allocation = made.allocation
-    tour, robots = (
-        _Way(_tour(made), made.altitudes),
-        [_robot(made, robot, canvas) for robot in range(problem.robots)],
-    )
+    tour = _Way(_tour(made), made.altitudes)
+    robots = [_robot(made, robot, canvas) for robot in range(problem.robots)]
     corners = len(tour.corners) + sum(len(way.corners) for _, way in robots)
     drawn = corners <= MOST_DRAWN
     return told | {
@@ -136,10 +132,8 @@ class _Way:
         lengths = np.linalg.norm(steps, axis=1)
         self.length = float(lengths.sum())
         moved = lengths > 0
-        points, steps = (
-            points[np.concatenate([[True], moved])[: len(points)]],
-            steps[moved] / lengths[moved, None],
-        )
+        points = points[np.concatenate([[True], moved])[: len(points)]]
+        steps = steps[moved] / lengths[moved, None]
         turned = np.ones(len(points), dtype=np.bool_)
         turned[1:-1] = np.sum(steps[1:] * steps[:-1], axis=1) < _STRAIGHT
         self.corners = points[turned]
