@@ -10,12 +10,13 @@ import zipfile
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 import shoal
 from shoal.core.checks import check_choice, check_integer, check_text, shortened
+from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import as_json, atomic, write_json, write_text
 from shoal.lab.batches import MixedVersionsWarning, SweepProgress
@@ -412,7 +413,8 @@ def write_results(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, A
     return {"file": file}
 
 
-class Job(NamedTuple):
+@dataclass(frozen=True)
+class Job:
     """A kind of job: the function that does it, and the fields of its description."""
 
     run: Callable[[Folder, dict[str, Any], Say], dict[str, Any]]

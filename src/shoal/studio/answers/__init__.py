@@ -10,9 +10,10 @@ import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from shoal.core.checks import check_choice
+from shoal.core.dataclass import dataclass
 from shoal.core.errors import ShoalError
 from shoal.core.files import as_json
 from shoal.studio.answers import files, lab, search, steering, vessels
@@ -76,7 +77,8 @@ def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
         )
 
 
-class Question(NamedTuple):
+@dataclass(frozen=True)
+class Question:
     """A question of a page: the function that answers it, and the fields that a request has."""
 
     answer: Callable[[Folder, dict[str, Any]], dict[str, Any]]
