@@ -239,14 +239,16 @@ def _parameter(declared: Declaration, *, from_file: bool = False) -> inspect.Par
         default, shown = None, str(default) if shown and default is not False else False
     if declared.optional or default is None:
         kind = kind | None
-    told: dict[str, Any] = {"help": help_, "show_default": shown}
+    arguments: dict[str, Any] = {"help": help_, "show_default": shown}
     if metavar:
-        told["metavar"] = metavar
+        arguments["metavar"] = metavar
     if option.argument:
-        info: Any = typer.Argument(**told)
+        info: Any = typer.Argument(**arguments)
     else:
-        told["rich_help_panel"] = declared.heading or None
-        info = typer.Option(*([option.short] if option.short else []), _flags(declared), **told)
+        arguments["rich_help_panel"] = declared.heading or None
+        info = typer.Option(
+            *([option.short] if option.short else []), _flags(declared), **arguments
+        )
     return inspect.Parameter(
         declared.name,
         inspect.Parameter.KEYWORD_ONLY,

@@ -108,13 +108,16 @@ def _block(names: list[str], values: list[str], row: list[str]) -> Any:
     from rich.text import Text
 
     named = [f"{name} = {entry}" for name, entry in zip(names, row, strict=False)]
-    told = [
+    shown_values = [
         entry if len(values) == 1 else f"{name} {entry}"
         for name, entry in zip(values, row[len(names) :], strict=True)
         if entry != "-"
     ]
     lines = [Text(visible(", ".join(named)), style="cyan")]
-    return Group(*lines, *[Padding(Text(visible(", ".join(told))), (0, 0, 0, 4))] * bool(told))
+    return Group(
+        *lines,
+        *[Padding(Text(visible(", ".join(shown_values))), (0, 0, 0, 4))] * bool(shown_values),
+    )
 
 
 def _titled(title: str, table: Any) -> Any:

@@ -413,14 +413,14 @@ def summary(
 
     if out is not None:
         check_folder(out.parent)
-    way: Any = check_choice(method, what="--method", choices=METHODS)
+    interval_method: Any = check_choice(method, what="--method", choices=METHODS)
     with Store(store) as opened:
         chosen = opened.only(name)
         wanted = measure or first_measure(opened.stored(chosen).measures)
         _say_if_mixed(opened, chosen)
-        rows = summarise(opened, chosen, wanted, level=level, method=way)
+        rows = summarise(opened, chosen, wanted, level=level, method=interval_method)
         pairs = (
-            compare_along(opened, chosen, wanted, compare, level=level, method=way)
+            compare_along(opened, chosen, wanted, compare, level=level, method=interval_method)
             if compare
             else []
         )
@@ -446,7 +446,13 @@ def summary(
         return
     title = f"{wanted} along {compare}, on the same seeds"
     _print_summary(
-        rows, pairs, compare, means=f"{wanted} of {chosen}", along=title, level=level, method=way
+        rows,
+        pairs,
+        compare,
+        means=f"{wanted} of {chosen}",
+        along=title,
+        level=level,
+        method=interval_method,
     )
 
 

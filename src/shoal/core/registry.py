@@ -344,8 +344,8 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
     """Convert the value of an option to the annotated type of its parameter, or to the type of the
     parameter's default.
     """
-    for told in (parameter.annotation, type(parameter.default)):
-        kind = getattr(told, "__name__", str(told))  # annotations may be strings
+    for annotation in (parameter.annotation, type(parameter.default)):
+        kind = getattr(annotation, "__name__", str(annotation))  # annotations may be strings
         if kind in _READ:
             read, expected = _READ[kind]
             try:

@@ -332,12 +332,12 @@ class Row:
             return f"more than {self.bound:.6g}: 0 of {self.counted} trials completed{missing}"
         if self.completed is None or self.completed == self.counted:
             return f"{self.estimate} ({self.counted} trials{missing})"
-        told = (
+        mean = (
             f"{self.estimate}"
             if self.bound is None
             else f"restricted mean to {self.bound:.6g}: {self.estimate}"
         )
-        return f"{told} ({self.completed} of {self.counted} trials completed{missing})"
+        return f"{mean} ({self.completed} of {self.counted} trials completed{missing})"
 
 
 @dataclass(frozen=True)

@@ -749,8 +749,8 @@ def _faults_of(store: Store, name: str) -> Iterator[str]:
     rows_of_points = store.ask(
         "SELECT id, key, axes FROM points WHERE sweep = ? ORDER BY number", stored.id
     )
-    told = {key: text for _, key, text in rows_of_points}
-    if told != {key: json.dumps([*point.values.values()]) for key, point in points.items()}:
+    stored_axes = {key: text for _, key, text in rows_of_points}
+    if stored_axes != {key: json.dumps([*point.values.values()]) for key, point in points.items()}:
         yield f"sweep {name}: its points are not those of its spec"
         return
     for point, key, _ in rows_of_points:

@@ -487,10 +487,10 @@ def sweep_in(
             check(data)
         return sweep_of(data, where=where)
     except InvalidInputError as error:
-        told = str(error).removeprefix(f"{where}: ")
-        line = line_of(text, told)
+        message = str(error).removeprefix(f"{where}: ")
+        line = line_of(text, message)
         raise InvalidInputError(
-            f"{where}, line {line}: {told}" if line else f"{where}: {told}"
+            f"{where}, line {line}: {message}" if line else f"{where}: {message}"
         ) from None
 
 

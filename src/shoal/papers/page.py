@@ -186,12 +186,12 @@ def _errata(errata: Sequence[Erratum]) -> str:
 
 
 def _erratum(erratum: Erratum) -> str:
-    told = (
+    entries = (
         ("printed", erratum.printed),
         ("holds", erratum.holds),
         ("check", erratum.check),
         ("found", erratum.found),
     )
-    rows = "".join(f"<div><dt>{name}</dt><dd>{escape(text)}</dd></div>" for name, text in told)
+    rows = "".join(f"<div><dt>{name}</dt><dd>{escape(text)}</dd></div>" for name, text in entries)
     mark = _mark(Verdict.AGREES if erratum.shown else Verdict.DIFFERS)
     return f"<article><h4>{mark} {escape(capital(erratum.source))}</h4><dl>{rows}</dl></article>"

@@ -120,13 +120,13 @@ class Studio:
 
     async def start(self, request: Request) -> Response:
         """Return the initial data of the studio's page."""
-        told = {
+        initial = {
             "folder": self.folder.root.name,
             "version": __version__,
             "jobs": self.queue.list_jobs(),
         }
         return JSONResponse(
-            told
+            initial
             | await asyncio.shield(self.forms)
             | await asyncio.to_thread(self.folder.list_files)
         )

@@ -150,8 +150,8 @@ class Folder:
                             continue
                         if entry.is_dir(follow_symlinks=False):
                             folders.append(entry.path)
-                        elif (told := self._listed(entry)) is not None:
-                            found.append(told)
+                        elif (listed := self._listed(entry)) is not None:
+                            found.append(listed)
             except OSError:  # a folder that cannot be read, or has just gone
                 continue
         return sorted(found, key=lambda one: (-float(one["time"]), one["name"]))

@@ -58,16 +58,16 @@ def schema_of(kind: type[Problem]) -> dict[str, Any]:
 
 def _property(declared: Declaration) -> dict[str, Any]:
     option = declared.option
-    told: dict[str, Any] = {
+    schema: dict[str, Any] = {
         "title": declared.name.replace("_", " "),
         "description": _as_in_forms(option.help),
     }
     kind = _JSON_TYPES.get(declared.type)
     if kind is not None:
-        told["type"] = [kind, "null"] if declared.optional else kind
+        schema["type"] = [kind, "null"] if declared.optional else kind
     if not declared.required:
         text = kind is None and not isinstance(declared.default, str | None)
-        told["default"] = (
+        schema["default"] = (
             None
             if declared.default == math.inf
             else declared.text(declared.default)
@@ -80,19 +80,19 @@ def _property(declared: Declaration) -> dict[str, Any]:
         "exclusiveMinimum": option.above,
         "exclusiveMaximum": option.below,
     }
-    told |= {word: limit for word, limit in limits.items() if math.isfinite(limit)}
+    schema |= {word: limit for word, limit in limits.items() if math.isfinite(limit)}
     if option.choices:
-        told["enum"] = list(option.choices)
+        schema["enum"] = list(option.choices)
     if option.names is not None:
-        told["names"] = [*(["auto"] if declared.default == "auto" else []), *option.names]
+        schema["names"] = [*(["auto"] if declared.default == "auto" else []), *option.names]
     if option.unit:
-        told["unit"] = option.unit
-    told |= {
+        schema["unit"] = option.unit
+    schema |= {
         word: True
         for word, is_so in (("place", option.argument), ("repeated", option.repeated))
         if is_so
     }
-    return told
+    return schema
 
 
 def _as_in_forms(text: str) -> str:

@@ -209,8 +209,8 @@ class _Body:
         self.most, self._receive = most, receive
         self.refusal: _RefusedError | None = None
         self._came, self._whole = 0, False
-        told = headers.get(b"content-length", b"0")
-        if not told.isdigit() or len(told) > 20 or int(told) > most:
+        length = headers.get(b"content-length", b"0")
+        if not length.isdigit() or len(length) > 20 or int(length) > most:
             raise self._too_large()
 
     def _too_large(self) -> _RefusedError:

@@ -170,8 +170,8 @@ class Preview:
 
     def _exchange(self, worker: Worker, number: int, what: str, about: dict[str, Any]) -> Any:
         worker.connection.send((number, what, about))
-        told, word, value = worker.connection.recv()
-        if told != number:
+        answered, word, value = worker.connection.recv()
+        if answered != number:
             raise EOFError
         if word == "error":
             raise ShoalError(value)

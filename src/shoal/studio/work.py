@@ -138,14 +138,14 @@ def play_live(problem: Any, seed: int, say: Say) -> Any:
     every = problem.scanning.every_move
     say("piece", {"begin": page_data(begun) | {"status": ""}})
     goal = max(1, cells_to_classify(problem.place.free) if targets is None else int(targets.sum()))
-    told = {"moves": 0, "classified": len(start)}
+    counts = {"moves": 0, "classified": len(start)}
 
     def on_trace(trace: Trace) -> None:
         scans = None if every else "".join("01"[scan] for scan in trace.scanned.tolist())
         say("piece", {"commands": decode(trace.commands), "scans": scans})
-        told["moves"] += trace.moves
-        told["classified"] += int(trace.classified.sum())
-        say("progress", (min(0.99, told["classified"] / goal), f"{told['moves']} moves"))
+        counts["moves"] += trace.moves
+        counts["classified"] += int(trace.classified.sum())
+        say("progress", (min(0.99, counts["classified"] / goal), f"{counts['moves']} moves"))
 
     episode = run(problem, seed=seed, on_trace=on_trace)
     say("piece", {"end": str(episode.status), "unreachable": episode.unreachable})
@@ -212,10 +212,10 @@ def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
     whole = min(map(len, rows))
     moves = [[one[0] for one in row[:whole]] for row in rows]
     best = min(range(len(rows)), key=lambda k: float(np.mean(moves[k])))
-    told = []
+    compared_policies = []
     for k, policy in enumerate(policies):
         mean, against = estimate(moves[k]), paired(moves[best], moves[k])
-        told.append(
+        compared_policies.append(
             {
                 "policy": policy,
                 "mean": mean.mean,
@@ -229,7 +229,9 @@ def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
                 "p": against.p_value,
             }
         )
-    compared: dict[str, Any] = as_json({"policies": told, "best": best, "trials": whole})
+    compared: dict[str, Any] = as_json(
+        {"policies": compared_policies, "best": best, "trials": whole}
+    )
     return compared
 
 

@@ -115,7 +115,7 @@ def notebook_page(episode: Episode) -> str:
 
     encoded = base64.b64encode(encode_figure(figure(episode))).decode()
     name = html.escape(repr(episode).strip("<>"))
-    told = (
+    caption = (
         name
         if html.escape(episode.sentence) in name
         else f"{name}<br/>{html.escape(episode.sentence)}"
@@ -131,7 +131,7 @@ def notebook_page(episode: Episode) -> str:
     return (
         f'<figure style="margin:0"><img alt="{name}" src="data:image/png;base64,{encoded}"'
         ' style="max-width:100%"/>'
-        f"<figcaption>{told}</figcaption>{frame * (0 < len(player) < INLINE)}</figure>"
+        f"<figcaption>{caption}</figcaption>{frame * (0 < len(player) < INLINE)}</figure>"
     )
 
 

@@ -67,8 +67,8 @@ def line(
         check_folder(out)
     drawn = None
     if monte_carlo is not None:
-        with progress("placements", monte_carlo, shown=True) as told:
-            drawn = sample(chosen, monte_carlo, seed=seed, workers=workers, on_trials=told)
+        with progress("placements", monte_carlo, shown=True) as advance:
+            drawn = sample(chosen, monte_carlo, seed=seed, workers=workers, on_trials=advance)
     with patience("counting placements ..."):
         result = line_summary(chosen, drawn, seed=seed)
     written = []

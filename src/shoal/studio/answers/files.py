@@ -69,7 +69,7 @@ def papers(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """
     from shoal.papers.reproduce import recipes
 
-    told = []
+    answer = []
     for name in recipes():
         recipe = recipes().get(name)
         one: dict[str, Any] = {
@@ -87,6 +87,6 @@ def papers(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
                 one["result"] = {
                     key: found.get(key) for key in ("verdict", "claims", "sentence", "files")
                 }
-        told.append(one)
+        answer.append(one)
     page_file = folder.path(f"{PAPERS}/index.html")
-    return {"figures": told, "page": f"{PAPERS}/index.html" if page_file.is_file() else None}
+    return {"figures": answer, "page": f"{PAPERS}/index.html" if page_file.is_file() else None}

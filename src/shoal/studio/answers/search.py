@@ -47,17 +47,17 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     problem = placed_problem(folder, about)
     region = problem.place
     canvas = _Canvas(region.frame, frame_of(about.get("frame")))
-    told = _region(region, canvas)
+    answer = _region(region, canvas)
     try:
         made = plan_search(problem, seed=checked_seed(about))
     except ShoalError as error:
-        return told | {"problem": str(error)}
+        return answer | {"problem": str(error)}
     allocation = made.allocation
-    tour = _Way(_tour(made), made.altitudes)
+    tour = _Path(_tour(made), made.altitudes)
     robots = [_robot(made, robot, canvas) for robot in range(problem.robots)]
-    corners = len(tour.corners) + sum(len(way.corners) for _, way in robots)
+    corners = len(tour.corners) + sum(len(path.corners) for _, path in robots)
     drawn = corners <= MOST_DRAWN
-    return told | {
+    return answer | {
         "problem": None,
         "cells": made.grid.n_cells,
         "cell": made.grid.size,
@@ -72,7 +72,8 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "drawn": drawn,
         "closed": tour.pieces(canvas) if drawn else [],
         "robots": [
-            told_robot | {"way": way.pieces(canvas) if drawn else []} for told_robot, way in robots
+            robot_answer | {"way": path.pieces(canvas) if drawn else []}
+            for robot_answer, path in robots
         ],
     }
 
@@ -97,8 +98,8 @@ class _Canvas:
             and len(given)
         ):
             given = self.shown.to_metres(self.own.to_degrees(given))
-        told: list[Any] = np.round(given, 3).tolist()
-        return told
+        answer: list[Any] = np.round(given, 3).tolist()
+        return answer
 
 
 def _region(region: SearchRegion, canvas: _Canvas) -> dict[str, Any]:
@@ -124,7 +125,7 @@ def _tour(plan: SearchPlan) -> Points:
     return plan.paths.route(np.concatenate([cells, cells[:1]])).points
 
 
-class _Way:
+class _Path:
     """The corners of a path, and the altitude layer of each corner."""
 
     def __init__(self, points: Points, altitudes: list[float]) -> None:
@@ -153,19 +154,19 @@ class _Way:
         ]
 
 
-def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any], _Way]:
+def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any], _Path]:
     stops = plan.stops(robot)
     points = plan.route(robot, stops).points if len(stops) else np.zeros((0, 2))
-    way = _Way(points, plan.altitudes)
+    path = _Path(points, plan.altitudes)
     return {
         "place": canvas.points(plan.places[robot])[0],
         "seconds": end_of(plan.sorties[robot])
         if plan.flies
         else plan.seconds(float(plan.allocation.times[robot])),
         "stops": len(stops),
-        "length": way.length,
+        "length": path.length,
         "turns": int(turns_of(points).sum()) if len(stops) else 0,
-    }, way
+    }, path
 
 
 def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -179,13 +180,13 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         Path(), problem, checked_fields(MissionOptions, about.get("missions") or {}, folder)
     )
     plan = made.planned(seed=checked_seed(about))
-    told = made.report(plan)
+    answer = made.report(plan)
     if made.approach is not None:
         canvas = _Canvas(plan.grid.region.frame, frame_of(about.get("frame")))
-        told["nearest_approach"]["place"] = canvas.points(made.approach.place[:2])[0]
-    for start, mission in zip(told["starts"], made.missions, strict=True):
+        answer["nearest_approach"]["place"] = canvas.points(made.approach.place[:2])[0]
+    for start, mission in zip(answer["starts"], made.missions, strict=True):
         start |= {"length_m": mission.length, "items": mission.n_items}
-    return told
+    return answer
 
 
 def flown(problem: SearchProblem) -> SearchProblem:

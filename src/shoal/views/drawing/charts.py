@@ -151,7 +151,7 @@ def draw_scale_bar(
         transform=place,
         clip_on=False,
     )
-    told = f"{length / 1000:g} km" if unit == "m" and length >= 1000 else f"{length:g} {unit}"
+    label = f"{length / 1000:g} km" if unit == "m" and length >= 1000 else f"{length:g} {unit}"
     style: dict[str, Any] = {
         "ha": "right",
         "va": "center",
@@ -159,7 +159,7 @@ def draw_scale_bar(
         "color": INK,
         "annotation_clip": False,
     }
-    words = told if north is None else f"N    {told}"
+    words = label if north is None else f"N    {label}"
     end = axes.annotate(
         words,
         (right - length / size, low),
