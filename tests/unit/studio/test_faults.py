@@ -104,7 +104,10 @@ def test_a_sweep_that_is_killed_goes_on_with_what_is_missing(tmp_path):
     text, told = as_toml(SWEEP), []
 
     async def until(queue, number, *, done):
-        while queue.describe(number)["state"] != "done" and queue.describe(number).get("done", 0) <= done:
+        while (
+            queue.describe(number)["state"] != "done"
+            and queue.describe(number).get("done", 0) <= done
+        ):
             await asyncio.sleep(0.005)
 
     async def scenario():
