@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from shoal.lab import Store, Sweep
-from shoal.lab.batches import Answer
+from shoal.lab.batches import Answer, worker_versions
 from shoal.lab.exchange import export, frame
 from shoal.lab.store import faults_of
 from shoal.lab.sweep import trial_seed
-from shoal.lab.versions import worker_versions
 
 TRIALS = 1_000_000
 POINTS = 1000

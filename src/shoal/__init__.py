@@ -19,98 +19,8 @@ from shoal.core.display import register_display
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from shoal.core.episode import Episode, Status, Verification
-    from shoal.core.errors import (
-        InvalidInputError,
-        MissingExtraError,
-        OutputError,
-        RigError,
-        ShoalError,
-        UnknownNameError,
-    )
-    from shoal.core.problem import Problem
-    from shoal.core.version import __version__
-    from shoal.lab import run_trials
-    from shoal.parts import load, load_problem, run
-    from shoal.search import SearchProblem, open_region
-    from shoal.steering import SteeringProblem, open_workspace
-    from shoal.swarm import GridWorkspace, SwarmProblem
-    from shoal.swarm.maps.files import open_map, read_map, write_map
-    from shoal.views import figure, film
-
-_HOMES = {
-    "core.episode": (
-        "Episode",
-        "Status",
-        "Verification",
-    ),
-    "core.errors": (
-        "InvalidInputError",
-        "MissingExtraError",
-        "OutputError",
-        "RigError",
-        "ShoalError",
-        "UnknownNameError",
-    ),
-    "core.problem": ("Problem",),
-    "core.version": ("__version__",),
-    "lab": ("run_trials",),
-    "parts": (
-        "load",
-        "load_problem",
-        "run",
-    ),
-    "search": (
-        "SearchProblem",
-        "open_region",
-    ),
-    "steering": (
-        "SteeringProblem",
-        "open_workspace",
-    ),
-    "swarm": (
-        "GridWorkspace",
-        "SwarmProblem",
-    ),
-    "swarm.maps.files": (
-        "open_map",
-        "read_map",
-        "write_map",
-    ),
-    "views": (
-        "figure",
-        "film",
-    ),
-}
-
-__all__ = [
-    "Episode",
-    "GridWorkspace",
-    "InvalidInputError",
-    "MissingExtraError",
-    "OutputError",
-    "Problem",
-    "RigError",
-    "SearchProblem",
-    "ShoalError",
-    "Status",
-    "SteeringProblem",
-    "SwarmProblem",
-    "UnknownNameError",
-    "Verification",
-    "__version__",
-    "figure",
-    "film",
-    "load",
-    "load_problem",
-    "open_map",
-    "open_region",
-    "open_workspace",
-    "read_map",
-    "run",
-    "run_trials",
-    "write_map",
-]
+    from shoal.core.episode import Episode
+    from shoal.swarm.maps.workspace import GridWorkspace
 
 
 def _draw_page(episode: "Episode") -> object:
@@ -130,10 +40,11 @@ register_display("png", _draw_layers)
 
 
 def __getattr__(name: str) -> object:
-    from shoal.core.registry import loaded_on_use
+    from lazy_loader import attach_stub
 
-    return loaded_on_use(__name__, _HOMES)(name)
+    load, _, names = attach_stub(__name__, __file__)  # the names of `__init__.pyi`
+    return names if name == "__all__" else load(name)
 
 
-def __dir__() -> list[str]:
-    return __all__
+def __dir__() -> object:
+    return __getattr__("__all__")

@@ -75,10 +75,6 @@ def problem_of(data: Mapping[str, Any], *, where: str = "problem") -> Problem:
     """Build a problem from a mapping of its fields. The entry ``kind`` of the mapping names the
     part: swarm, steering or search.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> problem_of({"kind": "swarm", "map": "line:9", "particles": 3}).particles
@@ -97,12 +93,7 @@ def _type_named_in(data: Any, *, where: str) -> type[Problem]:
 
 
 def read_problem(path: str | os.PathLike[str]) -> Any:
-    """Read a problem file and return its JSON data.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Read a problem file and return its JSON data."""
     return parse_json(
         read_text(Path(path), what="problem file", most=LARGEST_PROBLEM), where=str(path)
     )
@@ -116,10 +107,6 @@ def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Proble
     path : path
     trust : bool
         Whether Shoal may run code that the file names as MODULE:ATTRIBUTE.
-
-    Raises
-    ------
-    InvalidInputError
     """
     data = read_problem(path)
     return _type_named_in(data, where=str(path)).from_file(data, str(path), trust=trust)
@@ -206,12 +193,7 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
 
 
 def check(problem: Problem) -> None:
-    """Refuse a problem that cannot run, without running it.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
-    """
+    """Refuse a problem that cannot run, without running it."""
     _run_module(problem.part).check(problem)
 
 

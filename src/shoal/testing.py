@@ -1,7 +1,7 @@
-"""Conformance tests for third-party worlds, tasks, policies and tours. Shoal's built-in objects
-pass all conformance tests.
+"""Conformance checks for what people add to Shoal: worlds, tasks, policies, tours, planners,
+allocators, map formats, mission formats and rigs. Shoal's own pass them all.
 
-Each check runs the tested object on small random maps. At the first violation of the object's
+Each check runs the tested object on small random input. At the first violation of the object's
 contract, a check raises ``AssertionError`` with one sentence. Call the checks from your own tests:
 
     from shoal.testing import check_policy
@@ -13,15 +13,28 @@ contract, a check raises ``AssertionError`` with one sentence. Call the checks f
 from __future__ import annotations
 
 import copy
+import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, RigError
+from shoal.core.registry import configured
+from shoal.missions.diagnostics import Sheet
+from shoal.missions.files import mission_of
+from shoal.missions.formats import FORMATS as MISSION_FORMATS
+from shoal.missions.formats import MissionFormat
+from shoal.missions.mission import KINDS, Mission
+from shoal.rigs import Rig
 from shoal.search import TourMaker, components, make_tour
+from shoal.search.allocation.allocate import ALLOCATORS, Allocator, Team, numbers_of
+from shoal.search.allocation.costs import TourCost
 from shoal.search.tours import find_tour_maker
+from shoal.steering import ContactWorld, Planner, SteeringTask, make_planner, polygon
 from shoal.swarm import (
     GridWorkspace,
     GridWorld,
@@ -34,10 +47,23 @@ from shoal.swarm import (
     make_task,
 )
 from shoal.swarm.grid.board import letters_of
+from shoal.swarm.maps.files import FORMATS as MAP_FORMATS
+from shoal.swarm.maps.files import read_map, write_map
 from shoal.swarm.run import run
 from shoal.swarm.simulation.loop import decided
 
-__all__ = ["check_policy", "check_task", "check_tour_maker", "check_world", "sample_workspaces"]
+__all__ = [
+    "check_allocator",
+    "check_map_format",
+    "check_mission_format",
+    "check_planner",
+    "check_policy",
+    "check_rig",
+    "check_task",
+    "check_tour_maker",
+    "check_world",
+    "sample_workspaces",
+]
 
 ALL_RULES = ("block", "merge", "tilt")
 ALL_DIMENSIONS = (2, 3)
@@ -87,10 +113,6 @@ def check_world(
         A class or function that is called with a workspace and a move rule and returns a world.
     rules : sequence of str
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     rng = np.random.default_rng(seed)
     for workspace in sample_workspaces(rng):
@@ -138,10 +160,6 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
     ----------
     task : str or Task
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     todo = make_task(task)
     rng = np.random.default_rng(seed)
@@ -189,10 +207,6 @@ def check_policy(
         Maximum number of moves. An episode with more than ``max_moves`` moves is a violation of the
         contract.
     seed : int
-
-    Raises
-    ------
-    AssertionError
     """
     chosen = make_policy(policy)
     rng = np.random.default_rng(seed)
@@ -222,11 +236,9 @@ def _check_episodes(problem: SwarmProblem, trial: int) -> None:
     """Check the first decision of a problem's policy, and check that three runs of one trial end
     and send equal commands.
     """
-    policy, place, limit = (
-        problem.chosen_policy,
-        _place(problem.place, problem.rule),
-        problem.max_moves,
-    )
+    policy = problem.chosen_policy
+    place = _place(problem.place, problem.rule)
+    limit = problem.max_moves
     _check_view(policy, problem.place, problem.start, problem.rule)
     changed = problem.replaced(policy=copy.deepcopy(policy))
     first, *others = (
@@ -309,3 +321,238 @@ def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
         assert np.array_equal(make_tour(chosen, mask).cells, tour.cells), (
             f"{tour.name}: the same mask gave two tours"
         )
+
+
+def check_planner(planner: str | Planner, *, seed: int = 0) -> None:
+    """Check a planner of steering, on two particles in a square.
+
+    A plan is None or an array of finite moves, at most ``task.max_moves``. A planner changes
+    neither the task nor itself, and repeats its plan for an equal task. It reaches goals that one
+    move without a touch reaches.
+
+    Parameters
+    ----------
+    planner : str or Planner
+    seed : int
+    """
+    chosen, rng = make_planner(planner), np.random.default_rng(seed)
+    name, world = chosen.name, ContactWorld(polygon([(0, 0), (1, 0), (1, 1), (0, 1)]))
+    for number in range(6):
+        start = rng.uniform(0.2, 0.8, (2, 2))
+        shifted = number < 3  # one move from the start, and no wall on the way
+        goal = start + rng.uniform(-0.15, 0.15, 2) if shifted else rng.uniform(0.2, 0.8, (2, 2))
+        task = SteeringTask(world, start, goal, 0.01, max_moves=40, seed=number)
+        given, own = (start.copy(), goal.copy()), copy.deepcopy(vars(chosen))
+        moves = chosen.plan(task)
+        assert np.array_equal(start, given[0]), f"{name}: the planner changed the start"
+        assert np.array_equal(goal, given[1]), f"{name}: the planner changed the goal"
+        assert vars(chosen) == own, f"{name}: the planner changed itself"
+        again = chosen.plan(replace(task))
+        if moves is None:
+            assert again is None, f"{name}: the same task gave two plans"
+        else:
+            array = np.asarray(moves)
+            assert array.ndim == 2, f"{name}: expected moves of shape (k, 2), got {array.shape}"
+            assert array.shape[1] == 2, f"{name}: expected moves of shape (k, 2), got {array.shape}"
+            assert np.isfinite(array.astype(np.float64)).all(), f"{name}: a move is not finite"
+            assert len(array) <= task.max_moves, f"{name}: {len(array)} moves of {task.max_moves}"
+            assert np.array_equal(array, np.asarray(again)), f"{name}: the same task gave two plans"
+        if shifted:
+            assert moves is not None, f"{name}: no plan for goals that one move reaches"
+            assert task.reaches_goal(moves), f"{name}: the plan misses goals that one move reaches"
+
+
+def check_allocator(allocator: str | Allocator, *, seed: int = 0) -> None:
+    """Check an allocator: it gives every cell of the tour to exactly one robot.
+
+    The check uses tours of several shapes, and robots of different speeds, also several robots in
+    one cell. An allocator changes none of its arguments, and repeats its answer.
+
+    Parameters
+    ----------
+    allocator : str or callable
+    seed : int
+    """
+    share = configured(ALLOCATORS, allocator) if isinstance(allocator, str) else allocator
+    name = allocator if isinstance(allocator, str) else getattr(share, "__name__", str(share))
+    rng = np.random.default_rng(seed)
+    for shape in [(1, 1), (1, 9), (5, 6), (8, 8), (3, 65)]:
+        cost = TourCost(make_tour("hilbert-rectangle", shape))
+        n = len(cost)
+        for robots in (1, 2, 5):
+            starts = np.sort(rng.integers(n, size=robots))
+            rates = rng.choice([0.5, 1.0, 2.0], size=robots)
+            team = Team(starts, rates, cost.points[starts], np.ones(robots), cost.far(starts))
+            before = copy.deepcopy(team)
+            parts = [list(part) for part in share(cost, team)]
+            what = f"{name}: {robots} robots on a tour of {n} cells"
+            for array, old in zip(team, before, strict=True):
+                assert np.array_equal(array, old), f"{what}: the team was changed"
+            assert len(parts) == robots, f"{what}: arcs for {len(parts)} robots"
+            for arc in (arc for part in parts for arc in part):
+                assert arc.step in (1, -1), f"{what}: {arc}: expected the step 1 or -1"
+                assert 0 <= arc.count <= n, f"{what}: {arc}: expected 0 to {n} cells"
+            times = np.zeros(n, dtype=np.int64)
+            for part in parts:
+                np.add.at(times, numbers_of(part, n), 1)
+            assert times.min() > 0, f"{what}: no robot searches cell {int(times.argmin())}"
+            assert times.max() == 1, f"{what}: several robots search cell {int(times.argmax())}"
+            again = [list(part) for part in share(cost, team)]
+            assert again == parts, f"{what}: the same team gave two allocations"
+
+
+def check_map_format(suffix: str, *, examples: Sequence[str | Path] = (), seed: int = 0) -> None:
+    """Check a registered map format: what it writes, it reads, and it refuses damaged files in one
+    sentence.
+
+    Parameters
+    ----------
+    suffix : str
+        Key of the format in `shoal.swarm.maps.files.FORMATS`, such as ".csv".
+    examples : sequence of path
+        Map files of the format. A format that Shoal only reads needs at least one.
+    seed : int
+    """
+    form = MAP_FORMATS.get(suffix)
+    assert form is not None, f"{suffix}: expected a registered map format"
+    rng = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(example) for example in examples]
+        if form.encode is not None:
+            for number, workspace in enumerate(sample_workspaces(rng)):
+                if workspace.ndim not in form.dimensions:
+                    continue
+                files.append(Path(folder, f"map{number}{suffix}"))
+                write_map(workspace, files[-1])
+                read = read_map(files[-1]).free
+                assert np.array_equal(read, workspace.free), (
+                    f"{suffix}: expected the written map, got another:\n{workspace}"
+                )
+        assert files, f"{suffix}: expected examples, because the format is only read"
+        damaged = Path(folder, f"damaged{suffix}")
+        for content in (file.read_bytes() for file in files[:4]):
+            cuts = rng.integers(1, max(2, len(content)), size=6)
+            flips = rng.integers(len(content), size=6)
+            changed = [bytes([*content[:k], content[k] ^ 0x15, *content[k + 1 :]]) for k in flips]
+            for bad in [*(content[:cut] for cut in cuts), *changed]:
+                damaged.write_bytes(bad)
+                try:
+                    read_map(damaged)
+                except InvalidInputError as error:
+                    one_line = "\n" not in str(error)
+                    assert one_line, f"{suffix}: expected one sentence, got {error}"  # noqa: PT017
+                except Exception as error:
+                    raise AssertionError(
+                        f"{suffix}: a damaged file raised {type(error).__name__}: {error}"
+                    ) from error
+
+
+def check_mission_format(form: str | MissionFormat, *, seed: int = 0) -> None:
+    """Check a mission format: what it writes, it reads, and its reader raises no error.
+
+    Positions keep at least six decimals of a degree (about 0.1 m), or centimetres of a metre. What
+    is wrong in a damaged file is a diagnostic of the sheet, never an exception.
+
+    Parameters
+    ----------
+    form : str or MissionFormat
+    seed : int
+    """
+    chosen = MISSION_FORMATS.get(form) if isinstance(form, str) else form
+    name, rng = chosen.suffix, np.random.default_rng(seed)
+    for number in range(12):
+        geographic = not (chosen.metres and number % 2)
+        points = np.array([8.5, 47.4]) + rng.uniform(-0.002, 0.002, (1 + 3 * number, 2))
+        if not geographic:
+            points = (points - (8.5, 47.4)) * 1e5
+        mission: Any = Mission(
+            points,
+            tuple(points[0].tolist()),
+            robot=1 + number,
+            kind=KINDS[number % len(KINDS)],  # type: ignore[arg-type]
+            altitude=0.0 if KINDS[number % len(KINDS)] == "rover" else 40.0,
+            geographic=geographic,
+        )
+        text = chosen.write(mission)
+        assert isinstance(text, str), f"{name}: expected a text, got {type(text).__name__}"
+        assert chosen.write(mission) == text, f"{name}: the same mission gave two files"
+        sheet = Sheet(f"robot-{number}{name}")
+        chosen.scan(text, sheet)
+        try:
+            read = mission_of(sheet, sheet.file)
+        except InvalidInputError as error:
+            raise AssertionError(f"{name}: its own file cannot be read: {error}") from None
+        near = 1e-6 if geographic else 0.01
+        assert len(read.waypoints) == len(points), (
+            f"{name}: {len(points)} waypoints became {len(read.waypoints)}"
+        )
+        assert np.abs(read.waypoints - points).max() <= near, f"{name}: a waypoint moved"
+        assert np.abs(np.subtract(read.home, mission.home)).max() <= near, f"{name}: home moved"
+        for cut in rng.integers(len(text), size=6):
+            try:
+                chosen.scan(text[:cut], Sheet("damaged"))
+            except Exception as error:
+                raise AssertionError(
+                    f"{name}: a damaged file raised {type(error).__name__}: {error}"
+                ) from error
+
+
+def check_rig(rig: Rig, *, exact: bool = True, moves: int = 40, seed: int = 0) -> None:
+    """Check a rig: its attributes, its answers to commands, and that it stops.
+
+    The check moves the particles of the rig, and stops it at the end. It does not know the map.
+
+    Parameters
+    ----------
+    rig : Rig
+    exact : bool
+        Whether the rig sees every particle in its cell. If false, numbers and positions of
+        particles may change from one observation to the next, and particles may appear in the rim,
+        one cell outside the shape.
+    moves : int
+        Number of random commands.
+    seed : int
+    """
+    assert isinstance(rig, Rig), f"expected the attributes and methods of Rig, got {rig!r}"
+    name, shape, rule = rig.name, tuple(rig.shape), rig.rule
+    assert isinstance(name, str), f"expected a text as name, got {name!r}"
+    assert len(shape) in (2, 3), f"{name}: expected a shape of 2 or 3 sides, got {shape}"
+    assert min(shape) >= 1, f"{name}: expected sides of one cell or more, got {shape}"
+    assert rule in ALL_RULES, f"{name}: expected a rule of {', '.join(ALL_RULES)}, got {rule!r}"
+    rng, letters = np.random.default_rng(seed), letters_of(len(shape))
+    before = _observed(rig, exact)
+    for command in rng.choice(list(letters), size=moves):
+        if exact:
+            again = _observed(rig, exact)
+            assert np.array_equal(again, before), f"{name}: particles moved without a command"
+        rig.send(str(command))
+        after = _observed(rig, exact)
+        if exact and rule != "merge":
+            assert len(after) == len(before), f"{name}: {len(before)} particles became {len(after)}"
+        if exact and rule == "block":
+            moved = np.abs(after.sum(axis=0) - before.sum(axis=0)).sum()
+            assert moved <= len(before), (
+                f"{name}: {len(before)} particles travelled {moved} cells in one move"
+            )
+        before = after
+    rig.stop()
+    try:
+        rig.send(letters[0])
+    except RigError:
+        return
+    raise AssertionError(f"{name}: expected RigError for a command after stop(), got none")
+
+
+def _observed(rig: Rig, exact: bool) -> Any:
+    """Return the observed cells in a fixed order, after checking that they are cells of the rig."""
+    cells, rim = np.asarray(rig.observe()), 0 if exact else 1
+    sides = len(rig.shape)
+    assert cells.ndim == 2, f"{rig.name}: expected cells of shape (n, {sides}), got {cells.shape}"
+    assert cells.shape[1] == sides, (
+        f"{rig.name}: expected cells of shape (n, {sides}), got {cells.shape}"
+    )
+    assert cells.dtype.kind in "iu", f"{rig.name}: expected whole numbers, got {cells.dtype}"
+    assert ((cells >= -rim) & (cells < np.add(rig.shape, rim))).all(), (
+        f"{rig.name}: a particle is outside the shape {tuple(rig.shape)}"
+    )
+    return cells[np.lexsort(cells.T[::-1])]

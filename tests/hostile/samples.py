@@ -39,7 +39,7 @@ from shoal.search.regions.builder import open_region
 from shoal.search.regions.places import read_points
 from shoal.search.regions.region import SearchRegion
 from shoal.steering.workspaces.formats import open_workspace
-from shoal.studio.answers import ANSWERS
+from shoal.studio.answers import QUESTIONS
 from shoal.studio.folder import PICTURES, Folder
 from shoal.studio.jobs import FILE as JOBS
 from shoal.studio.jobs import JobStore
@@ -404,7 +404,9 @@ def _uploaded(path: Path) -> object:
     with ThreadPoolExecutor(1) as thread:  # a test before may have left its own loop in this one
         name = thread.submit(asyncio.run, folder.take(path.name, pieces())).result()
     return (
-        ANSWERS["photograph"](folder, {"file": name}) if name.endswith(PICTURES) else folder.files()
+        QUESTIONS["photograph"].answer(folder, {"file": name})
+        if name.endswith(PICTURES)
+        else folder.files()
     )
 
 

@@ -273,15 +273,6 @@ def test_importing_shoal_loads_nothing_heavy():
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
-def test_plain_options_load_no_pydantic():
-    code = (
-        "import sys; from shoal.cli import run; run(['map', 'rectangle:5x5', '-n', '2', '--seed',"
-        " '3', '--json']); assert 'pydantic' not in sys.modules; run(['map', 'rectangle:5x5', '-n',"
-        " 'two']); assert 'pydantic' in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
-
-
 def test_depth_first_states_its_ratio(capsys):
     assert run(["map", "maze:9x7", "-n", "1", "--policy", "depth-first"]) == 0
     text = " ".join(capsys.readouterr().out.split())

@@ -179,11 +179,12 @@ def test_intervals_of_two_lines_do_not_hide_each_other():
     """The figure of a sweep: the intervals at one value of the axis stand side by side, and their
     mean stays in its place.
     """
-    from shoal.views.drawing.curves import PointMean, means_figure
+    from shoal.lab.statistics import Estimate, Row
+    from shoal.views.drawing.curves import means_figure
 
     for places in ([10, 100], [-1, 1]):
         means = [
-            PointMean({"n": n, "policy": policy}, 3.0, 2.0, 4.0)
+            Row({"n": n, "policy": policy}, Estimate(3.0, 2.0, 4.0, 1.0, 9, 0.95, "t"), 0, 9)
             for policy in ("a", "b")
             for n in places
         ]

@@ -230,7 +230,7 @@ def test_stores_are_merged(tmp_path, capsys):
 
 
 def test_a_store_beside_a_link_and_one_whose_disk_is_full(tmp_path, monkeypatch):
-    from shoal.lab import schema
+    from shoal.lab import database
     from shoal.lab.store import locked
 
     (tmp_path / "theirs").write_text("kept")
@@ -239,12 +239,14 @@ def test_a_store_beside_a_link_and_one_whose_disk_is_full(tmp_path, monkeypatch)
         pass
     assert (tmp_path / "theirs").read_text() == "kept"
     monkeypatch.setattr(
-        schema,
+        database,
         "TABLES",
         "CREATE TABLE a (b); PRAGMA page_count; " + "INSERT INTO a VALUES (zeroblob(9999));" * 9,
     )
     monkeypatch.setattr(
-        schema, "_make_durable", lambda connection: connection.execute("PRAGMA max_page_count = 2")
+        database,
+        "_make_durable",
+        lambda connection: connection.execute("PRAGMA max_page_count = 2"),
     )
     with pytest.raises(OutputError, match="the disk is full"):
         Store(tmp_path / "new", write=True)

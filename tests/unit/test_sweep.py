@@ -19,12 +19,12 @@ from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.core.version import digest_of_folder
 from shoal.lab import Store, Sweep, run_sweep, sweep_of
+from shoal.lab.batches import MixedVersionsWarning, check_versions, versions_text, worker_versions
+from shoal.lab.database import FORMAT
 from shoal.lab.exchange import export, frame
-from shoal.lab.schema import FORMAT
 from shoal.lab.statistics import number_text
 from shoal.lab.store import faults_of, is_locked, locked
 from shoal.lab.sweep import differences, trial_seed
-from shoal.lab.versions import MixedVersionsWarning, check_versions, worker_versions, written
 from shoal.lab.workers import Processes
 
 HERE = "tests.unit.sweep_functions"
@@ -604,12 +604,14 @@ def test_going_on_with_another_version_is_told(tmp_path, monkeypatch, capsys):
     ours, old = worker_versions(), worker_versions() | {"shoal": "0.0.9", "code": "beef"}
     with Store("s.sqlite") as store:
         assert (
-            store.versions("corridors") == store.status("corridors").versions == {written(ours): 16}
+            store.versions("corridors")
+            == store.status("corridors").versions
+            == {versions_text(ours): 16}
         )
         whole = [*store.rows("corridors")]
     assert "version" not in capsys.readouterr().err
     with sqlite3.connect("s.sqlite") as connection:
-        connection.execute("UPDATE batches SET version = ?", (written(old),))
+        connection.execute("UPDATE batches SET version = ?", (versions_text(old),))
         connection.execute("DELETE FROM trials WHERE point = 2")
     connection.close()
     assert command([*go, "--json"]) == 0
@@ -861,10 +863,10 @@ SPEC += 'policy = ["closest-frontier", "elect-particle"]\nparticles = [3, 6]\n'
 
 
 def test_a_long_sweep_tells_its_progress_without_a_terminal(tmp_path, monkeypatch, capsys):
-    from shoal.cli.sweep import running
+    from shoal.cli import sweep
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(running, "_APART", 0.0)
+    monkeypatch.setattr(sweep, "_APART", 0.0)
     Path("sweep.toml").write_text(SPEC)
     assert command(["sweep", "run", "sweep.toml", "--store", "s.sqlite", "--workers", "0"]) == 0
     told = [line for line in capsys.readouterr().err.splitlines() if "trials" in line]

@@ -6,7 +6,6 @@ import gc
 import io
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import NoReturn
@@ -52,9 +51,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         say("shoal: interrupted")
         return INTERRUPTED
-    except (
-        BrokenPipeError
-    ):  # the reader of our output has closed the pipe, as in `shoal maps | head`
+    except BrokenPipeError:
+        # the reader of our output has closed the pipe, as in `shoal maps | head`
         _drop_output()
         return 0
     except OSError as error:
@@ -66,9 +64,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
         )
     except MemoryError:
         return _refuse("out of memory: the map or the episode is too large for this machine")
-    except (
-        Exception
-    ) as error:  # a mistake in Shoal, or in a policy, planner or tour that the user wrote
+    except Exception as error:
+        # a mistake in Shoal, or in a policy, planner or tour that the user wrote
+        import traceback
+
         say(traceback.format_exc().rstrip())
         say(f"shoal: internal error: {type(error).__name__}: {' '.join(str(error).split())[:200]}")
         return INTERNAL
@@ -101,10 +100,11 @@ def _drop_output() -> None:
     """Redirect standard output to the null device, so that Python does not try to write the
     remaining text again at exit.
     """
+    # a caller's own stdout may have no descriptor
     with (
         suppress(OSError),
         open(os.devnull, "w") as nowhere,
-    ):  # a caller's own stdout may have no descriptor
+    ):
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
@@ -121,9 +121,8 @@ def main() -> NoReturn:
     # OpenBLAS otherwise starts a thread for each processor, which waits in a busy loop for up to
     # 0.06 s; no large matrices here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(
-        200_000
-    )  # imported objects stay: scanning them again for garbage takes a sixth of a start
+    # imported objects stay: scanning them again for garbage takes a sixth of a start
+    gc.set_threshold(200_000)
     with suppress(OSError):  # the folder may have been deleted
         look_in(os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, may be in the current folder
     for stream in (sys.stdout, sys.stderr):
@@ -132,8 +131,7 @@ def main() -> NoReturn:
             stream.reconfigure(errors="backslashreplace")
     code = run()
     if code == INTERRUPTED:
-        end(
-            ""
-        )  # Python's own exit takes a while, and after some interruptions it uses another code
+        # Python's own exit takes a while, and after some interruptions it uses another code
+        end("")
     gc.freeze()  # nor does Python scan them as it exits, which takes a quarter of a start
     sys.exit(code)

@@ -10,7 +10,6 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from shoal.cli.plain_values import parse_plain_values
 from shoal.core.version import __version__
 
 
@@ -36,13 +35,13 @@ COMMANDS = {
     "search": _Entry("search.searching", "search", "SEARCH_EXAMPLE"),
     "tour": _Entry("search.tour", "tour", "TOUR_EXAMPLE"),
     "missions check": _Entry("search.missions", "check", "CHECK_EXAMPLE"),
-    "sweep run": _Entry("sweep.running", "run", "RUN_EXAMPLE"),
-    "sweep status": _Entry("sweep.running", "status", "STATUS_EXAMPLE"),
-    "sweep summary": _Entry("sweep.results", "summary", "SUMMARY_EXAMPLE"),
-    "sweep plot": _Entry("sweep.plotting", "plot", "PLOT_EXAMPLE"),
-    "sweep export": _Entry("sweep.results", "export_", "EXPORT_EXAMPLE"),
-    "sweep merge": _Entry("sweep.results", "merge", "MERGE_EXAMPLE"),
-    "sweep check": _Entry("sweep.results", "check", "CHECK_EXAMPLE"),
+    "sweep run": _Entry("sweep", "run", "RUN_EXAMPLE"),
+    "sweep status": _Entry("sweep", "status", "STATUS_EXAMPLE"),
+    "sweep summary": _Entry("sweep", "summary", "SUMMARY_EXAMPLE"),
+    "sweep plot": _Entry("sweep", "plot", "PLOT_EXAMPLE"),
+    "sweep export": _Entry("sweep", "export_", "EXPORT_EXAMPLE"),
+    "sweep merge": _Entry("sweep", "merge", "MERGE_EXAMPLE"),
+    "sweep check": _Entry("sweep", "check", "CHECK_EXAMPLE"),
     "reproduce": _Entry("reproduce", "reproduce"),
     "replay": _Entry("replay", "replay"),
     "studio": _Entry("studio", "studio"),
@@ -70,10 +69,6 @@ SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 class _Command(TyperCommand):
     """A command that checks its option ``--seed``, even if the command uses no random numbers."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters of the command or group, including the option ``--help``."""
-        return parse_plain_values(super().get_params(ctx))
 
     def invoke(self, ctx: Any) -> Any:
         """Check the seed and run the command."""
@@ -129,10 +124,6 @@ class _Commands(TyperGroup):
 
     prefix = ""
     listing = False
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters of the command or group, including the option ``--help``."""
-        return parse_plain_values(super().get_params(ctx))
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands and groups in this group, in the order of `COMMANDS`."""

@@ -171,9 +171,8 @@ def takes_problem(
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in made]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
-        del vars(wrapped)[
-            "__wrapped__"
-        ]  # otherwise Typer reads the signature of the command itself
+        # otherwise Typer reads the signature of the command itself
+        del vars(wrapped)["__wrapped__"]
         return wrapped
 
     return decorate
@@ -236,23 +235,23 @@ def _parameter(declared: Declaration, *, from_file: bool = False) -> inspect.Par
     shown: Any = default not in (None, "", inspect.Parameter.empty)
     help_, metavar = help_of(declared), option.metavar
     if from_file and option.argument:
-        default, shown, help_ = (
-            inspect.Parameter.empty,
-            False,
-            f"{help_} The argument may also be a problem file (JSON).",
-        )
+        default = inspect.Parameter.empty
+        shown = False
+        help_ = f"{help_} The argument may also be a problem file (JSON)."
     elif not option.argument:  # None: the user has not given the option
         default, shown = None, str(default) if shown and default is not False else False
     if declared.optional or default is None:
         kind = kind | None
-    told: dict[str, Any] = {"help": help_, "show_default": shown}
+    arguments: dict[str, Any] = {"help": help_, "show_default": shown}
     if metavar:
-        told["metavar"] = metavar
+        arguments["metavar"] = metavar
     if option.argument:
-        info: Any = typer.Argument(**told)
+        info: Any = typer.Argument(**arguments)
     else:
-        told["rich_help_panel"] = declared.heading or None
-        info = typer.Option(*([option.short] if option.short else []), _flags(declared), **told)
+        arguments["rich_help_panel"] = declared.heading or None
+        info = typer.Option(
+            *([option.short] if option.short else []), _flags(declared), **arguments
+        )
     return inspect.Parameter(
         declared.name,
         inspect.Parameter.KEYWORD_ONLY,

@@ -29,7 +29,7 @@ _CONTROLS = (
     *range(0x202A, 0x202F),
     *range(0x2066, 0x206A),
 )
-_TOLD = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in _CONTROLS}
+_ESCAPED = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in _CONTROLS}
 
 
 def visible(text: str) -> str:
@@ -41,7 +41,7 @@ def visible(text: str) -> str:
     >>> print(visible("a\x1b[31mb"))
     a\x1b[31mb
     """
-    return text.translate(_TOLD)
+    return text.translate(_ESCAPED)
 
 
 def say(text: str) -> None:
@@ -108,13 +108,16 @@ def _block(names: list[str], values: list[str], row: list[str]) -> Any:
     from rich.text import Text
 
     named = [f"{name} = {entry}" for name, entry in zip(names, row, strict=False)]
-    told = [
+    shown_values = [
         entry if len(values) == 1 else f"{name} {entry}"
         for name, entry in zip(values, row[len(names) :], strict=True)
         if entry != "-"
     ]
     lines = [Text(visible(", ".join(named)), style="cyan")]
-    return Group(*lines, *[Padding(Text(visible(", ".join(told))), (0, 0, 0, 4))] * bool(told))
+    return Group(
+        *lines,
+        *[Padding(Text(visible(", ".join(shown_values))), (0, 0, 0, 4))] * bool(shown_values),
+    )
 
 
 def _titled(title: str, table: Any) -> Any:
@@ -141,9 +144,8 @@ def print_drawn(drawn: Any) -> None:
     console = Console(soft_wrap=False)
     with console.capture() as captured:
         console.print(drawn)
-    print(
-        captured.get(), end=""
-    )  # not by the console, which ends the program itself when a pipe is closed
+    # not by the console, which ends the program itself when a pipe is closed
+    print(captured.get(), end="")
 
 
 @contextmanager
@@ -240,7 +242,7 @@ def warnings_said(category: type[Warning]) -> Iterator[None]:
         yield
 
 
-def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
+def report_moves(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
     """Return a function that prints the progress of a long episode on stderr: the number of moves
     and of frontier cells.
     """
@@ -268,12 +270,7 @@ def duration_text(seconds: float) -> str:
 
 
 def check_folder(folder: Path) -> Path:
-    """Check, without creating anything, that Shoal can write into an output folder or create it.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Check, without creating anything, that Shoal can write into an output folder or create it."""
     existing = folder
     try:
         while not existing.exists() and existing != existing.parent:
@@ -358,12 +355,7 @@ def _write_film(episode: Any, path: Path) -> None:
 
 
 def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:
-    """Raise an error if the seed of an episode is not the requested seed.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Raise an error if the seed of an episode is not the requested seed."""
     if wanted is not None and wanted != found:
         raise InvalidInputError(
             f"{episode_file}: expected an episode of seed {wanted}, got seed {found}"

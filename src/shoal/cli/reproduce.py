@@ -10,7 +10,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say, warnings_said
-from shoal.cli.sweep.running import live
+from shoal.cli.sweep import live
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def reproduce(
     The exit code is 1 if Shoal could not make a figure. Differences from the numbers in a paper do
     not change the exit code.
     """
-    from shoal.lab.versions import MixedVersionsWarning
+    from shoal.lab.batches import MixedVersionsWarning
     from shoal.papers import reproduce as reproduce_one
 
     if figure is not None and all_:
@@ -140,7 +140,7 @@ def _rows(result: Result) -> list[tuple[str, str]]:
 
 
 def _all(out: Path, chosen: dict[str, Any], found: list[Result]) -> Path:
-    from shoal.lab.versions import MixedVersionsWarning
+    from shoal.lab.batches import MixedVersionsWarning
     from shoal.papers import reproduce_all
 
     with live("figures") as tell, warnings_said(MixedVersionsWarning):

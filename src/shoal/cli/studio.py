@@ -37,7 +37,7 @@ def studio(
     """
     if port is not None:
         check_integer(port, what="port", least=1, most=65535)
-    from shoal.studio.jobs import warm_up
+    from shoal.studio.processes import warm_up
 
     warm_up("shoal.studio.server")  # at the same time as the following, because its end is awaited
     try:

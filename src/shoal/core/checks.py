@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from numpy.random import Generator
     from pydantic import ValidationError
 
 
@@ -48,18 +47,15 @@ texts.
 _DEEPEST_KEY = 10  # parts of a TOML key, such as problem.vehicle.name
 _MOST_KEYS = 100_000
 _MOST_VALUES = 500_000  # the parser needs about five seconds for a million
+# texts and comments, which may contain any number of dots
 _TOML_TEXTS = re.compile(
     r'''"""(?s:.*?)"""|\'{3}(?s:.*?)\'{3}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*'''
-)  # texts and comments, which may contain any number of dots
+)
 _TOML_DEEP_KEY = re.compile(rf"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+){{{_DEEPEST_KEY}}}")
 
 
 def check_integer(value: Any, *, what: str, least: float = -inf, most: float = inf) -> int:
     """Check a whole number, and return it as an int. Accept NumPy integers and refuse booleans.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------
@@ -93,10 +89,6 @@ def check_number(
     The checked number must be at least ``least``, at most ``most``, more than ``above``, and less
     than ``below``.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> check_number(1, what="loss", least=0, most=1)
@@ -119,24 +111,14 @@ def check_number(
 
 
 def check_bool(value: Any, *, what: str) -> bool:
-    """Check that a value is a boolean, and return the value.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Check that a value is a boolean, and return the value."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidInputError(f"{what}: expected true or false, got {shortened(value)}")
     return bool(value)
 
 
 def check_text(value: Any, *, what: str) -> str:
-    """Check that a value is a string, and return the value.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Check that a value is a string, and return the value."""
     if not isinstance(value, str):
         raise InvalidInputError(f"{what}: expected a text, got {shortened(value)}")
     return value
@@ -145,10 +127,6 @@ def check_text(value: Any, *, what: str) -> str:
 def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
     """Check that a text is one of ``choices``, and return the text. The error message suggests the
     nearest valid choice.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------
@@ -171,10 +149,6 @@ def check_points(
 ) -> NDArray[np.float64]:
     """Return points as a float64 array of shape (count, dimensions). Refuse a coordinate whose
     absolute value exceeds `FARTHEST`.
-
-    Raises
-    ------
-    InvalidInputError
     """
     expected = (
         f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
@@ -204,10 +178,6 @@ def check_points(
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
     """Raise an error if there is no file at ``path``, or if the file is empty or larger than
     ``most`` bytes.
-
-    Raises
-    ------
-    InvalidInputError
     """
     try:
         found, folder = path.is_file(), path.is_dir()
@@ -264,9 +234,9 @@ def decode_text(raw: bytes, *, where: str) -> str:
     return text
 
 
-def parse_json(text: str, *, where: str) -> Any:
+def parse_json(text: str, *, where: str, **hooks: Any) -> Any:
     """Parse a JSON text. Refuse lists and objects that are nested more than `DEEPEST` levels deep,
-    and repeated names.
+    and repeated names. ``hooks`` are the hooks of `json.loads` for numbers.
 
     Raises
     ------
@@ -277,7 +247,7 @@ def parse_json(text: str, *, where: str) -> Any:
     """
     check_json_memory(text, where=where)
     try:
-        found = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where))
+        found = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where), **hooks)
     except json.JSONDecodeError as error:
         raise InvalidInputError(
             f"{where}: expected JSON, got something else in line {error.lineno}, column"
@@ -301,10 +271,6 @@ def check_json_memory(text: str, *, where: str) -> None:
     and twenty times its length.
 
     A text of braces otherwise needs up to a hundred times its own length.
-
-    Raises
-    ------
-    InvalidInputError
     """
     memory = sum(text.count(sign) * size for sign, size in _JSON_MEMORY.items())
     if memory > max(_LARGEST_VALUES, 20 * len(text)):
@@ -377,20 +343,14 @@ def parse_toml(text: str, *, where: str) -> dict[str, Any]:
 
 
 def read_polygon(text: str, *, where: str) -> Any:
-    """Return a polygon or multipolygon from its well-known text, and refuse any other geometry.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return a polygon or multipolygon from its well-known text, and refuse any other geometry."""
     import shapely
 
     why = f"{text.strip()[:20]!r}"
     if len(text) <= LARGEST_WKT and re.match(r"\s*(MULTI)?POLYGON\b", text, re.IGNORECASE):
         try:
-            with np.errstate(
-                all="ignore"
-            ):  # 1e400 is refused like any coordinate that is too large
+            # 1e400 is refused like any coordinate that is too large
+            with np.errstate(all="ignore"):
                 return shapely.from_wkt(text.strip())
         except (shapely.errors.ShapelyError, TypeError, UnicodeError) as error:
             why = str(error).strip()[:120]
@@ -402,10 +362,6 @@ def read_polygon(text: str, *, where: str) -> Any:
 def check_depth(data: Any, *, where: str) -> None:
     """Refuse lists and objects that are nested more than `DEEPEST` levels deep, because many
     libraries fail on such data.
-
-    Raises
-    ------
-    InvalidInputError
     """
     level = [data]
     for _ in range(DEEPEST + 1):
@@ -518,30 +474,6 @@ def _ranged(least: float, most: float, above: float = -inf, below: float = inf) 
 def _plain(number: float) -> str:
     """Return a number as a text. Keep all digits of whole numbers."""
     return shortened(number) if isinstance(number, int) else f"{number:g}"
-
-
-def world_generators(
-    seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]
-) -> list[tuple[int | None, Generator]]:
-    """Return the seed and the random generator of each world whose index is in ``chosen``.
-
-    ``seed`` is None, a number, or a sequence with a number or None for each world. If ``seed`` is a
-    number, the seed of each world is the sum of ``seed`` and the world's index. A world with the
-    seed None keeps its generator from the list ``own``, or gets a new generator if ``own`` is
-    empty.
-    """
-    several = isinstance(seed, Sequence | np.ndarray)
-    if several and len(seed) != worlds:
-        raise InvalidInputError(f"seed: expected {worlds} seeds, one per world, got {len(seed)}")
-    found: list[tuple[int | None, Generator]] = []
-    for world in chosen.tolist():
-        given = seed[world] if several else seed
-        if given is None:
-            found.append((None, own[world] if own else np.random.default_rng()))
-            continue
-        given = check_integer(given, what="seed", least=0) + (0 if several else world)
-        found.append((given, np.random.default_rng(given)))
-    return found
 
 
 MOST_TRIALS = 1_000_000_000

@@ -9,8 +9,9 @@ import json
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,7 @@ from shoal.core.interruption import half_written
 
 
 def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
-    """Return the path of an output file. Refuse a path whose suffix is not one of ``suffixes``.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the path of an output file. Refuse a path whose suffix is not one of ``suffixes``."""
     target = Path(path)
     if target.suffix not in suffixes:
         known = ", ".join(suffixes[:-1]) + " or " * (len(suffixes) > 1) + suffixes[-1]
@@ -73,24 +69,32 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a UTF-8 text file. A failed write leaves no partial file.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Write a UTF-8 text file. A failed write leaves no partial file."""
     with atomic(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None = 1) -> None:
-    """Write a JSON file in ASCII. A failed write leaves no partial file.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Write a JSON file in ASCII. A failed write leaves no partial file."""
     write_text(path, json.dumps(value, indent=indent, allow_nan=False) + "\n")
+
+
+def as_json(value: Any) -> Any:
+    """Return a value as JSON data: infinities and NaN become None, and NumPy's numbers and arrays
+    become Python's.
+
+    Examples
+    --------
+    >>> as_json({"mean": float("nan"), "ends": (1, 2.5)})
+    {'mean': None, 'ends': [1, 2.5]}
+    """
+    if isinstance(value, Mapping):
+        return {str(name): as_json(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_json(one) for one in value]
+    if hasattr(value, "tolist"):  # of NumPy, which this module does not import
+        return as_json(value.tolist())
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 _CHECKSUM = 32  # bytes

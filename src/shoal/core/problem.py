@@ -129,12 +129,7 @@ class Declaration:
         return range_text(option.least, option.most, option.above, option.below)
 
     def checked(self, value: Any) -> Any:
-        """Check a value and return it in the form that the field stores.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Check a value and return it in the form that the field stores."""
         option = self.option
         if value is None and self.optional:
             return None
@@ -167,12 +162,7 @@ class Declaration:
         return str(value)
 
     def value_of(self, text: Any) -> Any:
-        """Return the value that a text on the command line describes.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Return the value that a text on the command line describes."""
         if self.option.parse is None:
             return text
         try:
@@ -250,10 +240,6 @@ def declaration_of(one: Field[Any], value_type: Any, heading: str) -> Declaratio
 def check_known(given: Mapping[str, Any], known: Iterable[str], *, where: str) -> None:
     """Refuse a mapping with a field whose name is not in ``known``. The error message suggests the
     nearest known name.
-
-    Raises
-    ------
-    InvalidInputError
     """
     for name in given:
         if name not in known:
@@ -415,12 +401,7 @@ class Problem:
         return json.dumps(told, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
     def replaced(self, **changes: Any) -> Self:
-        """Return a copy of the problem with new values for some fields.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Return a copy of the problem with new values for some fields."""
         check_known(changes, self.declarations(), where="problem")
         kept = {name: getattr(self, name) for name in self.declarations() if name in self.given}
         return type(self)(**kept | changes)
@@ -469,12 +450,7 @@ class Problem:
         return same
 
     def check_at_place(self) -> None:
-        """Refuse settings of the problem that are impossible on its map, workspace or region.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
-        """
+        """Refuse settings of the problem that are impossible on its map, workspace or region."""
 
 
 @cache

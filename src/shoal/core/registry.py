@@ -284,10 +284,8 @@ def configured(registry: Registry[Any], text: str) -> Any:
     kind: Any = registry.get(name)
     if not inspect.isclass(kind) and not options:
         return kind
-    what, function = (
-        f"the {registry.kind} {name!r}",
-        registry.functions and not inspect.isclass(kind),
-    )
+    what = f"the {registry.kind} {name!r}"
+    function = registry.functions and not inspect.isclass(kind)
     try:
         signature = inspect.signature(kind)
         own = {
@@ -346,8 +344,8 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
     """Convert the value of an option to the annotated type of its parameter, or to the type of the
     parameter's default.
     """
-    for told in (parameter.annotation, type(parameter.default)):
-        kind = getattr(told, "__name__", str(told))  # annotations may be strings
+    for annotation in (parameter.annotation, type(parameter.default)):
+        kind = getattr(annotation, "__name__", str(annotation))  # annotations may be strings
         if kind in _READ:
             read, expected = _READ[kind]
             try:
@@ -358,29 +356,3 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
         with suppress(ValueError, KeyError):
             return read(value)
     return value
-
-
-def loaded_on_use(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """Return a function ``__getattr__`` for a package. The function imports each public name of the
-    package on first use.
-
-    Parameters
-    ----------
-    package : str
-        The ``__name__`` of the package.
-    homes : mapping of str to tuple of str
-        The public names of each module. Module names are relative to the package.
-
-    Examples
-    --------
-    >>> loaded_on_use("shoal", {"core.episode": ("Episode", "Status")})("Status").COMPLETE
-    <Status.COMPLETE: 'complete'>
-    """
-
-    def get(name: str) -> Any:
-        for module, names in homes.items():
-            if name in names:
-                return getattr(importlib.import_module(f"{package}.{module}"), name)
-        raise AttributeError(f"module {package!r} has no attribute {name!r}")
-
-    return get

@@ -3,49 +3,6 @@
 The results of trials do not depend on the number of workers.
 """
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from typing import TYPE_CHECKING
-
-from shoal.core.registry import loaded_on_use
-
-if TYPE_CHECKING:
-    from shoal.lab.batches import SweepProgress, SweepStatus
-    from shoal.lab.coordinator import run_sweep
-    from shoal.lab.exchange import merge_stores
-    from shoal.lab.store import Store
-    from shoal.lab.sweep import Point, Sweep, sweep_of
-    from shoal.lab.trials import run_trials
-
-# Names are imported on first use, because `shoal map` needs only trials and the studio's server
-# only a lock.
-_HOMES = {
-    "batches": (
-        "SweepProgress",
-        "SweepStatus",
-    ),
-    "coordinator": ("run_sweep",),
-    "exchange": ("merge_stores",),
-    "store": ("Store",),
-    "sweep": (
-        "Point",
-        "Sweep",
-        "sweep_of",
-    ),
-    "trials": ("run_trials",),
-}
-
-__all__ = [
-    "Point",
-    "Store",
-    "Sweep",
-    "SweepProgress",
-    "SweepStatus",
-    "merge_stores",
-    "run_sweep",
-    "run_trials",
-    "sweep_of",
-]
-
-
-__getattr__ = loaded_on_use(__name__, _HOMES)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,4 +1,6 @@
-"""Batches of trials: which trials a sweep still needs, and how far it is."""
+"""Batches of trials: what workers run and answer, the progress of a sweep, and the versions on
+which results may depend.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ import json
 import os
 import socket
 import time
+from collections.abc import Iterable, Mapping
 from math import isfinite
 from typing import Any
 
@@ -15,9 +18,9 @@ from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.problem import Problem
+from shoal.core.version import code_digest, versions
 from shoal.lab import problems
 from shoal.lab.sweep import Point, trial_seed
-from shoal.lab.versions import worker_versions
 
 _LONGEST_TEXT = 1000  # maximum characters of a text that a trial measures
 _OPEN = 8  # number of maps, workspaces and regions that a worker keeps open
@@ -123,7 +126,7 @@ def play_batch(batch: Batch) -> Answer:
                     if piece.place is None
                     else piece.problem.at_place(piece.place)
                 )
-                rows.append((piece.point, trial, seed, _written(problems.trial(problem, seed))))
+                rows.append((piece.point, trial, seed, _as_json(problems.trial(problem, seed))))
             except (Exception, SystemExit) as error:  # third-party code may raise any exception
                 what = " ".join(str(error).split())[:500]
                 failures.append(
@@ -150,7 +153,7 @@ def worker_name() -> str:
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
-def _written(values: list[Any]) -> str:
+def _as_json(values: list[Any]) -> str:
     """Return the values of a result as JSON, with NumPy numbers converted to Python numbers."""
     plain = [value.item() if isinstance(value, np.generic) else value for value in values]
     for value in plain:
@@ -206,7 +209,7 @@ class SweepStatus:
     seconds : float
         Total working time of all workers, in seconds.
     versions : dict
-        Number of results that each combination of software versions wrote. `shoal.lab.versions`
+        Number of results that each combination of software versions wrote. `worker_versions`
         explains the versions.
     """
 
@@ -273,3 +276,98 @@ class SweepProgress:
     def rate(self) -> float:
         """Mean number of trials per second in the current run."""
         return self.fresh / self.seconds if self.seconds > 0 else 0.0
+
+
+class MixedVersionsWarning(UserWarning):
+    """Warning that other versions of Shoal or its libraries wrote the existing rows of a sweep."""
+
+
+def worker_versions() -> dict[str, str]:
+    """Return the versions on which results of the current process depend, and a digest of Shoal's
+    code.
+    """
+    return versions() | {"code": code_digest()}
+
+
+def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
+    """Refuse a worker whose versions differ from the versions of the current process."""
+    ours = worker_versions()
+    wrong = [
+        f"{name} {theirs.get(name, 'none')} instead of {ours[name]}"
+        for name in ours
+        if theirs.get(name) != ours[name]
+    ]
+    if wrong:
+        raise InvalidInputError(
+            f"worker {worker}: expected the versions of this process, got {', '.join(wrong)}"
+        )
+
+
+def versions_text(found: Mapping[str, str]) -> str:
+    """Return a set of versions as the text that a store contains.
+
+    Examples
+    --------
+    >>> versions_text({"shoal": "0.1.0", "code": "5f0c"})
+    'shoal 0.1.0, code 5f0c'
+    """
+    return ", ".join(f"{name} {value}" for name, value in found.items())
+
+
+def parse_versions(text: str) -> dict[str, str]:
+    """Return the set of versions that a text in a store describes.
+
+    Examples
+    --------
+    >>> parse_versions("shoal 0.1.0, code 5f0c")
+    {'shoal': '0.1.0', 'code': '5f0c'}
+    """
+    pairs = [part.partition(" ") for part in text.split(", ")]
+    return (
+        {name: value for name, _, value in pairs}
+        if all(value for _, _, value in pairs)
+        else {"shoal": text}
+    )
+
+
+def short_names(texts: Iterable[str]) -> dict[str, str]:
+    """Return a short name for each of several sets of versions.
+
+    Each name contains Shoal's version, and the versions of all libraries that differ between the
+    sets.
+
+    Examples
+    --------
+    >>> list(short_names(["shoal 1, code a, numpy 2.1", "shoal 1, code a, numpy 2.2"]).values())
+    ['shoal 1, numpy 2.1', 'shoal 1, numpy 2.2']
+    """
+    all_of = {text: parse_versions(text) for text in texts}
+    names = dict.fromkeys(name for found in all_of.values() for name in found)
+    kept = [
+        name
+        for name in names
+        if name == "shoal" or len({found.get(name) for found in all_of.values()}) > 1
+    ]
+    return {
+        text: versions_text({name: found.get(name, "unknown") for name in kept})
+        for text, found in all_of.items()
+    }
+
+
+def describe_mixture(rows: Mapping[str, int]) -> str:
+    """Return a text with the number of rows per set of versions, or an empty text if the current
+    versions wrote all rows.
+
+    Examples
+    --------
+    >>> describe_mixture({versions_text(worker_versions()): 5})
+    ''
+    >>> describe_mixture({"shoal 0.0.9, code 5f0c": 5, versions_text(worker_versions()): 2}).startswith("5 rows by shoal 0.0.9, code 5f0c")
+    True
+    """
+    ours = versions_text(worker_versions())
+    names = short_names([*rows, ours])
+    if not any(text != ours for text in rows):
+        return ""
+    counted = ", ".join(f"{count} rows by {names[text]}" for text, count in rows.items())
+    return f"{counted}; this is {names[ours]}"

@@ -21,9 +21,12 @@ from shoal.lab.batches import (
     Answer,
     Batch,
     Gap,
+    MixedVersionsWarning,
     Piece,
     SweepProgress,
     SweepStatus,
+    check_versions,
+    describe_mixture,
     lost_batch,
     placed,
     play_batch,
@@ -31,7 +34,6 @@ from shoal.lab.batches import (
 from shoal.lab.problems import check_trial
 from shoal.lab.store import Store, locked
 from shoal.lab.sweep import Point, Sweep, digest_of, distinct_places
-from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
 from shoal.lab.workers import WorkerPool, make_worker_pool
 from shoal.swarm.problem import SwarmProblem
 
@@ -126,7 +128,7 @@ def run_sweep(
 
 
 def _warn_of_others(store: Store, name: str) -> None:
-    mixed = mixture(store.versions(name))
+    mixed = describe_mixture(store.versions(name))
     if mixed:
         warnings.warn(
             f"{store.path}: sweep {name}: expected rows of this version, got {mixed}. All rows are"
@@ -221,9 +223,8 @@ class _Run:
     on_progress: OnProgress | None
     paces: dict[int, float] = field(default_factory=dict)
     pace: float | None = None
-    sound: set[str] = field(
-        default_factory=set
-    )  # workers on which batches fail that also fail on others
+    # workers on which batches fail that also fail on others
+    sound: set[str] = field(default_factory=set)
     fresh: int = 0
     failures: int = 0
     deaths: int = 0
@@ -292,9 +293,8 @@ class _Run:
             error = future.exception()
             if error is None:
                 answer = future.result()
-                check_versions(
-                    answer.versions, worker=answer.worker
-                )  # workers of a cluster may join and leave
+                # workers of a cluster may join and leave
+                check_versions(answer.versions, worker=answer.worker)
                 if self._doubts(job, answer):
                     yield job
                 else:

@@ -12,7 +12,7 @@ from typing import Any
 
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.files import atomic, check_suffix
-from shoal.lab.schema import unfinished_store
+from shoal.lab.database import unfinished_store
 from shoal.lab.store import Store
 from shoal.lab.sweep import differences
 
@@ -98,9 +98,9 @@ def _take(merged: Store, opened: Store, name: str) -> None:
                     "SELECT trial, seed, result FROM trials WHERE point = ?", place
                 )
             }
-            for table, told in (("trials", "result"), ("failures", "error")):
+            for table, value_column in (("trials", "result"), ("failures", "error")):
                 for trial, seed, batch, value in opened.ask(
-                    f"SELECT trial, seed, batch, {told} FROM {table} WHERE point = ?", point
+                    f"SELECT trial, seed, batch, {value_column} FROM {table} WHERE point = ?", point
                 ):
                     if table == "trials" and had.get(trial, (seed, value)) != (seed, value):
                         raise InvalidInputError(
@@ -115,7 +115,7 @@ def _take(merged: Store, opened: Store, name: str) -> None:
                     _insert(
                         write,
                         table,
-                        f"point, trial, seed, batch, {told}",
+                        f"point, trial, seed, batch, {value_column}",
                         (place, trial, seed, batches[batch], value),
                     )
         write("DELETE FROM failures WHERE (point, trial) IN (SELECT point, trial FROM trials)", ())

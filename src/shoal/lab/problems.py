@@ -246,10 +246,6 @@ def trial_problem_type(kind: str) -> type[Problem]:
 def check_trial(problem: Problem) -> None:
     """Refuse a problem of which no trial can run, at its place: settings, names, files and
     third-party code.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     if isinstance(problem, MeasuredProblem):
         problem.check_at_place()

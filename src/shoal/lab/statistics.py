@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -151,10 +151,6 @@ def estimate(
     seed : int
         Seed of the random numbers in the bootstrap.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> print(estimate([2, 4, 4, 6]))
@@ -229,10 +225,6 @@ def compare(
         ratio on a logarithmic scale, and Student's interval of the difference. The delta method
         estimates the standard error of the logarithm of the ratio as s / sqrt(n), where s is the
         standard deviation of b / mean(b) - a / mean(a) over the n pairs.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------
@@ -321,6 +313,17 @@ class Row:
     completed: int | None = None
     bound: float | None = None
 
+    def report(self) -> dict[str, Any]:
+        """Return the row as data for JSON; infinities and NaN stay."""
+        return {
+            "axes": self.values,
+            "trials": self.counted,
+            "missing": self.missing,
+            "completed": self.completed,
+            "bound": self.bound,
+            "estimate": self.estimate and asdict(self.estimate),
+        }
+
     def __str__(self) -> str:
         if not self.counted:
             return f"no trial yet, {self.missing} missing"
@@ -329,12 +332,12 @@ class Row:
             return f"more than {self.bound:.6g}: 0 of {self.counted} trials completed{missing}"
         if self.completed is None or self.completed == self.counted:
             return f"{self.estimate} ({self.counted} trials{missing})"
-        told = (
+        mean = (
             f"{self.estimate}"
             if self.bound is None
             else f"restricted mean to {self.bound:.6g}: {self.estimate}"
         )
-        return f"{told} ({self.completed} of {self.counted} trials completed{missing})"
+        return f"{mean} ({self.completed} of {self.counted} trials completed{missing})"
 
 
 @dataclass(frozen=True)
@@ -379,10 +382,6 @@ def measured(store: Store, name: str, measure: str) -> list[Measured]:
     """Return the values of a measure at each point of a sweep, in the order of the points.
 
     The function imports no third-party code.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     stored = store.stored(name)
     axes, kind, measures = stored.axes, stored.form.problem.get("kind"), stored.measures
@@ -433,10 +432,6 @@ def summarise(
     For a measure that grows until the task is done, an unfinished trial gives only a lower bound of
     its value. The estimate of such a measure is a restricted mean: a value above the row's field
     ``bound`` counts as ``bound``.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     expected = store.stored(name).trials
     rows = []

@@ -13,104 +13,33 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import cached_property
+from itertools import product
+from math import prod
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
+from shoal.core.checks import parse_json, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError, errors_at
 from shoal.core.interruption import half_written
 from shoal.core.version import __version__
-from shoal.lab.batches import Answer, Gap, SweepStatus, is_storable
-from shoal.lab.schema import StoredSweep, columns_of, connect, stored_sweep, told, transaction
-from shoal.lab.sweep import Sweep, check_sweep_name, differences, digest_of, is_extended, trial_seed
-from shoal.lab.versions import written
-
-_TRIES = 5
-_PLAIN = (
-    os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-)  # a link or a pipe may be an attack: nothing is written to it
-
-
-def _lock_file(store: Path, name: str) -> Path:
-    return store.with_name(f".{store.name}.{name}.lock")
-
-
-@contextmanager
-def locked(store: Path, name: str) -> Iterator[None]:
-    """Hold the lock of a sweep inside the ``with`` block.
-
-    Raises
-    ------
-    InvalidInputError
-        Raised if another process holds the lock. The error message contains the process number of
-        the lock's holder.
-    OutputError
-        Raised if the folder of the store is not writable.
-    """
-    path, tries = _lock_file(store, name), 0
-    while True:
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
-        except OSError as error:
-            why = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror or error
-            raise OutputError(f"cannot write {path}: {why}") from None
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            holder = os.read(descriptor, 200).decode(errors="replace").strip() or "another process"
-            os.close(descriptor)
-            tries += 1
-            if tries < _TRIES:  # the holder may be a process that only tests the lock
-                time.sleep(0.02)
-                continue
-            raise InvalidInputError(
-                f"{store}: expected a sweep that no process is running, got {name}, which {holder}"
-                f" is running; wait for its end, or watch it with 'shoal sweep status {store}"
-                " --watch'"
-            ) from None
-        if _is_still(descriptor, path):
-            break
-        os.close(descriptor)  # its last holder removed the file between our two calls
-    half_written.add(path)
-    try:
-        with suppress(
-            OSError
-        ):  # on a full disk the lock still works, but it does not name its holder
-            os.ftruncate(
-                descriptor, 0
-            )  # fails for anything but a plain file, and nothing is written
-            os.write(
-                descriptor,
-                f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode(),
-            )
-        yield
-    finally:
-        path.unlink(missing_ok=True)
-        half_written.discard(path)
-        os.close(descriptor)
-
-
-def _is_still(descriptor: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(descriptor), path.lstat())
-    except FileNotFoundError:
-        return False
-
-
-def is_locked(store: Path, name: str) -> bool:
-    """Return whether some process currently runs the sweep ``name`` of a store."""
-    try:
-        descriptor = os.open(_lock_file(store, name), os.O_RDONLY | _PLAIN)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
-
+from shoal.lab.batches import Answer, Gap, SweepStatus, is_storable, versions_text
+from shoal.lab.database import connect, sqlite_errors_at, transaction
+from shoal.lab.sweep import (
+    MAX_POINTS,
+    Sweep,
+    SweepForm,
+    axis_values,
+    check_sweep_name,
+    differences,
+    digest_of,
+    form_of,
+    is_extended,
+    sweep_of,
+    trial_seed,
+)
 
 _RECENT = 60.0  # seconds over which the rate is measured
 _AT_ONCE = 10_000  # rows read at once
@@ -162,15 +91,14 @@ class Store:
         the store file, except the data that other processes are still reading.
         """
         if self.write:
-            with suppress(
-                sqlite3.Error
-            ):  # data that others still read stays in the log beside the file
+            # data that others still read stays in the log beside the file
+            with suppress(sqlite3.Error):
                 self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
         self._connection.close()
 
     def ask(self, query: str, *values: Any) -> list[tuple[Any, ...]]:
         """Return the rows that a read-only SQL query finds."""
-        with told(self.path):
+        with sqlite_errors_at(self.path):
             return self._connection.execute(query, values).fetchall()
 
     @contextmanager
@@ -180,7 +108,7 @@ class Store:
 
         All statements in the ``with`` block form one transaction.
         """
-        with told(self.path), transaction(self._connection):
+        with sqlite_errors_at(self.path), transaction(self._connection):
             yield (
                 lambda statement, values: self._connection.execute(statement, values).lastrowid or 0
             )
@@ -215,10 +143,6 @@ class Store:
         """Check that the store has a sweep with the given name, and return the name.
 
         If ``name`` is None, return the name of the only sweep in the store.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
         """
         if name is not None:
             self.stored(name)
@@ -251,12 +175,7 @@ class Store:
             yield number, stored.values(text)
 
     def check_points(self, name: str) -> None:
-        """Refuse a sweep whose stored points are not the points of its axes.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
-        """
+        """Refuse a sweep whose stored points are not the points of its axes."""
         stored = self.stored(name)
         stored.check_points(
             [
@@ -288,7 +207,7 @@ class Store:
         description = sweep.describe()
         self._forget_untouched(sweep.name, description)
         if sweep.name not in self.names:
-            with told(self.path), transaction(self._connection):
+            with sqlite_errors_at(self.path), transaction(self._connection):
                 self._connection.execute(
                     "INSERT INTO sweeps (name, spec, inputs, measures, trials, points, created,"
                     " version) VALUES (?,?,?,?,?,?,?,?)",
@@ -320,7 +239,7 @@ class Store:
             return
         kept = all(inputs.get(key, digest) == digest for key, digest in then.items())
         if extend and kept and is_extended(stored.sweep(), sweep):
-            with told(self.path), transaction(self._connection):
+            with sqlite_errors_at(self.path), transaction(self._connection):
                 self._connection.execute(
                     "UPDATE sweeps SET spec = ?, inputs = ?, trials = ?, points = ? WHERE name = ?",
                     (
@@ -350,7 +269,7 @@ class Store:
         stored = self.stored(name)
         begun = self.ask("SELECT 1 FROM batches WHERE sweep = ? LIMIT 1", stored.id)
         if not begun and stored.spec != json.loads(json.dumps(description)):
-            with told(self.path), transaction(self._connection):
+            with sqlite_errors_at(self.path), transaction(self._connection):
                 self._connection.execute("DELETE FROM points WHERE sweep = ?", (stored.id,))
                 self._connection.execute("DELETE FROM sweeps WHERE id = ?", (stored.id,))
 
@@ -396,7 +315,7 @@ class Store:
 
     def commit(self, sweep: Sweep, answer: Answer) -> None:
         """Write the results of one batch of trials to the store, in one transaction."""
-        with told(self.path), transaction(self._connection):
+        with sqlite_errors_at(self.path), transaction(self._connection):
             batch = self._connection.execute(
                 "INSERT INTO batches (sweep, spec, seed, version, worker, trials, failures,"
                 " seconds, finished) VALUES ((SELECT id FROM sweeps WHERE name ="
@@ -405,7 +324,7 @@ class Store:
                     sweep.name,
                     digest_of(json.dumps(sweep.describe())),
                     sweep.seed,
-                    written(answer.versions),
+                    versions_text(answer.versions),
                     answer.worker,
                     len(answer.rows),
                     len(answer.failures),
@@ -571,6 +490,235 @@ class Store:
             yield from zip(*chunk, strict=True)
 
 
+@dataclass(frozen=True)
+class StoredSweep:
+    """The description of a sweep in a store. The method `sweep` creates the sweep and its problem.
+
+    Parameters
+    ----------
+    id : int
+        Number of the sweep's row in the store.
+    where : str
+        First words of error messages: the names of the store file and the sweep.
+    spec : dict
+        The sweep as JSON data, as returned by `shoal.lab.Sweep.describe`.
+    inputs : mapping of str to str
+        Digests of the maps, workspaces and regions that the sweep opens.
+    measures : tuple of str
+    trials, n_points : int
+        ``trials`` is the number of trials per point, and ``n_points`` is the number of points.
+    """
+
+    id: int
+    where: str
+    spec: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    measures: tuple[str, ...]
+    trials: int
+    n_points: int
+
+    @cached_property
+    def form(self) -> SweepForm:
+        """The fields of the sweep, each converted to the type of the field."""
+        return form_of(self.spec, where=self.where)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The names of the sweep's axes."""
+        return tuple(self.form.axes)
+
+    def sweep(self) -> Sweep:
+        """Return the sweep as the user declared it for the run."""
+        return sweep_of(self.spec, where=self.where)
+
+    def values(self, text: str) -> dict[str, Any]:
+        """Return the value of each axis by its name, from the text in the stored row of a point."""
+        values = parse_json(text, where=f"{self.where}: point")
+        if not isinstance(values, list) or len(values) != len(self.axes):
+            raise InvalidInputError(
+                f"{self.where}: expected {len(self.axes)} values at a point, one per axis, got"
+                f" {shortened(values)}"
+            )
+        return dict(zip(self.axes, values, strict=True))
+
+    def check_points(self, texts: Sequence[str]) -> None:
+        """Refuse stored points that are not the points of the sweep, in the order of the sweep.
+
+        Two points with the same axis values would otherwise share one mean in a summary. The check
+        compares the axis values only, so that it runs no third-party code; `shoal.lab.store` also
+        compares the digests of the problems.
+        """
+        with errors_at(f"{self.where}: spec"):
+            axes = [axis_values(name, values) for name, values in self.form.axes.items()]
+        count = prod(len(values) for values in axes)
+        expected = [json.dumps(values) for values in product(*axes)] if count <= MAX_POINTS else []
+        if [*texts] == expected and len(set(texts)) == count:
+            return
+        hint = "restore a copy, or start a new store"
+        seen: set[str] = set()
+        for text in texts:
+            if text in seen:
+                raise InvalidInputError(
+                    f"{self.where}: expected points that differ, got two points with the axis"
+                    f" values {shortened(text)}; {hint}"
+                )
+            seen.add(text)
+        raise InvalidInputError(
+            f"{self.where}: expected the {count} points of the sweep's axes, got {len(texts)}"
+            f" points, not all of which are equal to these; {hint}"
+        )
+
+
+def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
+    """Return the sweep that a row with the columns (id, spec, inputs, measures, trials, points)
+    describes.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the row of the sweep is damaged.
+    """
+    number, *texts, trials, points = row
+    spec, inputs, measures = (
+        parse_json(text if isinstance(text, str) else "", where=f"{where}: {column}")
+        for column, text in zip(("spec", "inputs", "measures"), texts, strict=True)
+    )
+    if not isinstance(spec, dict) or not isinstance(inputs, dict):
+        raise InvalidInputError(
+            f"{where}: expected JSON objects as spec and inputs, got {shortened(spec)} and"
+            f" {shortened(inputs)}"
+        )
+    if not isinstance(measures, list) or not all(isinstance(name, str) for name in measures):
+        raise InvalidInputError(
+            f"{where}: measures: expected a list of names, got {shortened(measures)}"
+        )
+    if not isinstance(trials, int) or not isinstance(points, int):
+        raise InvalidInputError(
+            f"{where}: expected whole numbers of trials and of points, got {shortened(trials)} and"
+            f" {shortened(points)}"
+        )
+    return StoredSweep(number, where, spec, inputs, tuple(measures), trials, points)
+
+
+def columns_of(
+    axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep
+) -> list[Sequence[Any]]:
+    """Return rows of results as columns: the axes, the trial numbers, the seeds and the measures.
+
+    Each entry of ``axes`` is (axis values of a point, number of rows of the point). ``parts``
+    contains JSON texts of the trial numbers, the seeds and the results.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if a row of results is damaged.
+    """
+    first: list[list[Any]] = [[] for _ in axes[0][0]]
+    for values, count in axes:
+        for column, value in zip(first, values, strict=True):
+            column.extend([value] * count)
+    trials, seeds, results = (
+        parse_json(f"[{','.join(part)}]", where=f"{stored.where}: results") for part in parts
+    )
+    width = len(stored.measures)
+    bad = next((one for one in results if not isinstance(one, list) or len(one) != width), None)
+    if not all(type(one) is int for one in (*trials, *seeds)):
+        raise InvalidInputError(
+            f"{stored.where}: trials: expected whole numbers of trials and seeds, got something"
+            " else"
+        )
+    if bad is not None or not len(trials) == len(seeds) == len(results):
+        got = f"{len(results)} rows for {len(trials)} trials" if bad is None else shortened(bad)
+        raise InvalidInputError(
+            f"{stored.where}: results: expected rows of {width} values, got {got}"
+        )
+    return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]
+
+
+_TRIES = 5
+# a link or a pipe may be an attack: nothing is written to it
+_PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+
+
+def _lock_file(store: Path, name: str) -> Path:
+    return store.with_name(f".{store.name}.{name}.lock")
+
+
+@contextmanager
+def locked(store: Path, name: str) -> Iterator[None]:
+    """Hold the lock of a sweep inside the ``with`` block.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if another process holds the lock. The error message contains the process number of
+        the lock's holder.
+    OutputError
+        Raised if the folder of the store is not writable.
+    """
+    path, tries = _lock_file(store, name), 0
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
+        except OSError as error:
+            why = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror or error
+            raise OutputError(f"cannot write {path}: {why}") from None
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = os.read(descriptor, 200).decode(errors="replace").strip() or "another process"
+            os.close(descriptor)
+            tries += 1
+            if tries < _TRIES:  # the holder may be a process that only tests the lock
+                time.sleep(0.02)
+                continue
+            raise InvalidInputError(
+                f"{store}: expected a sweep that no process is running, got {name}, which {holder}"
+                f" is running; wait for its end, or watch it with 'shoal sweep status {store}"
+                " --watch'"
+            ) from None
+        if _is_still(descriptor, path):
+            break
+        os.close(descriptor)  # its last holder removed the file between our two calls
+    half_written.add(path)
+    try:
+        # on a full disk the lock still works, but it does not name its holder
+        with suppress(OSError):
+            # fails for anything but a plain file, and nothing is written
+            os.ftruncate(descriptor, 0)
+            os.write(
+                descriptor,
+                f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode(),
+            )
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        half_written.discard(path)
+        os.close(descriptor)
+
+
+def _is_still(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.lstat())
+    except FileNotFoundError:
+        return False
+
+
+def is_locked(store: Path, name: str) -> bool:
+    """Return whether some process currently runs the sweep ``name`` of a store."""
+    try:
+        descriptor = os.open(_lock_file(store, name), os.O_RDONLY | _PLAIN)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
 def faults_of(store: Store) -> list[str]:
     """Return the faults of a store as a list of sentences. For an intact store, return an empty
     list.
@@ -601,8 +749,8 @@ def _faults_of(store: Store, name: str) -> Iterator[str]:
     rows_of_points = store.ask(
         "SELECT id, key, axes FROM points WHERE sweep = ? ORDER BY number", stored.id
     )
-    told = {key: text for _, key, text in rows_of_points}
-    if told != {key: json.dumps([*point.values.values()]) for key, point in points.items()}:
+    stored_axes = {key: text for _, key, text in rows_of_points}
+    if stored_axes != {key: json.dumps([*point.values.values()]) for key, point in points.items()}:
         yield f"sweep {name}: its points are not those of its spec"
         return
     for point, key, _ in rows_of_points:

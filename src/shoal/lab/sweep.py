@@ -53,10 +53,6 @@ def axis_values(name: str, given: Any) -> tuple[Any, ...]:
     """Return the values of an axis. Expand a range to its values, and return a list of values
     unchanged.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> axis_values("particles", {"from": 100, "to": 500, "step": 200})
@@ -340,10 +336,6 @@ class Sweep:
         Names of the paired axes, which do not influence the seeds of trials. If two points differ
         in paired axes only, their k-th trials have equal seeds.
 
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
-
     Examples
     --------
     >>> sweep = Sweep(name="corridor", problem={"kind": "swarm", "map": "line:50"}, axes={"particles": [5, 10]}, trials=3)
@@ -495,10 +487,10 @@ def sweep_in(
             check(data)
         return sweep_of(data, where=where)
     except InvalidInputError as error:
-        told = str(error).removeprefix(f"{where}: ")
-        line = line_of(text, told)
+        message = str(error).removeprefix(f"{where}: ")
+        line = line_of(text, message)
         raise InvalidInputError(
-            f"{where}, line {line}: {told}" if line else f"{where}: {told}"
+            f"{where}, line {line}: {message}" if line else f"{where}: {message}"
         ) from None
 
 
@@ -511,10 +503,6 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
         The fields of a sweep file.
     where : str
         Text with which error messages begin, such as the name of the file.
-
-    Raises
-    ------
-    InvalidInputError
     """
     form = form_of(data, where=where)
     with errors_at(where):
@@ -524,10 +512,6 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
 def form_of(data: Mapping[str, Any], *, where: str) -> SweepForm:
     """Return the fields of a sweep, each converted to the type of the field. Do not create the
     sweep's problem.
-
-    Raises
-    ------
-    InvalidInputError
     """
     try:
         return SweepForm.model_validate(data)

@@ -141,9 +141,8 @@ def run_trials(
                 episodes[index] = episode
                 if on_trial is not None:
                     on_trial(len(episodes))
-    except (
-        BrokenExecutor
-    ) as error:  # for example if every worker starts a script without a guard again
+    except BrokenExecutor as error:
+        # for example if every worker starts a script without a guard again
         raise _not_importable(problem.policy, error) from error
     except BaseException:
         give_up(executor)

@@ -11,25 +11,25 @@ from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import field
 from multiprocessing.connection import wait
-from typing import Any, Protocol
+from typing import Any
 
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.registry import digest_of_module, named_modules, users_modules
-from shoal.lab.batches import worker_name
+from shoal.lab.batches import check_versions, worker_name, worker_versions
 from shoal.lab.trials import begin_worker, default_workers, give_up
-from shoal.lab.versions import check_versions, worker_versions
 
 
-class WorkerPool(Protocol):
-    """The workers of a sweep. If the death of a worker breaks the pool's executor, the pool makes a
-    new executor.
+class WorkerPool:
+    """The workers of a sweep, by default one machine, whose workers are alike: a batch that fails on
+    one fails on all.
+
+    If the death of a worker breaks the pool's executor, the pool makes a new executor.
     """
 
-    @property
-    def workers(self) -> int:
-        """Current number of workers in the pool."""
+    workers: int
+    """Current number of workers in the pool."""
 
     def submit(
         self, function: Callable[..., Any], *arguments: Any, apart_from: str = ""
@@ -37,11 +37,13 @@ class WorkerPool(Protocol):
         """Call a function in a worker of the pool, and return its future result. If possible, avoid
         the worker ``apart_from``.
         """
+        raise NotImplementedError
 
     def has_others(self, worker: str) -> bool:
         """Return whether the pool has other workers that may succeed in a trial that fails in
         ``worker``.
         """
+        return False
 
     def set_aside(self, worker: str) -> None:
         """Send no more batches to a worker."""
@@ -50,25 +52,13 @@ class WorkerPool(Protocol):
         """Return whether an error shows that a worker died. If the death has broken the executor,
         prepare a new executor.
         """
-
-    def close(self, *, at_once: bool) -> None:
-        """Release all workers of the pool."""
-
-
-class _OneMachine:
-    """Workers on one machine. All workers share one environment, so that a batch that fails on one
-    worker fails on all workers.
-    """
-
-    def has_others(self, worker: str) -> bool:
-        """Return False, because all workers on one machine are alike."""
         return False
 
-    def set_aside(self, worker: str) -> None:
-        """Do nothing."""
+    def close(self, *, at_once: bool) -> None:
+        """Release all workers of the pool, with ``at_once`` in the middle of their batches."""
 
 
-class InProcess(_OneMachine):
+class InProcess(WorkerPool):
     """A pool without workers: all trials run in the current process, one after another."""
 
     workers = 1
@@ -86,16 +76,9 @@ class InProcess(_OneMachine):
             future.set_exception(error)
         return future
 
-    def lost(self, error: BaseException) -> bool:
-        """Return False, because a pool without workers cannot lose a worker."""
-        return False
-
-    def close(self, *, at_once: bool) -> None:
-        """Do nothing."""
-
 
 @dataclass
-class Processes(_OneMachine):
+class Processes(WorkerPool):
     """Worker processes on the local machine. The worker processes end when the coordinator of the
     sweep ends or crashes.
 
@@ -135,9 +118,8 @@ class Processes(_OneMachine):
         try:
             with _interruptions_kept():
                 return self._pool.submit(function, *arguments)
-        except (
-            BrokenExecutor
-        ) as error:  # a worker died since the last call: reported like other deaths
+        except BrokenExecutor as error:
+            # a worker died since the last call: reported like other deaths
             future: Future[Any] = Future()
             future.set_exception(error)
             return future
@@ -192,7 +174,7 @@ def _watch_parent(sentinel: int) -> None:
     os._exit(1)
 
 
-class Cluster:
+class Cluster(WorkerPool):
     """The workers of a Dask cluster.
 
     Parameters
@@ -267,7 +249,7 @@ class Cluster:
         )
 
     @property
-    def workers(self) -> int:
+    def workers(self) -> int:  # type: ignore[override]
         """Current number of threads of all workers in the cluster."""
         return sum(self._client.nthreads().values())
 
@@ -325,10 +307,6 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
     dask : str, optional
         Address of a Dask scheduler. The scheduler's workers run all trials, in place of processes
         on the local machine.
-
-    Raises
-    ------
-    InvalidInputError, MissingExtraError
     """
     if dask is not None:
         if workers is not None:

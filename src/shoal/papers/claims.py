@@ -223,10 +223,8 @@ def mean_ratio(
     95 % interval of this mean.
     """
     ratios = np.array([ratio(above[n], below[n]) for n in counts])
-    mean, half = (
-        float(ratios[:, 0].mean()),
-        float(np.sqrt(np.sum(np.diff(ratios[:, 1:]) ** 2))) / 2 / len(ratios),
-    )
+    mean = float(ratios[:, 0].mean())
+    half = float(np.sqrt(np.sum(np.diff(ratios[:, 1:]) ** 2))) / 2 / len(ratios)
     return mean, mean - half, mean + half
 
 

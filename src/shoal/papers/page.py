@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from shoal.core.files import write_text
-from shoal.lab.versions import worker_versions
+from shoal.lab.batches import worker_versions
 from shoal.papers.claims import Claim, Verdict
 from shoal.papers.errata import CHECKS, Erratum
 from shoal.papers.recipe import Result, Table, capital
@@ -32,12 +32,7 @@ _LONG = 14  # rows of a table that are shown unfolded
 def write_page(
     results: Sequence[Result], errata: Sequence[Erratum], path: str | os.PathLike[str]
 ) -> Path:
-    """Write the page of results as an HTML file, and return the path of the file.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Write the page of results as an HTML file, and return the path of the file."""
     target = Path(path)
     counts = Counter(
         claim.verdict for result in results if result.outcome for claim in result.outcome.claims
@@ -49,10 +44,8 @@ def write_page(
     )
     failed = sum(result.outcome is None for result in results)
     shown = sum(erratum.shown for erratum in errata)
-    trials, seconds = (
-        sum(result.trials for result in results),
-        sum(result.seconds for result in results),
-    )
+    trials = sum(result.trials for result in results)
+    seconds = sum(result.seconds for result in results)
     made = ", ".join(
         f"{_NAMES[name]} {value}" for name, value in worker_versions().items() if name in _NAMES
     )
@@ -193,12 +186,12 @@ def _errata(errata: Sequence[Erratum]) -> str:
 
 
 def _erratum(erratum: Erratum) -> str:
-    told = (
+    entries = (
         ("printed", erratum.printed),
         ("holds", erratum.holds),
         ("check", erratum.check),
         ("found", erratum.found),
     )
-    rows = "".join(f"<div><dt>{name}</dt><dd>{escape(text)}</dd></div>" for name, text in told)
+    rows = "".join(f"<div><dt>{name}</dt><dd>{escape(text)}</dd></div>" for name, text in entries)
     mark = _mark(Verdict.AGREES if erratum.shown else Verdict.DIFFERS)
     return f"<article><h4>{mark} {escape(capital(erratum.source))}</h4><dl>{rows}</dl></article>"

@@ -73,10 +73,6 @@ def reproduce(
         Seed of the sweeps, and number of worker processes, as in `shoal.lab.coordinator`.
     on_progress : callable, optional
         Function that Shoal calls with the progress of each sweep.
-
-    Raises
-    ------
-    UnknownNameError, InvalidInputError, OutputError
     """
     recipe, folder = recipes().get(name), Path(out)
     if on_map is not None and not recipe.on_map:

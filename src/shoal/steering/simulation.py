@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.core.checks import world_generators
+from shoal.core.random import world_generators
 from shoal.steering.contact.world import RegionWorld, generators, stop_at_others
 from shoal.steering.kernels import contact, region_contact
 from shoal.steering.problem import SteeringProblem, check_can_part

@@ -25,12 +25,14 @@ from shoal.core.errors import InvalidInputError, OutputError, ShoalError
 from shoal.core.problem import Problem
 from shoal.core.version import __version__
 from shoal.parts import PARTS, problem_type
+from shoal.studio.answers import QUESTIONS
 from shoal.studio.folder import KINDS as FILE_KINDS
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
-from shoal.studio.jobs import KINDS, JobQueue
-from shoal.studio.preview import Preview, StudioError
-from shoal.studio.requests import JOBS, MAYBE_BOOL, QUESTIONS, check_request, read_json
+from shoal.studio.jobs import JobQueue
+from shoal.studio.processes import Preview, StudioError
+from shoal.studio.requests import MAYBE_BOOL, check_request, read_json
+from shoal.studio.work import JOBS
 
 WAITING = 1000
 """Maximum number of messages that may wait for a slow browser.
@@ -41,11 +43,6 @@ If more messages are waiting, the studio closes the websocket, and the browser c
 LONGEST = 600
 """Maximum length of a sentence about what is wrong, in characters. A sentence may contain the name
 of a file.
-"""
-
-PART_OF_JOB = {"compare": "swarm", "missions": "search"}
-"""The part of Shoal whose problems a kind of job takes, for the kinds that do not take problems of
-every part.
 """
 
 _TYPES = {
@@ -72,10 +69,11 @@ class Studio:
         self.folder = Folder(root)
         self._listeners: set[asyncio.Queue[dict[str, Any]]] = set()
         self.queue = JobQueue(self.folder, self.tell)
+        # quick, and slow
         self.previews = {
             False: Preview(str(self.folder.root)),
             True: Preview(str(self.folder.root)),
-        }  # quick, and slow
+        }
 
     def tell(self, message: dict[str, Any]) -> None:
         """Send a message to all connected browsers."""
@@ -122,13 +120,13 @@ class Studio:
 
     async def start(self, request: Request) -> Response:
         """Return the initial data of the studio's page."""
-        told = {
+        initial = {
             "folder": self.folder.root.name,
             "version": __version__,
-            "jobs": self.queue.all_told(),
+            "jobs": self.queue.list_jobs(),
         }
         return JSONResponse(
-            told
+            initial
             | await asyncio.shield(self.forms)
             | await asyncio.to_thread(self.folder.list_files)
         )
@@ -207,7 +205,7 @@ class Studio:
         """Answer a question of a page."""
         what, about = request.path_params["what"], await _json(request)
         what = check_choice(what, what="question", choices=QUESTIONS)
-        check_request(about, QUESTIONS[what] | {"slow": MAYBE_BOOL})
+        check_request(about, QUESTIONS[what].fields | {"slow": MAYBE_BOOL})
         answer = await self.previews[about.pop("slow", None) is True].ask(what, about)
         if what in ("sketch", "save", "draw"):
             self.tell({"files": True})
@@ -215,21 +213,21 @@ class Studio:
 
     async def jobs(self, request: Request) -> Response:
         """Return the newest jobs, and the number of jobs in each state."""
-        return JSONResponse({"jobs": self.queue.all_told(), "counts": self.queue.store.counts()})
+        return JSONResponse({"jobs": self.queue.list_jobs(), "counts": self.queue.store.counts()})
 
     async def add_job(self, request: Request) -> Response:
         """Add a job to the queue. A job that could not begin is refused: a field that is missing or
         has a wrong value.
         """
         given = await _json(request)
-        kind, spec = check_choice(given.get("kind"), what="kind", choices=KINDS), given.get("spec")
+        kind, spec = check_choice(given.get("kind"), what="kind", choices=JOBS), given.get("spec")
         if not isinstance(spec, dict):
             raise InvalidInputError(f"spec: expected an object, got {shortened(spec)}")
-        check_request(spec, JOBS[kind])
+        check_request(spec, JOBS[kind].fields)
         checked_seed(spec)
         if "problem" in spec:
             await asyncio.to_thread(
-                checked_problem, spec["problem"], self.folder, part=PART_OF_JOB.get(kind)
+                checked_problem, spec["problem"], self.folder, part=JOBS[kind].part
             )
         return JSONResponse(
             self.queue.add(kind, spec, urgent=check_bool(given.get("urgent", False), what="urgent"))
@@ -238,7 +236,7 @@ class Studio:
     async def cancel_job(self, request: Request) -> Response:
         """Cancel the job whose number the request contains."""
         text = request.path_params["number"]
-        if not (text.isascii() and text.isdecimal() and len(text) < 19) or not self.queue.told(
+        if not (text.isascii() and text.isdecimal() and len(text) < 19) or not self.queue.describe(
             int(text)
         ):
             raise InvalidInputError(f"job: expected the number of a job, got {shortened(text)}")
@@ -273,7 +271,7 @@ class Studio:
                     # between these lines.
                     for piece in self.queue.pieces(number):
                         listener.put_nowait({"piece": piece, "of": number})
-                    listener.put_nowait({"job": self.queue.told(number)})
+                    listener.put_nowait({"job": self.queue.describe(number)})
         except WebSocketDisconnect:
             pass
         except ShoalError:

@@ -14,6 +14,7 @@ from typing import Any
 from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.files import atomic
+from shoal.swarm.maps.files import FORMATS as MAP_FORMATS
 
 MOST_PIXELS = 50_000_000
 """Maximum number of pixels in a picture that the studio opens. Commands outside the studio can open
@@ -36,7 +37,8 @@ SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 KINDS = {
-    "map": (*PICTURES, ".txt", ".map", ".npy", ".csv", ".mat", ".nii", ".nii.gz", ".nrrd", ".dcm"),
+    # a GIF is a film here, and the header of a volume needs its second file
+    "map": tuple(suffix for suffix in MAP_FORMATS if suffix not in (".gif", ".nhdr")),
     "episode": (".npz", ".episode.json"),
     "missions": (".missions.zip",),
     "region": (".geojson", ".kml", ".kmz", ".gpkg", ".zip", ".shp"),
@@ -102,10 +104,6 @@ class Folder:
     def check_fields(self, data: Mapping[str, Any]) -> None:
         """Refuse a problem if one of its fields names a file outside the folder, or a picture that
         is too large.
-
-        Raises
-        ------
-        InvalidInputError
         """
         for value in data.values():
             texts = [
@@ -113,10 +111,11 @@ class Folder:
                 for text in (value if isinstance(value, list) else [value])
                 if isinstance(text, str) and len(text) <= 4096
             ]
+            # fields follow the file name of a vehicle
             for text in {
                 *texts,
                 *(text.partition(",")[0] for text in texts),
-            }:  # fields follow the file name of a vehicle
+            }:
                 path = Path(text)
                 if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
                     raise InvalidInputError(
@@ -151,8 +150,8 @@ class Folder:
                             continue
                         if entry.is_dir(follow_symlinks=False):
                             folders.append(entry.path)
-                        elif (told := self._listed(entry)) is not None:
-                            found.append(told)
+                        elif (listed := self._listed(entry)) is not None:
+                            found.append(listed)
             except OSError:  # a folder that cannot be read, or has just gone
                 continue
         return sorted(found, key=lambda one: (-float(one["time"]), one["name"]))
@@ -263,19 +262,14 @@ def purpose_of(name: str) -> str | None:
 def check_pixels(path: Path) -> None:
     """Refuse a picture of more than `MOST_PIXELS` pixels. The check reads only the header of the
     file.
-
-    Raises
-    ------
-    InvalidInputError
     """
     if path.suffix.lower() not in PICTURES or not path.is_file():
         return
     from PIL import Image, UnidentifiedImageError
 
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # about decompression bombs in pictures: our own error reports them
+        # about decompression bombs in pictures: our own error reports them
+        warnings.simplefilter("ignore")
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
             with Image.open(path, formats=("PNG", "TIFF", "BMP", "JPEG")) as image:

@@ -58,16 +58,16 @@ def schema_of(kind: type[Problem]) -> dict[str, Any]:
 
 def _property(declared: Declaration) -> dict[str, Any]:
     option = declared.option
-    told: dict[str, Any] = {
+    schema: dict[str, Any] = {
         "title": declared.name.replace("_", " "),
         "description": _as_in_forms(option.help),
     }
     kind = _JSON_TYPES.get(declared.type)
     if kind is not None:
-        told["type"] = [kind, "null"] if declared.optional else kind
+        schema["type"] = [kind, "null"] if declared.optional else kind
     if not declared.required:
         text = kind is None and not isinstance(declared.default, str | None)
-        told["default"] = (
+        schema["default"] = (
             None
             if declared.default == math.inf
             else declared.text(declared.default)
@@ -80,19 +80,19 @@ def _property(declared: Declaration) -> dict[str, Any]:
         "exclusiveMinimum": option.above,
         "exclusiveMaximum": option.below,
     }
-    told |= {word: limit for word, limit in limits.items() if math.isfinite(limit)}
+    schema |= {word: limit for word, limit in limits.items() if math.isfinite(limit)}
     if option.choices:
-        told["enum"] = list(option.choices)
+        schema["enum"] = list(option.choices)
     if option.names is not None:
-        told["names"] = [*(["auto"] if declared.default == "auto" else []), *option.names]
+        schema["names"] = [*(["auto"] if declared.default == "auto" else []), *option.names]
     if option.unit:
-        told["unit"] = option.unit
-    told |= {
+        schema["unit"] = option.unit
+    schema |= {
         word: True
         for word, is_so in (("place", option.argument), ("repeated", option.repeated))
         if is_so
     }
-    return told
+    return schema
 
 
 def _as_in_forms(text: str) -> str:
@@ -114,10 +114,6 @@ def checked_problem(data: Any, folder: Folder, *, part: str | None = None) -> Pr
     or with third-party code.
 
     With ``part``, also refuse a problem of another part.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     kind = data.get("kind") if isinstance(data, Mapping) else None
     if not isinstance(kind, str) or kind not in PARTS:
@@ -135,10 +131,6 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
 
     The function parses the text of a field as the command line does. The function refuses files
     outside the folder, and third-party code.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     if not isinstance(data, Mapping):
         raise InvalidInputError(f"{kind.part}: expected fields with values, got {shortened(data)}")
@@ -156,10 +148,6 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
 def checked_seed(about: Mapping[str, Any]) -> int:
     """Return the seed from a browser, or 0 without a seed. A large seed arrives as text, because
     numbers in browsers have 53 bits.
-
-    Raises
-    ------
-    InvalidInputError
     """
     given = about.get("seed")
     if isinstance(given, str) and given.isascii() and given.isdecimal() and len(given) < 20:
@@ -218,9 +206,8 @@ def as_command(problem: Problem, *, seed: int) -> str:
     """
     fields, known = _fields(problem), problem.declarations()
     words = ["shoal", _COMMANDS.get(problem.part, "map")]
-    if (
-        fields.get("task") == "coverage" or "subset" in fields
-    ):  # `shoal map` accepts all other tasks
+    # `shoal map` accepts all other tasks
+    if fields.get("task") == "coverage" or "subset" in fields:
         words[1] = "cover"
         fields.pop("task", None)
     if not all(_has_text(problem, known[name], value) for name, value in fields.items()):

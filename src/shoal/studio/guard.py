@@ -86,11 +86,9 @@ class Guard:
     def __init__(self, application: Application, port: int) -> None:
         self.application = application
         self.hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
-        self.token, self._secret, self._cookie = (
-            secrets.token_urlsafe(32),
-            secrets.token_urlsafe(32),
-            f"shoal_studio_{port}",
-        )
+        self.token = secrets.token_urlsafe(32)
+        self._secret = secrets.token_urlsafe(32)
+        self._cookie = f"shoal_studio_{port}"
         self._sockets = 0
 
     async def __call__(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
@@ -211,8 +209,8 @@ class _Body:
         self.most, self._receive = most, receive
         self.refusal: _RefusedError | None = None
         self._came, self._whole = 0, False
-        told = headers.get(b"content-length", b"0")
-        if not told.isdigit() or len(told) > 20 or int(told) > most:
+        length = headers.get(b"content-length", b"0")
+        if not length.isdigit() or len(length) > 20 or int(length) > most:
             raise self._too_large()
 
     def _too_large(self) -> _RefusedError:
@@ -263,14 +261,14 @@ def _private(send: Send, host: str) -> Send:
         if message["type"] == "http.response.start":
             message["headers"] = [
                 *message.get("headers", []),
-                *_told({"content-security-policy": _POLICY.format(host=host)}),
+                *_encode_headers({"content-security-policy": _POLICY.format(host=host)}),
             ]
         await send(message)
 
     return private
 
 
-def _told(more: dict[str, str]) -> list[tuple[bytes, bytes]]:
+def _encode_headers(more: dict[str, str]) -> list[tuple[bytes, bytes]]:
     return [(name.encode(), value.encode()) for name, value in (_KEPT_PRIVATE | more).items()]
 
 
@@ -288,7 +286,11 @@ async def _answer(
         "content-security-policy": "default-src 'none'",
     }
     await send(
-        {"type": "http.response.start", "status": status, "headers": _told(headers | more_headers)}
+        {
+            "type": "http.response.start",
+            "status": status,
+            "headers": _encode_headers(headers | more_headers),
+        }
     )
     await send({"type": "http.response.body", "body": body, "more_body": more})
 

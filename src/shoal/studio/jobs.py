@@ -3,127 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import importlib
 import json
-import multiprocessing
-import os
-import resource
-import signal
 import sqlite3
-import threading
 import time
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 from shoal.core.checks import check_choice, check_number, check_text, parse_json, shortened
 from shoal.core.errors import InvalidInputError, OutputError
-from shoal.lab.schema import told, transaction
+from shoal.lab.database import sqlite_errors_at, transaction
 from shoal.lab.trials import default_workers
 from shoal.studio.folder import Folder
-
-MEMORY = 3 * 2**30
-"""Maximum size of the data of one studio process, in bytes.
-
-If a process needs more memory than the maximum, the allocation of memory fails.
-"""
-
-Say = Callable[[str, Any], None]
-"""Function with which a job reports an event. The arguments are the kind and the content of the
-event.
-"""
-
-_CONTEXT = multiprocessing.get_context("forkserver")
-
-
-def warm_up(module: str) -> None:
-    """Start the fork server: the process from which all processes of the studio are forked.
-
-    In the background, the fork server imports ``module``, which imports all common libraries.
-    """
-    _CONTEXT.set_forkserver_preload([module])
-    from multiprocessing.forkserver import ensure_running
-
-    ensure_running()
-
-
-class Worker:
-    """A process that runs a function of Shoal and communicates over a pipe.
-
-    Parameters
-    ----------
-    work : str
-        Name of the function to run, in the form MODULE:FUNCTION. The new process imports the
-        function, and calls it with the connection and the arguments.
-    *arguments
-        Arguments of the function, in addition to the connection.
-
-    Attributes
-    ----------
-    connection : Connection
-    """
-
-    def __init__(self, work: str, *arguments: Any) -> None:
-        self.connection, theirs = _CONTEXT.Pipe()
-        self._process: BaseProcess = _CONTEXT.Process(
-            target=_begin, args=(theirs, work, arguments), daemon=False
-        )
-        self._process.start()
-        theirs.close()
-
-    def kill(self) -> None:
-        """Kill the process and all its child processes, which ends the connection."""
-        pid = self._process.pid
-        if pid is not None and self._process.is_alive():
-            try:
-                os.killpg(pid, signal.SIGKILL)
-            except (
-                ProcessLookupError,
-                PermissionError,
-            ):  # the process has not created its group yet, or has ended
-                self._process.kill()
-
-    def end(self) -> None:
-        """Kill the process, and wait until it has ended."""
-        self.kill()
-        self._process.join()
-        self.connection.close()
-
-    @property
-    def alive(self) -> bool:
-        """Whether the process is running."""
-        return self._process.is_alive()
-
-
-def named(text: str) -> Callable[..., Any]:
-    """Import and return the function whose name has the form MODULE:FUNCTION.
-
-    The name of the function must come from Shoal's own code, and never from a browser.
-    """
-    module, _, name = text.partition(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), name)
-    return found
-
-
-def _begin(connection: Connection, work: str, arguments: tuple[Any, ...]) -> None:
-    """Run the function in a process group of its own, which ends when the server ends. Ignore
-    Ctrl-C, which the server handles.
-    """
-    os.setpgid(0, 0)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_server, daemon=True).start()
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
-    named(work)(connection, *arguments)
-
-
-def _end_with_server() -> None:
-    server = multiprocessing.parent_process()
-    assert server is not None
-    wait([server.sentinel])
-    os.killpg(0, signal.SIGKILL)
-
+from shoal.studio.processes import Worker
+from shoal.studio.work import JOBS
 
 FILE = ".studio.sqlite"
 APPLICATION = 0x53484A42  # "SHJB"
@@ -159,7 +52,7 @@ class JobStore:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / FILE
-        with told(self.path):
+        with sqlite_errors_at(self.path):
             self._connection = sqlite3.connect(
                 self.path, timeout=5, isolation_level=None, check_same_thread=False
             )
@@ -197,7 +90,7 @@ class JobStore:
 
     def _ask(self, statement: str, *values: Any) -> list[tuple[Any, ...]]:
         """Run an SQL statement, and return the rows of the result."""
-        with told(self.path):
+        with sqlite_errors_at(self.path):
             return self._connection.execute(statement, values).fetchall()
 
     def add(self, kind: str, spec: dict[str, Any], *, urgent: bool = False) -> int:
@@ -297,25 +190,6 @@ MOST_QUEUED = 5000
 PAUSE = 5.0
 """Time after which a failed write to the store of jobs is repeated, in seconds."""
 
-_WORK = "shoal.studio.work"
-KINDS = {
-    "play": f"{_WORK}:play",
-    "compare": f"{_WORK}:compare_policies",
-    "export": f"{_WORK}:export_episode",
-    "reproduce": f"{_WORK}:reproduce_figures",
-    "sweep": f"{_WORK}:run",
-    "table": f"{_WORK}:write",
-    "missions": f"{_WORK}:missions_zip",
-}
-"""The name MODULE:FUNCTION of the function for each kind of job. The process of a job imports the
-function of the job.
-"""
-
-LONG = ("sweep", "reproduce")
-"""Kinds of long jobs. While a long job is running, the queue keeps one processor free for
-interactive jobs.
-"""
-
 MOST_PIECES = 50_000_000
 """Maximum total size, in characters, of the episode pieces that a job keeps for browsers that begin
 to watch later.
@@ -377,13 +251,13 @@ class JobQueue:
         OutputError
             Raised if Shoal cannot write the store of jobs, or if too many jobs are waiting.
         """
-        kind = check_choice(kind, what="kind", choices=KINDS)
+        kind = check_choice(kind, what="kind", choices=JOBS)
         if self.store.counts().get("queued", 0) >= MOST_QUEUED:
             raise OutputError(f"jobs: expected at most {MOST_QUEUED} waiting jobs, got one more")
         number = self.store.add(kind, spec, urgent=urgent)
-        self.tell({"job": self.told(number)})
+        self.tell({"job": self.describe(number)})
         self.go_on()
-        return self.told(number)
+        return self.describe(number)
 
     def go_on(self) -> None:
         """Start waiting jobs while processors are free."""
@@ -395,14 +269,15 @@ class JobQueue:
 
     def _begin_those_with_room(self) -> None:
         self._save_ends()
+        long = [kind for kind, job in JOBS.items() if job.long]
         while not self._closing and (free := self._free()) > 0:
             free_for_long = free - (default_workers() > 1)
-            job = self.store.begin_next(without=() if free_for_long > 0 else LONG)
+            job = self.store.begin_next(without=() if free_for_long > 0 else long)
             if job is None:
                 return
             processors = free_for_long if job["kind"] == "sweep" else 1
             running = self._running[job["id"]] = _Running(job, processors)
-            self.tell({"job": self.told(job["id"])})
+            self.tell({"job": self.describe(job["id"])})
             task = asyncio.get_running_loop().create_task(self._follow(running))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
@@ -425,9 +300,9 @@ class JobQueue:
         # The process for forking may still be loading, so its answer is awaited in a thread.
         worker = running.worker = await asyncio.to_thread(
             Worker,
-            f"{_WORK}:work",
+            "shoal.studio.work:do_job",
             str(self.folder.root),
-            KINDS[job["kind"]],
+            job["kind"],
             job["spec"],
             running.processors,
         )
@@ -442,7 +317,7 @@ class JobQueue:
                 running.done, running.note = what
                 if running.done_before is None:
                     running.done_before = running.done
-                self.tell({"job": self.told(number)})
+                self.tell({"job": self.describe(number)})
             elif word == "piece":
                 self._piece(running, what)
             else:
@@ -466,7 +341,7 @@ class JobQueue:
     def _end(self, number: int, state: str, result: dict[str, Any]) -> None:
         self._unsaved[number] = state, result
         self._save_ends()
-        self.tell({"job": self.told(number), "files": True})
+        self.tell({"job": self.describe(number), "files": True})
 
     def _save_ends(self) -> None:
         for number, (state, result) in list(self._unsaved.items()):
@@ -481,7 +356,7 @@ class JobQueue:
         """Return all pieces of the episode that a running job has computed so far."""
         return list(self._running[number].pieces) if number in self._running else []
 
-    def told(self, number: int) -> dict[str, Any]:
+    def describe(self, number: int) -> dict[str, Any]:
         """Return a job as data for browsers. If the job does not exist, return empty data.
 
         The keys of the data are ``id, kind, spec, state, created, began, ended, result``. For a
@@ -491,7 +366,7 @@ class JobQueue:
         job = self.store.job(number)
         return {} if job is None else self._with_progress(job)
 
-    def all_told(self) -> list[dict[str, Any]]:
+    def list_jobs(self) -> list[dict[str, Any]]:
         """Return the newest jobs as data for browsers."""
         return [self._with_progress(job) for job in self.store.newest()]
 
@@ -507,7 +382,7 @@ class JobQueue:
     def cancel(self, number: int) -> None:
         """Cancel a waiting or running job."""
         if self.store.cancel_queued(number):
-            self.tell({"job": self.told(number)})
+            self.tell({"job": self.describe(number)})
         elif number in self._running:
             self._running[number].cancelled = True
             if (worker := self._running[number].worker) is not None:

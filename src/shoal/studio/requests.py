@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from shoal.core.checks import DEEPEST, check_depth, shortened
+from shoal.core.checks import decode_text, parse_json, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
@@ -38,48 +38,6 @@ MAYBE_TEXT, MAYBE_OBJECT, MAYBE_LIST, MAYBE_BOOL, MAYBE_INTEGER, SEED = (
     for kinds in ((str,), (dict,), (list,), (bool,), (int,), (int, str))
 )
 
-QUESTIONS: dict[str, dict[str, Field]] = {
-    "page": {"file": TEXT},
-    "copies": {"problem": MAYBE_OBJECT, "file": MAYBE_TEXT, "seed": SEED},
-    "save": {"problem": OBJECT, "name": MAYBE_TEXT, "seed": SEED},
-    "map": {"problem": OBJECT, "cells": MAYBE_OBJECT, "seed": SEED},
-    "photograph": {"file": TEXT},
-    "vessels": {"problem": OBJECT, "exact": MAYBE_BOOL},
-    "sketch": {"shape": LIST, "free": TEXT, "name": MAYBE_TEXT},
-    "steer": {"problem": OBJECT, "seed": SEED},
-    "workspace": {"problem": OBJECT, "seed": SEED},
-    "reach": {"problem": OBJECT, "moves": MAYBE_INTEGER, "seed": SEED},
-    "plan": {"problem": OBJECT, "drawing": MAYBE_OBJECT, "frame": MAYBE_LIST, "seed": SEED},
-    "missions": {
-        "problem": OBJECT,
-        "drawing": MAYBE_OBJECT,
-        "missions": MAYBE_OBJECT,
-        "frame": MAYBE_LIST,
-        "seed": SEED,
-    },
-    "simulate": {"problem": OBJECT, "drawing": MAYBE_OBJECT, "seed": SEED},
-    "draw": {"problem": OBJECT, "drawing": MAYBE_OBJECT},
-    "earth": {"frame": LIST},
-    "papers": {},
-    "lab-forms": {},
-    "sweeps": {},
-    "sweep": {"store": TEXT, "sweep": MAYBE_TEXT, "measure": MAYBE_TEXT},
-    "new-sweep": {"toml": MAYBE_TEXT, "sweep": MAYBE_OBJECT},
-    "picture": {"file": TEXT},
-}
-"""The fields of each question of a page. Each question may also have the field ``slow``."""
-
-JOBS: dict[str, dict[str, Field]] = {
-    "play": {"problem": OBJECT, "seed": SEED},
-    "compare": {"problem": OBJECT, "policies": LIST, "trials": MAYBE_INTEGER, "seed": SEED},
-    "export": {"episode": TEXT, "format": TEXT},
-    "reproduce": {"name": MAYBE_TEXT, "quick": MAYBE_BOOL},
-    "sweep": {"toml": TEXT, "store": MAYBE_TEXT, "sweep": MAYBE_TEXT},
-    "table": {"store": TEXT, "sweep": MAYBE_TEXT, "measure": MAYBE_TEXT, "format": TEXT},
-    "missions": {"problem": OBJECT, "missions": MAYBE_OBJECT, "seed": SEED},
-}
-"""The fields of the description of each kind of job."""
-
 
 def read_json(body: bytes) -> dict[str, Any]:
     """Return the JSON object in the body of a request.
@@ -98,29 +56,15 @@ def read_json(body: bytes) -> dict[str, Any]:
     ...
     shoal.core.errors.InvalidInputError: request: expected finite numbers, got 1e999
     """
-    try:
-        found = json.loads(
-            body.decode("utf-8"),
-            parse_constant=_finite,
-            parse_float=_finite,
-            parse_int=_short,
-            object_pairs_hook=_unique,
-        )
-    except InvalidInputError:
-        raise
-    except UnicodeDecodeError:
-        raise InvalidInputError("request: expected JSON in UTF-8, got other bytes") from None
-    except RecursionError:
-        raise InvalidInputError(
-            f"request: expected JSON nested at most {DEEPEST} deep, got deeper lists and objects"
-        ) from None
-    except ValueError:
-        raise InvalidInputError(
-            f"request: expected a JSON object, got {shortened(body[:60])}"
-        ) from None
+    found = parse_json(
+        decode_text(body, where="request"),
+        where="request",
+        parse_constant=_finite,
+        parse_float=_finite,
+        parse_int=_short,
+    )
     if not isinstance(found, dict):
         raise InvalidInputError(f"request: expected a JSON object, got {shortened(found)}")
-    check_depth(found, where="request")
     try:
         json.dumps(found, ensure_ascii=False).encode()
     except UnicodeEncodeError:
@@ -145,26 +89,13 @@ def _short(text: str) -> int:
     return int(text)
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InvalidInputError(f"request: expected each key once, got {shortened(twice)} twice")
-    return found
-
-
 def check_request(data: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
     """Check that a request has the fields of a question or job, each of the right type, and no
     other field.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
-    >>> check_request({"file": 5}, QUESTIONS["page"])
+    >>> check_request({"file": 5}, {"file": TEXT})
     Traceback (most recent call last):
     ...
     shoal.core.errors.InvalidInputError: file: expected a text, got 5

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tempfile
 import time
 import warnings
 import zipfile
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -16,14 +16,14 @@ import numpy as np
 
 import shoal
 from shoal.core.checks import check_choice, check_integer, check_text, shortened
+from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.files import atomic, write_json, write_text
-from shoal.lab.batches import SweepProgress
+from shoal.core.files import as_json, atomic, write_json, write_text
+from shoal.lab.batches import MixedVersionsWarning, SweepProgress
 from shoal.lab.coordinator import run_sweep
 from shoal.lab.exchange import SUFFIXES, export
 from shoal.lab.statistics import summarise
 from shoal.lab.store import Store
-from shoal.lab.versions import MixedVersionsWarning
 from shoal.search.problem import SearchProblem
 from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import (
@@ -34,15 +34,30 @@ from shoal.studio.forms import (
     checked_sweep,
     mission_words,
 )
-from shoal.studio.jobs import Say, named
+from shoal.studio.requests import (
+    LIST,
+    MAYBE_BOOL,
+    MAYBE_INTEGER,
+    MAYBE_OBJECT,
+    MAYBE_TEXT,
+    OBJECT,
+    SEED,
+    TEXT,
+    Field,
+)
+
+Say = Callable[[str, Any], None]
+"""Function with which a job reports an event. The arguments are the kind and the content of the
+event.
+"""
 
 MOST_COMPARED = 4
 MOST_TRIALS = 1000
 FORMATS = ("png", "svg", "mp4", "gif", "html")
 
 
-def work(
-    connection: Connection, root: str, function: str, spec: dict[str, Any], processors: int
+def do_job(
+    connection: Connection, root: str, kind: str, spec: dict[str, Any], processors: int
 ) -> None:
     """Run a job in the current process. Some jobs can use several processors.
 
@@ -55,7 +70,7 @@ def work(
         connection.send((word, what))
 
     try:
-        say("done", storable(named(function)(Folder(root), spec | {"processors": processors}, say)))
+        say("done", as_json(JOBS[kind].run(Folder(root), spec | {"processors": processors}, say)))
     except ShoalError as error:
         say("failed", {"error": str(error)})
     except MemoryError:
@@ -122,14 +137,14 @@ def play_live(problem: Any, seed: int, say: Say) -> Any:
     every = problem.scanning.every_move
     say("piece", {"begin": page_data(begun) | {"status": ""}})
     goal = max(1, cells_to_classify(problem.place.free) if targets is None else int(targets.sum()))
-    told = {"moves": 0, "classified": len(start)}
+    counts = {"moves": 0, "classified": len(start)}
 
     def on_trace(trace: Trace) -> None:
         scans = None if every else "".join("01"[scan] for scan in trace.scanned.tolist())
         say("piece", {"commands": decode(trace.commands), "scans": scans})
-        told["moves"] += trace.moves
-        told["classified"] += int(trace.classified.sum())
-        say("progress", (min(0.99, told["classified"] / goal), f"{told['moves']} moves"))
+        counts["moves"] += trace.moves
+        counts["classified"] += int(trace.classified.sum())
+        say("progress", (min(0.99, counts["classified"] / goal), f"{counts['moves']} moves"))
 
     episode = run(problem, seed=seed, on_trace=on_trace)
     say("piece", {"end": str(episode.status), "unreachable": episode.unreachable})
@@ -151,10 +166,8 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
     """
     from shoal.swarm.run import run
 
-    policies, trials = (
-        spec["policies"],
-        check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS),
-    )
+    policies = spec["policies"]
+    trials = check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS)
     seed = checked_seed(spec)
     if not isinstance(policies, list) or not 2 <= len(policies) <= MOST_COMPARED:
         raise InvalidInputError(
@@ -184,7 +197,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
             say("piece", {"compared": _compared(policies, rows)})
     found = {"compared": _compared(policies, rows), "files": files, "trials": trials}
     name = folder.new_name(f"compared-{Path(str(spec['problem']['map'])).name}", ".comparison.json")
-    write_json(folder.path(name), storable(found | {"problem": spec["problem"], "seed": seed}))
+    write_json(folder.path(name), as_json(found | {"problem": spec["problem"], "seed": seed}))
     return found | {"file": name}
 
 
@@ -198,10 +211,10 @@ def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
     whole = min(map(len, rows))
     moves = [[one[0] for one in row[:whole]] for row in rows]
     best = min(range(len(rows)), key=lambda k: float(np.mean(moves[k])))
-    told = []
+    compared_policies = []
     for k, policy in enumerate(policies):
         mean, against = estimate(moves[k]), paired(moves[best], moves[k])
-        told.append(
+        compared_policies.append(
             {
                 "policy": policy,
                 "mean": mean.mean,
@@ -215,7 +228,9 @@ def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
                 "p": against.p_value,
             }
         )
-    compared: dict[str, Any] = storable({"policies": told, "best": best, "trials": whole})
+    compared: dict[str, Any] = as_json(
+        {"policies": compared_policies, "best": best, "trials": whole}
+    )
     return compared
 
 
@@ -271,21 +286,6 @@ def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[st
     return {"file": f"{PAPERS}/{result.files[0].name}"}
 
 
-def storable(value: Any) -> Any:
-    """Convert a value to JSON data: infinities and NaN become None, and NumPy numbers become Python
-    numbers.
-    """
-    if isinstance(value, dict):
-        return {str(name): storable(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [storable(one) for one in value]
-    if isinstance(value, np.generic):
-        return storable(value.item())
-    if isinstance(value, np.ndarray):
-        return storable(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # so that equal missions give equal archives
 
 
@@ -338,7 +338,7 @@ FIGURES = ("png", "svg")
 """File suffixes for the figures of a sweep."""
 
 
-def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+def run_missing_trials(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Run the missing trials of a sweep.
 
     The job first records the sweep in the store, and then writes the sweep file beside the store.
@@ -380,7 +380,7 @@ def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     }
 
 
-def write(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+def write_results(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Write the table of a sweep, or a figure of one measure of the sweep."""
     kind = check_choice(
         spec.get("format"), what="format", choices=(*(suffix[1:] for suffix in SUFFIXES), *FIGURES)
@@ -394,14 +394,43 @@ def write(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
             export(store, name, folder.path(file))
             return {"file": file}
         from shoal.views import save_figure
-        from shoal.views.drawing.curves import PointMean, means_figure
+        from shoal.views.drawing.curves import means_figure
 
-        rows = summarise(store, name, measure)
-        means = [
-            PointMean(row.values, row.estimate.mean, row.estimate.low, row.estimate.high)
-            for row in rows
-            if row.estimate
-        ]
+        rows = [row for row in summarise(store, name, measure) if row.estimate]
         file = folder.new_name(f"{name}-{measure}-figure", f".{kind}")
-        save_figure(means_figure(means, title=name, measure=measure), folder.path(file))
+        save_figure(means_figure(rows, title=name, measure=measure), folder.path(file))
     return {"file": file}
+
+
+@dataclass(frozen=True)
+class Job:
+    """A kind of job: the function that does it, and the fields of its description."""
+
+    run: Callable[[Folder, dict[str, Any], Say], dict[str, Any]]
+    fields: dict[str, Field]
+    part: str | None = None
+    """The part of Shoal whose problems the job takes; None if it takes problems of every part."""
+    long: bool = False
+    """Whether the queue keeps one processor free for interactive jobs while such a job runs."""
+
+
+JOBS: dict[str, Job] = {
+    "play": Job(play, {"problem": OBJECT, "seed": SEED}),
+    "compare": Job(
+        compare_policies,
+        {"problem": OBJECT, "policies": LIST, "trials": MAYBE_INTEGER, "seed": SEED},
+        part="swarm",
+    ),
+    "export": Job(export_episode, {"episode": TEXT, "format": TEXT}),
+    "reproduce": Job(reproduce_figures, {"name": MAYBE_TEXT, "quick": MAYBE_BOOL}, long=True),
+    "sweep": Job(
+        run_missing_trials, {"toml": TEXT, "store": MAYBE_TEXT, "sweep": MAYBE_TEXT}, long=True
+    ),
+    "table": Job(
+        write_results, {"store": TEXT, "sweep": MAYBE_TEXT, "measure": MAYBE_TEXT, "format": TEXT}
+    ),
+    "missions": Job(
+        missions_zip, {"problem": OBJECT, "missions": MAYBE_OBJECT, "seed": SEED}, part="search"
+    ),
+}
+"""The kinds of jobs."""

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_integer, shortened, world_generators
+from shoal.core.checks import check_integer, shortened
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
+from shoal.core.random import world_generators
 from shoal.swarm.grid.board import LETTERS, Board, GridLayout, Words, encode, letters_of, trial_rng
 from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState

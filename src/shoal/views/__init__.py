@@ -9,18 +9,19 @@ import base64
 import html
 import os
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
+from shoal.parts import PARTS
 from shoal.views.drawing.charts import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from shoal.core.episode import Episode
+    from shoal.views.drawing.encoding import Clip
 
 
 __all__ = ["figure", "film", "notebook_page", "save_figure"]
@@ -54,9 +55,7 @@ def figure(
         If Shoal has no figure of the given kind for the episode, or if the kind does not have a
         given option.
     """
-    kinds = _views_of(
-        episode[0] if isinstance(episode, Sequence) and episode else episode, "figures"
-    ).FIGURES
+    kinds = _figures_of(episode[0] if isinstance(episode, Sequence) and episode else episode)
     if kind is None:
         kind = next(iter(kinds))
     drawn: Figure = kinds[check_choice(kind, what="kind", choices=kinds)](episode, **options)
@@ -96,11 +95,11 @@ def film(
     suffix = target.suffix.lower()
     with atomic(target) as temporary:
         if suffix == ".html":
-            temporary.write_text(_views_of(episode, "page").player_page(episode), encoding="utf-8")
+            temporary.write_text(_page_of(episode).player_page(episode), encoding="utf-8")
         else:
             encode_film(
                 temporary,
-                _views_of(episode, "films").clip_of(episode, suffix),
+                _clip_of(episode, suffix),
                 gif=suffix == ".gif",
                 on_frame=on_frame,
             )
@@ -114,17 +113,15 @@ def notebook_page(episode: Episode) -> str:
         encode_figure,  # needs matplotlib, which is slow to import
     )
 
-    encoded, name = (
-        base64.b64encode(encode_figure(figure(episode))).decode(),
-        html.escape(repr(episode).strip("<>")),
-    )
-    told = (
+    encoded = base64.b64encode(encode_figure(figure(episode))).decode()
+    name = html.escape(repr(episode).strip("<>"))
+    caption = (
         name
         if html.escape(episode.sentence) in name
         else f"{name}<br/>{html.escape(episode.sentence)}"
     )
     try:
-        player = _views_of(episode, "page").player_page(episode)
+        player = _page_of(episode).player_page(episode)
     except InvalidInputError:  # the episode is too large for a browser
         player = ""
     frame = (
@@ -134,18 +131,75 @@ def notebook_page(episode: Episode) -> str:
     return (
         f'<figure style="margin:0"><img alt="{name}" src="data:image/png;base64,{encoded}"'
         ' style="max-width:100%"/>'
-        f"<figcaption>{told}</figcaption>{frame * (0 < len(player) < INLINE)}</figure>"
+        f"<figcaption>{caption}</figcaption>{frame * (0 < len(player) < INLINE)}</figure>"
     )
 
 
-def _views_of(episode: Any, room: str) -> Any:
-    """Import and return the module ``room`` of views for the part of an episode: swarm, steering or
-    search.
+def page_data(episode: Episode) -> dict[str, Any]:
+    """Return an episode as JSON data for the player.
+
+    Raises
+    ------
+    InvalidInputError
+        If the episode is too large for a browser.
     """
+    data: dict[str, Any] = _page_of(episode).page_data(episode)
+    return data
+
+
+def _figures_of(episode: Any) -> Any:
+    """Return the functions that draw an episode, by the kind of the figure, the default first."""
+    part = _part_of(episode)
+    if part == "swarm":
+        from shoal.views.swarm import figures as swarm_figures
+
+        return swarm_figures.FIGURES
+    if part == "steering":
+        from shoal.views.steering import figures as steering_figures
+
+        return steering_figures.FIGURES
+    from shoal.views.search import figures as search_figures
+
+    return search_figures.FIGURES
+
+
+def _clip_of(episode: Any, suffix: str) -> Clip[Any]:
+    """Return the film of an episode before its encoding."""
+    part = _part_of(episode)
+    if part == "swarm":
+        from shoal.views.swarm.films import clip_of as swarm_clip_of
+
+        return swarm_clip_of(episode, suffix)
+    if part == "steering":
+        from shoal.views.steering.films import clip_of as steering_clip_of
+
+        return steering_clip_of(episode, suffix)
+    from shoal.views.search.films import clip_of as search_clip_of
+
+    return search_clip_of(episode, suffix)
+
+
+def _page_of(episode: Any) -> Any:
+    """Return the module with the functions ``page_data`` and ``player_page`` for an episode."""
+    part = _part_of(episode)
+    if part == "swarm":
+        from shoal.views.swarm import page as swarm_page
+
+        return swarm_page
+    if part == "steering":
+        from shoal.views.steering import page as steering_page
+
+        return steering_page
+    from shoal.views.search import page as search_page
+
+    return search_page
+
+
+def _part_of(episode: Any) -> str:
     part = getattr(episode, "part", None)
-    if part not in ("swarm", "steering", "search"):
+    if part not in PARTS:
         raise InvalidInputError(
             "episode: expected an episode of swarm, steering or search, got"
             f" {type(episode).__name__}"
         )
-    return import_module(f"shoal.views.{part}.{room}")
+    return str(part)

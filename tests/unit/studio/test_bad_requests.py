@@ -17,10 +17,10 @@ import shoal
 from shoal.core.errors import ShoalError
 from shoal.parts import problem_type
 from shoal.studio import guard as guard_module
-from shoal.studio.answers import answer
+from shoal.studio.answers import QUESTIONS, answer
 from shoal.studio.application import Studio, application_of
-from shoal.studio.preview import StudioError
-from shoal.studio.requests import JOBS, QUESTIONS
+from shoal.studio.processes import StudioError
+from shoal.studio.work import JOBS
 from shoal.swarm import SwarmProblem
 
 SWARM = {"kind": "swarm", "map": "line:9", "particles": 2}
@@ -199,11 +199,8 @@ def fields_of(good):
 
 
 def test_every_question_and_job_is_in_the_tables():
-    from shoal.studio.answers import ANSWERS
-    from shoal.studio.jobs import KINDS
-
-    assert ANSWERS.keys() == QUESTIONS.keys() == GOOD.keys()
-    assert KINDS.keys() == JOBS.keys() == GOOD_JOBS.keys()
+    assert QUESTIONS.keys() == GOOD.keys()
+    assert JOBS.keys() == GOOD_JOBS.keys()
 
 
 @pytest.mark.parametrize("what", GOOD)
@@ -218,7 +215,7 @@ def test_no_question_takes_what_it_cannot_use(studio, what):
             )
             if answered[0] != 200:
                 refused(answered, (what, name, value))
-    for name in [name for name, field in QUESTIONS[what].items() if field.required]:
+    for name in [name for name, field in QUESTIONS[what].fields.items() if field.required]:
         body = json.dumps({key: value for key, value in good.items() if key != name}).encode()
         assert refused(ask(studio, "POST", path, body), name).startswith(f"{name}: expected")
     assert "'typo'" in refused(
@@ -234,7 +231,7 @@ def test_no_job_is_taken_that_cannot_begin(studio, kind):
         ask(studio, "POST", "/api/jobs", json.dumps({"kind": kind, "spec": good}).encode())[0]
         == 200
     )
-    for name in JOBS[kind]:
+    for name in JOBS[kind].fields:
         for value in (
             DEEP,
             "NaN",
@@ -244,7 +241,7 @@ def test_no_job_is_taken_that_cannot_begin(studio, kind):
         ):
             body = json.dumps({"kind": kind, "spec": good | {name: "@"}}).replace('"@"', value)
             refused(ask(studio, "POST", "/api/jobs", body.encode()), (kind, name, value))
-        if JOBS[kind][name].required:
+        if JOBS[kind].fields[name].required:
             body = json.dumps(
                 {"kind": kind, "spec": {key: value for key, value in good.items() if key != name}}
             )

@@ -16,7 +16,9 @@ from shoal.lab import Store
 from shoal.lab.sweep import as_toml
 from shoal.studio import jobs as queue_module
 from shoal.studio.folder import Folder
-from shoal.studio.jobs import ENDED, LONG, JobQueue, JobStore, Worker
+from shoal.studio.jobs import ENDED, JobQueue, JobStore
+from shoal.studio.processes import Worker
+from shoal.studio.work import JOBS
 
 SHORT = {
     "problem": {"kind": "swarm", "map": "line:9", "particles": 1, "policy": "closest-frontier"},
@@ -58,7 +60,7 @@ def test_jobs_on_a_full_disk_are_refused_and_ends_are_kept_until_there_is_room(
         with pytest.raises(OutputError, match="full"):
             queue.add("play", SHORT | {"padding": "x" * 50_000}, urgent=False)
         queue._end(number, "failed", {"error": "x" * 50_000})
-        assert queue.told(number)["state"] == "failed"  # what browsers see
+        assert queue.describe(number)["state"] == "failed"  # what browsers see
         assert queue.store.job(number)["state"] == "running"  # what the disk took
         queue.store._connection.execute("PRAGMA max_page_count = 1000000")
         queue._save_ends()
@@ -85,7 +87,7 @@ def test_long_jobs_leave_a_processor_for_what_somebody_looks_at(tmp_path, monkey
 
     asyncio.run(scenario())
     assert begun == [("sweep", 3), ("play", 1)]
-    assert {"sweep", "reproduce"} == {*LONG}
+    assert {"sweep", "reproduce"} == {kind for kind, job in JOBS.items() if job.long}
 
 
 PROBLEM = {"kind": "line", "cells": 30, "placements": 200}
@@ -102,7 +104,10 @@ def test_a_sweep_that_is_killed_goes_on_with_what_is_missing(tmp_path):
     text, told = as_toml(SWEEP), []
 
     async def until(queue, number, *, done):
-        while queue.told(number)["state"] != "done" and queue.told(number).get("done", 0) <= done:
+        while (
+            queue.describe(number)["state"] != "done"
+            and queue.describe(number).get("done", 0) <= done
+        ):
             await asyncio.sleep(0.005)
 
     async def scenario():
@@ -113,14 +118,14 @@ def test_a_sweep_that_is_killed_goes_on_with_what_is_missing(tmp_path):
         await until(queue, number, done=0.01)
         if number in queue._running:
             os.kill(queue._running[number].worker._process.pid, signal.SIGKILL)
-        while queue.told(number)["state"] not in ENDED:
+        while queue.describe(number)["state"] not in ENDED:
             await asyncio.sleep(0.005)
         again = queue.add(
             "sweep", {"toml": text, "store": "killed.sqlite", "sweep": "killed"}, urgent=True
         )["id"]
-        while queue.told(again)["state"] not in ENDED:
+        while queue.describe(again)["state"] not in ENDED:
             await asyncio.sleep(0.005)
-        found = queue.told(again)
+        found = queue.describe(again)
         await queue.close()
         return found
 

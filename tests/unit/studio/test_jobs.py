@@ -12,7 +12,8 @@ import pytest
 
 from shoal.core.errors import InvalidInputError
 from shoal.studio.folder import Folder
-from shoal.studio.jobs import ENDED, JobQueue, JobStore, Worker
+from shoal.studio.jobs import ENDED, JobQueue, JobStore
+from shoal.studio.processes import Worker
 
 
 def test_a_job_that_was_cut_off_is_begun_again_and_then_marked(tmp_path):
@@ -133,10 +134,10 @@ def test_a_job_that_crashes_fails_alone_and_one_that_is_cancelled_ends(tmp_path)
         good = queue.add("play", spec(3, **short), urgent=True)["id"]
         bad = queue.add("play", spec(3, map="no-such:9"), urgent=True)["id"]
         while not all(
-            queue.told(number)["state"] in ENDED for number in (crashing, cancelled, good, bad)
+            queue.describe(number)["state"] in ENDED for number in (crashing, cancelled, good, bad)
         ):
             await asyncio.sleep(0.01)
-        found = [queue.told(number) for number in (crashing, cancelled, good, bad)]
+        found = [queue.describe(number) for number in (crashing, cancelled, good, bad)]
         pieces = [message["piece"] for message in told if message.get("of") == good]
         await queue.close()
         return found, pieces

@@ -11,12 +11,13 @@ import pytest
 import shoal
 from shoal.cli import run as run_command
 from shoal.core.errors import InvalidInputError
+from shoal.core.files import as_json
 from shoal.search import SearchProblem, open_region
 from shoal.search.planning.plan import plan_search
 from shoal.search.regions.projection import LocalFrame
 from shoal.studio.answers import search
 from shoal.studio.folder import Folder
-from shoal.studio.work import missions_zip, storable
+from shoal.studio.work import missions_zip
 
 PARTS = [[[-40, -30], [50, -35], [60, 20], [-35, 40]]]
 ZONES = [[[0, 0], [12, 0], [12, 10], [0, 10]]]
@@ -120,7 +121,7 @@ def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeyp
     foretold = search.missions(
         folder, {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2}
     )
-    done = storable(
+    done = as_json(
         missions_zip(
             folder,
             {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2},

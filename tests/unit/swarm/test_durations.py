@@ -94,7 +94,7 @@ def test_trials_keep_what_they_have(trials):
 
 
 def test_ctrl_c_writes_the_episode_and_ends_with_130(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(exploration, "moves_told", lambda _name: interrupting())
+    monkeypatch.setattr(exploration, "report_moves", lambda _name: interrupting())
     given = [
         "map",
         "vessels:300",

@@ -13,7 +13,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.options import takes_problem
-from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
+from shoal.cli.output import check_outputs, check_seed, print_json, print_table, report_moves, say
 from shoal.core.checks import check_number, count_text, shape_text
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, RigError
@@ -155,7 +155,7 @@ def drive(
         options: dict[str, Any] = {
             "seed": seed,
             "log": book,
-            "on_moves": moves_told(opened.name),
+            "on_moves": report_moves(opened.name),
             "test_move": test_move,
             "spacing": spacing,
         }

@@ -17,12 +17,12 @@ from shoal.cli.options import takes_problem
 from shoal.cli.output import (
     check_outputs,
     duration_text,
-    moves_told,
     patience,
     print_json,
     print_table,
     progress,
     quiet,
+    report_moves,
     say,
     write_films,
 )
@@ -105,9 +105,8 @@ def _play(
         else nullcontext()
     )
     _tell_duration(problem, trials=trials, workers=workers, seed=seed, out=out)
-    with (
-        patient()
-    ):  # after Ctrl-C, the results so far are written and printed before the process ends
+    # after Ctrl-C, the results so far are written and printed before the process ends
+    with patient():
         with planned, progress("trials", trials, shown=trials > 1) as advance:
             episodes = run_trials(
                 problem,
@@ -115,7 +114,7 @@ def _play(
                 workers=workers,
                 seed=seed,
                 on_trial=advance,
-                on_moves=moves_told(workspace.name) if trials == 1 else None,
+                on_moves=report_moves(workspace.name) if trials == 1 else None,
                 keep=True,
             )
         result = summary(episodes, seed=seed)
@@ -221,13 +220,11 @@ def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tu
     """Return the additional rows of the printed summary for episodes with noise."""
     if "noise" not in result:
         return []
-    noise, mean = (
-        result["noise"],
-        {
-            name: statistics.fmean(result[name])
-            for name in ("false_free", "false_obstacles", "undecided")
-        },
-    )
+    noise = result["noise"]
+    mean = {
+        name: statistics.fmean(result[name])
+        for name in ("false_free", "false_obstacles", "undecided")
+    }
     rates = ", ".join(f"{name} {rate:g}" for name, rate in noise.items())
     wrong = (
         f"{mean['false_free']:g} walls classified as free, {mean['false_obstacles']:g} free cells"
@@ -414,9 +411,8 @@ def write_outputs(
         save_figure(figure(episodes, kind="frontier"), out / "frontier.png")
         written += [out / "map.png", out / "frontier.png", *overlay(episodes[0].problem, out)]
         _remove_earlier(out)
-        kept = [
-            episode for episode in episodes if episode.observations is None
-        ]  # the run of a rig with noise is kept in its log
+        # the run of a rig with noise is kept in its log
+        kept = [episode for episode in episodes if episode.observations is None]
         names = (
             ["episode.npz"]
             if len(episodes) == 1

@@ -124,9 +124,8 @@ def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
     if found is None:
         return {"parts": None, "largest_share": None, "place": None, **size}
     box = found.largest if problem.largest_component else found.whole
-    scale = (
-        problem.scale if problem.width is None else 1.0
-    )  # with a width, the place is that in the smaller map
+    # with a width, the place is that in the smaller map
+    scale = problem.scale if problem.width is None else 1.0
     scales = (1.0, scale, scale)[3 - read.ndim :]
     box = tuple(
         (int(first / scale), int((last + 1) / scale - 1e-9))

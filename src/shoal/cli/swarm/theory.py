@@ -67,8 +67,8 @@ def line(
         check_folder(out)
     drawn = None
     if monte_carlo is not None:
-        with progress("placements", monte_carlo, shown=True) as told:
-            drawn = sample(chosen, monte_carlo, seed=seed, workers=workers, on_trials=told)
+        with progress("placements", monte_carlo, shown=True) as advance:
+            drawn = sample(chosen, monte_carlo, seed=seed, workers=workers, on_trials=advance)
     with patience("counting placements ..."):
         result = line_summary(chosen, drawn, seed=seed)
     written = []
@@ -293,9 +293,8 @@ def whole_number(text: str, *, option: str) -> int:
     text = text.strip()
     base, _, power = text.partition("^")
     written = re.fullmatch(r"\d+(\.\d+)?([eE]\+?\d{1,4})?|\d+\^\d{1,4}", text, flags=re.ASCII)
-    if (
-        written and (len(base) - 1) * int(power or 1) < _DIGITS
-    ):  # before a power of too many digits is computed
+    # before a power of too many digits is computed
+    if written and (len(base) - 1) * int(power or 1) < _DIGITS:
         value = Fraction(base) ** int(power or 1)
         if value.denominator == 1 and value < 10**_DIGITS:
             return int(value)

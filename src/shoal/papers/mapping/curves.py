@@ -40,11 +40,12 @@ MAPS = {
 }
 LINE_FILE, POINTS = "line-full-coverage-m5000.csv", "complex.csv"
 SUBSET_FILE = "closest-frontier-subset-coverage-complex.csv"
+# printed in the caption of Fig. 8
 MEANS = {
     "random-moves": 1683,
     "elect-particle": 578,
     "closest-frontier": 215,
-}  # printed in the caption of Fig. 8
+}
 POLICIES = tuple(MEANS)
 GREEDY: dict[str, Any] = {"kind": "swarm", "policy": "closest-frontier"}
 PLACEMENTS = ("flood-fill", "region-fill", "uniform")
@@ -78,10 +79,8 @@ def _on_complex(
     All other axes of the sweep are paired: along these axes, the k-th trials have equal seeds.
     """
     chosen = settings.complex
-    problem, axes = (
-        {**GREEDY, "map": chosen, **(fixed or {})},
-        axes | {"particles": counts_of(open_map(chosen).n_free)},
-    )
+    problem = {**GREEDY, "map": chosen, **(fixed or {})}
+    axes = axes | {"particles": counts_of(open_map(chosen).n_free)}
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
     return Sweep(
         name=f"{name}.{_slug(chosen)}",
@@ -326,9 +325,8 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         curve_of(name, rows, "particles", published=known[name], policy=name) for name in POLICIES
     ]
     random, elect, closest = (_estimates(rows, policy=policy) for policy in POLICIES)
-    most = [
-        n for n in random if 0.8 * max(random) <= n < max(random)
-    ]  # with a particle in every cell, all tasks are equal
+    # with a particle in every cell, all tasks are equal
+    most = [n for n in random if 0.8 * max(random) <= n < max(random)]
     claims = [
         order_claim(
             "closest-frontier needs fewer than elect-particle", "both are beaten", closest, elect
@@ -432,9 +430,8 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         for name in PLACEMENTS
     ]
     flood, region, uniform = (_estimates(rows, placement=name) for name in PLACEMENTS)
-    counts = [
-        n for n in flood if n < max(flood)
-    ]  # with a particle in every cell, all tasks are equal
+    # with a particle in every cell, all tasks are equal
+    counts = [n for n in flood if n < max(flood)]
     claims = [
         order_claim(
             "uniform placement needs fewer moves than flood fill", "many fewer", uniform, flood

@@ -104,11 +104,9 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     line = Line(1000, 100)
     drawn = _sampled(line, settings)
-    both, full, printed = (
-        float(line.boundary.exact),
-        float(line.coverage.exact),
-        float(line.coverage.printed),
-    )
+    both = float(line.boundary.exact)
+    full = float(line.coverage.exact)
+    printed = float(line.coverage.printed)
     claims = (
         _against("mean moves to both ends, n = 100", 29.8, both, drawn.boundary, digits=1),
         _against(

@@ -154,10 +154,9 @@ def _baselines(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome
     pairs = np.array(
         [trial["share"] for trial in trials if trial["way"] == "spiral" and trial["robots"] == 2]
     )
-    slowest, of_bound = (
-        float(alone["spiral"].max()),
-        (strips.mean / 5, strips.low / 5, strips.high / 5),
-    )  # the bound is 5 %
+    # the bound is 5 %
+    slowest = float(alone["spiral"].max())
+    of_bound = (strips.mean / 5, strips.low / 5, strips.high / 5)
     claims = (
         claim(
             "strips: time of 20 robots by 1/m",

@@ -13,17 +13,30 @@ from pathlib import Path
 from typing import Any
 
 from shoal.core.checks import check_choice
+from shoal.core.dataclass import dataclass
 from shoal.core.errors import ShoalError
-from shoal.studio.answers import files, lab, papers, search, steering, vessels
+from shoal.core.files import as_json
+from shoal.studio.answers import files, lab, search, steering, vessels
 from shoal.studio.folder import Folder
 from shoal.studio.forms import sweep_forms
-from shoal.studio.work import storable
+from shoal.studio.requests import (
+    LIST,
+    MAYBE_BOOL,
+    MAYBE_INTEGER,
+    MAYBE_LIST,
+    MAYBE_OBJECT,
+    MAYBE_TEXT,
+    OBJECT,
+    SEED,
+    TEXT,
+    Field,
+)
 
 
 def answer_all(connection: Connection, root: str) -> None:
     """Answer the questions of the studio's pages until the connection ends.
 
-    A question is a tuple: the number of the question, a name in `ANSWERS`, and the data of the
+    A question is a tuple: the number of the question, a name in `QUESTIONS`, and the data of the
     page. The answer is a tuple: the number of the question, followed by the result of `answer`.
     """
     os.chdir(root)
@@ -43,8 +56,8 @@ def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
     "broken" stands for an error of Shoal itself, which no question should cause.
     """
     try:
-        return "answer", storable(
-            ANSWERS[check_choice(what, what="question", choices=ANSWERS)](folder, about)
+        return "answer", as_json(
+            QUESTIONS[check_choice(what, what="question", choices=QUESTIONS)].answer(folder, about)
         )
     except ShoalError as error:
         return "error", re.sub(r"^--(?=[a-z])", "", str(error))  # a form has fields, not options
@@ -64,27 +77,48 @@ def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
         )
 
 
-ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {
-    "page": files.page,
-    "copies": files.copies,
-    "save": files.save_problem,
-    "map": vessels.map_,
-    "photograph": vessels.photograph,
-    "vessels": vessels.vessels,
-    "sketch": vessels.sketch,
-    "steer": steering.steer,
-    "workspace": steering.workspace,
-    "reach": steering.reach,
-    "plan": search.plan,
-    "missions": search.missions,
-    "simulate": search.simulate,
-    "draw": search.draw,
-    "earth": search.earth,
-    "papers": papers.papers,
-    "lab-forms": sweep_forms,
-    "sweeps": lab.sweeps,
-    "sweep": lab.sweep,
-    "new-sweep": lab.new_sweep,
-    "picture": lab.episode_picture,
+@dataclass(frozen=True)
+class Question:
+    """A question of a page: the function that answers it, and the fields that a request has."""
+
+    answer: Callable[[Folder, dict[str, Any]], dict[str, Any]]
+    fields: dict[str, Field]
+
+
+QUESTIONS: dict[str, Question] = {
+    "page": Question(files.page, {"file": TEXT}),
+    "copies": Question(files.copies, {"problem": MAYBE_OBJECT, "file": MAYBE_TEXT, "seed": SEED}),
+    "save": Question(files.save_problem, {"problem": OBJECT, "name": MAYBE_TEXT, "seed": SEED}),
+    "map": Question(vessels.map_, {"problem": OBJECT, "cells": MAYBE_OBJECT, "seed": SEED}),
+    "photograph": Question(vessels.photograph, {"file": TEXT}),
+    "vessels": Question(vessels.vessels, {"problem": OBJECT, "exact": MAYBE_BOOL}),
+    "sketch": Question(vessels.sketch, {"shape": LIST, "free": TEXT, "name": MAYBE_TEXT}),
+    "steer": Question(steering.steer, {"problem": OBJECT, "seed": SEED}),
+    "workspace": Question(steering.workspace, {"problem": OBJECT, "seed": SEED}),
+    "reach": Question(steering.reach, {"problem": OBJECT, "moves": MAYBE_INTEGER, "seed": SEED}),
+    "plan": Question(
+        search.plan, {"problem": OBJECT, "drawing": MAYBE_OBJECT, "frame": MAYBE_LIST, "seed": SEED}
+    ),
+    "missions": Question(
+        search.missions,
+        {
+            "problem": OBJECT,
+            "drawing": MAYBE_OBJECT,
+            "missions": MAYBE_OBJECT,
+            "frame": MAYBE_LIST,
+            "seed": SEED,
+        },
+    ),
+    "simulate": Question(
+        search.simulate, {"problem": OBJECT, "drawing": MAYBE_OBJECT, "seed": SEED}
+    ),
+    "draw": Question(search.draw, {"problem": OBJECT, "drawing": MAYBE_OBJECT}),
+    "earth": Question(search.earth, {"frame": LIST}),
+    "papers": Question(files.papers, {}),
+    "lab-forms": Question(sweep_forms, {}),
+    "sweeps": Question(lab.sweeps, {}),
+    "sweep": Question(lab.sweep, {"store": TEXT, "sweep": MAYBE_TEXT, "measure": MAYBE_TEXT}),
+    "new-sweep": Question(lab.new_sweep, {"toml": MAYBE_TEXT, "sweep": MAYBE_OBJECT}),
+    "picture": Question(lab.episode_picture, {"file": TEXT}),
 }
-"""The functions that answer the questions of pages, keyed by the name of the question."""
+"""The questions of pages. Each may also have the field ``slow``."""

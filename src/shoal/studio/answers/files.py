@@ -1,5 +1,5 @@
-"""Answers that all pages of the studio use: episodes for the player, and a problem as Python code,
-command or file.
+"""Answers about files that any page may show: episodes for the player, a problem as Python code,
+command or file, and the reproduced figures of the papers.
 """
 
 from __future__ import annotations
@@ -7,19 +7,21 @@ from __future__ import annotations
 from typing import Any
 
 import shoal
+from shoal.core.checks import parse_json, read_text
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
-from shoal.studio.folder import Folder
+from shoal.parts import LARGEST_PROBLEM
+from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import checked_problem, checked_seed, copies_of
 
 
 def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Read an episode file in the folder, and return the episode as data for the player."""
-    from importlib import import_module
+    from shoal.views import page_data
 
     name = str(about["file"])
     episode: Any = shoal.load(folder.path(name))
-    data: dict[str, Any] = import_module(f"shoal.views.{episode.part}.page").page_data(episode)
+    data = page_data(episode)
     fields = episode.problem.to_dict()
     return {
         "part": episode.part,
@@ -59,3 +61,32 @@ def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     with atomic(folder.path(name)) as temporary:
         temporary.write_text(copies_of(problem, seed=checked_seed(about))["file"], encoding="utf-8")
     return {"file": name}
+
+
+def papers(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the figures of the papers, each with its result, or with None if the figure was not
+    reproduced in the folder.
+    """
+    from shoal.papers.reproduce import recipes
+
+    answer = []
+    for name in recipes():
+        recipe = recipes().get(name)
+        one: dict[str, Any] = {
+            "name": name,
+            "source": recipe.source,
+            "title": recipe.title,
+            "result": None,
+        }
+        summary = folder.path(f"{PAPERS}/{name}.json")
+        if summary.is_file():
+            found = parse_json(
+                read_text(summary, what="summary", most=LARGEST_PROBLEM), where=str(summary)
+            )
+            if isinstance(found, dict) and found.get("figure") == name:
+                one["result"] = {
+                    key: found.get(key) for key in ("verdict", "claims", "sentence", "files")
+                }
+        answer.append(one)
+    page_file = folder.path(f"{PAPERS}/index.html")
+    return {"figures": answer, "page": f"{PAPERS}/index.html" if page_file.is_file() else None}

@@ -11,9 +11,8 @@ from typing import Any
 import shoal
 from shoal.core.checks import check_text, parse_toml
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.lab.schema import StoredSweep
 from shoal.lab.statistics import compare_along, first_measure, summarise
-from shoal.lab.store import Store
+from shoal.lab.store import Store, StoredSweep
 from shoal.lab.sweep import as_toml, trial_seed
 from shoal.parts import PARTS
 from shoal.studio.folder import Folder
@@ -27,17 +26,17 @@ the sweep.
 
 def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the sweeps in all stores of the folder, with the progress of each sweep."""
-    told: list[dict[str, Any]] = []
+    answer: list[dict[str, Any]] = []
     for file in folder.files():
         if file["kind"] == "store":
             try:
                 with Store(folder.path(file["name"])) as store:
-                    told += [
+                    answer += [
                         {"store": file["name"], **_status(store, name)} for name in store.names
                     ]
             except ShoalError as error:
-                told.append({"store": file["name"], "error": str(error)})
-    return {"sweeps": told}
+                answer.append({"store": file["name"], "error": str(error)})
+    return {"sweeps": answer}
 
 
 def _status(store: Store, name: str) -> dict[str, Any]:
@@ -71,32 +70,25 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         rows = summarise(store, name, measure) if measure else []
         pairs = compare_along(store, name, measure, axis) if axis and measure else []
         text = as_toml(stored.spec)
-        told = _status(store, name) | {
+        answer = _status(store, name) | {
             "measures": measures,
             "measure": measure,
             "compared": axis,
             "toml": text,
         }
-        told["failed"] = [error for *_, error in store.failures(name, limit=3)]
+        answer["failed"] = [error for *_, error in store.failures(name, limit=3)]
     watched = _first_trials(stored, folder, text)
-    told["points"] = [
-        {
-            "axes": row.values,
-            "trials": row.counted,
-            "missing": row.missing,
-            "completed": row.completed,
-            "bound": row.bound,
-        }
-        | {"estimate": row.estimate and asdict(row.estimate), "watch": watch}
+    answer["points"] = [
+        row.report() | {"watch": watch}
         for row, watch in zip(
             rows[:MOST_SHOWN], watched[:MOST_SHOWN] or [None] * len(rows), strict=False
         )
     ]
-    told["comparisons"] = [
+    answer["comparisons"] = [
         {"axes": others, "first": first, "second": second, "comparison": found and asdict(found)}
         for others, first, second, found in pairs[:MOST_SHOWN]
     ]
-    return told | {"n_points": len(rows), "n_comparisons": len(pairs)}
+    return answer | {"n_points": len(rows), "n_comparisons": len(pairs)}
 
 
 def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
@@ -129,22 +121,21 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         raise InvalidInputError(
             "new sweep: expected either its fields or its TOML text, got both or none"
         )
-    told: dict[str, Any] = {"error": None}
+    answer: dict[str, Any] = {"error": None}
     try:
         if text is None:
             fields = about["sweep"] | {"seed": checked_seed(about["sweep"])}
-            told["toml"] = text = as_toml(fields)
+            answer["toml"] = text = as_toml(fields)
         else:
             text = check_text(text, what="toml")
             fields = parse_toml(text, where="sweep")
-        told["sweep"] = fields | {
-            "seed": str(fields.get("seed", 0))
-        }  # as text, because numbers in pages have 53 bits
+        # as text, because numbers in pages have 53 bits
+        answer["sweep"] = fields | {"seed": str(fields.get("seed", 0))}
         made = checked_sweep(text, folder)
     except ShoalError as error:
-        return told | {"error": str(error)}
+        return answer | {"error": str(error)}
     store = f"{made.name}.sqlite"
-    return told | {
+    return answer | {
         "points": made.n_points,
         "trials": made.total,
         "store": store,

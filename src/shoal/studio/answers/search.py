@@ -4,19 +4,26 @@ projection.
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.checks import check_points, shortened
+from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.files import atomic
 from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, end_of, plan_search
+from shoal.search.problem import SearchProblem
+from shoal.search.regions.builder import build_region
+from shoal.search.regions.outline import RegionOutline, RegionOutlines, Ring
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
-from shoal.studio.answers.drawings import drawing_of, frame_of, placed_problem
+from shoal.studio.answers.shared import opened
 from shoal.studio.folder import Folder
-from shoal.studio.forms import checked_fields, checked_seed
+from shoal.studio.forms import checked_fields, checked_problem, checked_seed
 
 MOST_DRAWN = 200_000
 """Maximum total number of corners in the paths that a page draws."""
@@ -25,10 +32,9 @@ _STRAIGHT = 1 - 1e-9  # cosine of the largest angle that does not count as a tur
 
 Points = NDArray[np.float64]
 
-_DEGREE, _REACH = (
-    4,
-    20_000.0,
-)  # of the polynomials of `earth`, and radius in metres within which they are fitted
+# of the polynomials of `earth`, and radius in metres within which they are fitted
+_DEGREE = 4
+_REACH = 20_000.0
 
 
 def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -39,19 +45,17 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     problem = placed_problem(folder, about)
     region = problem.place
     canvas = _Canvas(region.frame, frame_of(about.get("frame")))
-    told = _region(region, canvas)
+    answer = _region(region, canvas)
     try:
         made = plan_search(problem, seed=checked_seed(about))
     except ShoalError as error:
-        return told | {"problem": str(error)}
+        return answer | {"problem": str(error)}
     allocation = made.allocation
-    tour, robots = (
-        _Way(_tour(made), made.altitudes),
-        [_robot(made, robot, canvas) for robot in range(problem.robots)],
-    )
-    corners = len(tour.corners) + sum(len(way.corners) for _, way in robots)
+    tour = _Path(_tour(made), made.altitudes)
+    robots = [_robot(made, robot, canvas) for robot in range(problem.robots)]
+    corners = len(tour.corners) + sum(len(path.corners) for _, path in robots)
     drawn = corners <= MOST_DRAWN
-    return told | {
+    return answer | {
         "problem": None,
         "cells": made.grid.n_cells,
         "cell": made.grid.size,
@@ -66,7 +70,8 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "drawn": drawn,
         "closed": tour.pieces(canvas) if drawn else [],
         "robots": [
-            told_robot | {"way": way.pieces(canvas) if drawn else []} for told_robot, way in robots
+            robot_answer | {"way": path.pieces(canvas) if drawn else []}
+            for robot_answer, path in robots
         ],
     }
 
@@ -91,8 +96,8 @@ class _Canvas:
             and len(given)
         ):
             given = self.shown.to_metres(self.own.to_degrees(given))
-        told: list[Any] = np.round(given, 3).tolist()
-        return told
+        answer: list[Any] = np.round(given, 3).tolist()
+        return answer
 
 
 def _region(region: SearchRegion, canvas: _Canvas) -> dict[str, Any]:
@@ -118,7 +123,7 @@ def _tour(plan: SearchPlan) -> Points:
     return plan.paths.route(np.concatenate([cells, cells[:1]])).points
 
 
-class _Way:
+class _Path:
     """The corners of a path, and the altitude layer of each corner."""
 
     def __init__(self, points: Points, altitudes: list[float]) -> None:
@@ -126,10 +131,8 @@ class _Way:
         lengths = np.linalg.norm(steps, axis=1)
         self.length = float(lengths.sum())
         moved = lengths > 0
-        points, steps = (
-            points[np.concatenate([[True], moved])[: len(points)]],
-            steps[moved] / lengths[moved, None],
-        )
+        points = points[np.concatenate([[True], moved])[: len(points)]]
+        steps = steps[moved] / lengths[moved, None]
         turned = np.ones(len(points), dtype=np.bool_)
         turned[1:-1] = np.sum(steps[1:] * steps[:-1], axis=1) < _STRAIGHT
         self.corners = points[turned]
@@ -149,19 +152,19 @@ class _Way:
         ]
 
 
-def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any], _Way]:
+def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any], _Path]:
     stops = plan.stops(robot)
     points = plan.route(robot, stops).points if len(stops) else np.zeros((0, 2))
-    way = _Way(points, plan.altitudes)
+    path = _Path(points, plan.altitudes)
     return {
         "place": canvas.points(plan.places[robot])[0],
         "seconds": end_of(plan.sorties[robot])
         if plan.flies
         else plan.seconds(float(plan.allocation.times[robot])),
         "stops": len(stops),
-        "length": way.length,
+        "length": path.length,
         "turns": int(turns_of(points).sum()) if len(stops) else 0,
-    }, way
+    }, path
 
 
 def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -172,13 +175,13 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
     options = checked_fields(MissionOptions, about.get("missions") or {}, folder)
     made = MissionSet.from_problem(placed_problem(folder, about), options, seed=checked_seed(about))
-    told = made.report()
+    answer = made.report()
     if made.approach is not None and made.region is not None:
         canvas = _Canvas(made.region.frame, frame_of(about.get("frame")))
-        told["nearest_approach"]["place"] = canvas.points(made.approach.place[:2])[0]
-    for start, mission in zip(told["starts"], made.missions, strict=True):
+        answer["nearest_approach"]["place"] = canvas.points(made.approach.place[:2])[0]
+    for start, mission in zip(answer["starts"], made.missions, strict=True):
         start |= {"length_m": mission.length, "items": mission.n_items}
-    return told
+    return answer
 
 
 def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -243,3 +246,144 @@ def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "degrees": fitted(scaled, away),
         "metres": fitted(away, scaled),
     }
+
+
+# ---- regions that a user draws ----
+
+MOST_RINGS = 1000
+DIGITS = 9  # of degrees: a tenth of a millimetre
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A region that the user has drawn: polygons and no-go zones.
+
+    Parameters
+    ----------
+    parts, zones : tuple of ndarray of float64, shape (n, 2)
+        Corners of the polygons to search (``parts``) and of the no-go zones (``zones``). The
+        corners are longitude and latitude in degrees if the drawing has a frame, and metres if
+        ``frame`` is None.
+    frame : LocalFrame or None
+        Local frame of the drawing, which converts degrees to metres. ``frame`` is None for a
+        drawing without a position on Earth.
+    """
+
+    parts: tuple[Points, ...]
+    zones: tuple[Points, ...]
+    frame: LocalFrame | None
+
+    def placed(self, problem: SearchProblem) -> SearchProblem:
+        """Return a copy of the problem whose region is the drawn region.
+
+        A drawing without polygons adds its no-go zones to the region of the problem.
+        """
+        if not self.parts:
+            return problem.replaced(no_go=(*problem.no_go, *self.zones))
+        rings = [(part, False, f"drawn part {k}") for k, part in enumerate(self.parts, start=1)]
+        rings += [(zone, True, f"drawn zone {k}") for k, zone in enumerate(self.zones, start=1)]
+        found = tuple(
+            RegionOutline(Ring(points, where), no_go=no_go) for points, no_go, where in rings
+        )
+        outlines = RegionOutlines(
+            found, "the drawing", geographic=self.frame is not None, closed=False
+        )
+        region = build_region(outlines, list(problem.no_go), name="drawing", inner=problem.inner)
+        return problem.at_place(problem.kept_margin(region))
+
+    def write(self, folder: Folder, stem: str) -> str:
+        """Write the drawn polygons and no-go zones to a new GeoJSON file (CSV for a drawing in
+        metres), and return its name.
+        """
+        suffix = ".csv" if self.frame is None else ".geojson"
+        name = folder.new_name(stem, suffix)
+        with atomic(folder.path(name)) as temporary:
+            temporary.write_text(
+                self._table() if self.frame is None else self._features(), encoding="utf-8"
+            )
+        return name
+
+    def _table(self) -> str:
+        rows = ["x_m,y_m,ring"]
+        for what, rings in (("search", self.parts), ("no-go", self.zones)):
+            rows += [
+                f"{x!r},{y!r},{what} {k}"
+                for k, ring in enumerate(rings, start=1)
+                for x, y in ring.tolist()
+            ]
+        return "\n".join(rows) + "\n"
+
+    def _features(self) -> str:
+        features = [
+            {
+                "type": "Feature",
+                "properties": {
+                    "name": f"{'no-go zone' if no_go else 'search'} {k}",
+                    "no_go": no_go,
+                },
+                "geometry": {
+                    "type": "Polygon",
+                    "coordinates": [[*ring.tolist(), ring[0].tolist()]],
+                },
+            }
+            for no_go, rings in ((False, self.parts), (True, self.zones))
+            for k, ring in enumerate(rings, start=1)
+        ]
+        return (
+            json.dumps(
+                {"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False
+            )
+            + "\n"
+        )
+
+
+def frame_of(data: Any) -> LocalFrame | None:
+    """Return the local frame around a longitude and latitude in degrees, or None if ``data`` is
+    None.
+    """
+    if data is None:
+        return None
+    if not isinstance(data, list) or len(data) != 2:
+        raise InvalidInputError(
+            f"place on Earth: expected longitude and latitude, got {shortened(data)}"
+        )
+    return LocalFrame(*data)
+
+
+def drawing_of(data: Any) -> Drawing | None:
+    """Return the drawing that the data of a page describe, or None for an empty drawing."""
+    if data is None:
+        return None
+    if not isinstance(data, dict):
+        raise InvalidInputError(f"drawing: expected parts and zones, got {shortened(data)}")
+    frame = frame_of(data.get("frame"))
+    rings: dict[str, tuple[Points, ...]] = {}
+    for name in ("parts", "zones"):
+        given = data.get(name, [])
+        if not isinstance(given, list) or len(given) > MOST_RINGS:
+            raise InvalidInputError(
+                f"drawing: {name}: expected at most {MOST_RINGS} lists of points, got"
+                f" {shortened(given)}"
+            )
+        points = [
+            np.round(check_points(one, what=f"drawing: {name}", dimensions=2), 3) for one in given
+        ]
+        rings[name] = tuple(
+            one if frame is None else np.round(frame.to_degrees(one), DIGITS) for one in points
+        )
+    return (
+        Drawing(rings["parts"], rings["zones"], frame) if rings["parts"] or rings["zones"] else None
+    )
+
+
+def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
+    """Return the search problem that a page describes. If the user has drawn a region, the problem
+    contains the drawn region.
+    """
+    drawing = drawing_of(about.get("drawing"))
+    given = about["problem"] | (
+        {"region": "drawing"} if drawing is not None and drawing.parts else {}
+    )
+    problem = checked_problem(given, folder, part="search")
+    assert isinstance(problem, SearchProblem)
+    return problem.at_place(opened(problem)) if drawing is None else drawing.placed(problem)

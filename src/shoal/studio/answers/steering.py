@@ -23,10 +23,10 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
     problem: Any = checked_problem(about["problem"], folder, part="steering")
     episode: Any = shoal.run(problem, seed=checked_seed(about))
-    ways: list[list[Any]] = [[] for _ in episode.states[0]]
+    paths: list[list[Any]] = [[] for _ in episode.states[0]]
     for trajectory in trajectories_of(episode):
-        for particle, way in enumerate(ways):
-            way.extend(_for_drawing(trajectory.points[:, particle], problem.place.size).tolist())
+        for particle, path in enumerate(paths):
+            path.extend(_for_drawing(trajectory.points[:, particle], problem.place.size).tolist())
     return {
         "planner": episode.planner,
         "status": str(episode.status),
@@ -36,7 +36,7 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "bound": episode.lower_bound,
         "error": episode.error,
         "inputs": episode.inputs.tolist(),
-        "ways": ways,
+        "ways": paths,
         "seconds": episode.seconds,
     }
 
@@ -77,14 +77,15 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     turned = np.eye(2)
     if place.round:
         sets: Any = disk_reach(float(np.hypot(*delta)), moves=moves, radius=place.radius)
+        # its sets are rotated as if Δ pointed to the right
         (cosine, sine), length = (
             delta,
             max(float(np.hypot(*delta)), 1e-300),
-        )  # its sets are rotated as if Δ pointed to the right
+        )
         turned = np.array([[cosine, sine], [-sine, cosine]]) / length
     else:
         sets = polygon_reach(place, delta, moves=moves)
-    told = [
+    answer = [
         {
             "moves": one.moves,
             "fraction": one.fraction(),
@@ -92,7 +93,7 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         }
         for one in sets
     ]
-    return {"rings": [outlines_of(place.differences)[0]], "delta": delta, "sets": told}
+    return {"rings": [outlines_of(place.differences)[0]], "delta": delta, "sets": answer}
 
 
 def _for_drawing(points: Any, size: float) -> NDArray[np.float64]:

@@ -48,7 +48,7 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         raise InvalidInputError(
             f"map: expected at most {MOST_CELLS} cells for the studio, got {workspace.free.size}"
         )
-    told = {
+    answer = {
         "name": workspace.name,
         "shape": list(workspace.shape),
         "cells": workspace.n_free,
@@ -64,10 +64,10 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         placed = problem.at_place(workspace)
         placed.check_at_place()
         start, _ = draw_start(placed, trial_rng(checked_seed(about), 0))
-        told["start"] = np.ravel_multi_index(tuple(start.T), workspace.shape).tolist()
+        answer["start"] = np.ravel_multi_index(tuple(start.T), workspace.shape).tolist()
     except ShoalError as error:
-        told["problem"] = str(error)
-    return told
+        answer["problem"] = str(error)
+    return answer
 
 
 def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -88,18 +88,18 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     problem: Any = checked_problem(about["problem"], folder, part="swarm")
     fields = {name: getattr(problem, name) for name in ("bright", "thickest", "channel", "frame")}
     thresholds = {"low": problem.low, "high": problem.high}
-    told: dict[str, Any] = {"exact": bool(about.get("exact"))}
-    if told["exact"]:
+    answer: dict[str, Any] = {"exact": bool(about.get("exact"))}
+    if answer["exact"]:
         found = vessels_in(problem.map, **thresholds, **fields)
         mask = found.mask
-        told |= {"confidence": found.confidence, "warning": found.warning, "bright": found.bright}
+        answer |= {"confidence": found.confidence, "warning": found.warning, "bright": found.bright}
     else:
         finder = finder_of(problem.map, **fields)
         rows, columns = finder.shape
         step = -(-max(rows, columns) // LARGEST_SHOWN)
         mask = finder.mask(**thresholds, shape=(-(-rows // step), -(-columns // step)))
-    told["share"] = float(mask.mean())
-    return told | {"mask": picture_of_mask(fit_to_page(mask))}
+    answer["share"] = float(mask.mean())
+    return answer | {"mask": picture_of_mask(fit_to_page(mask))}
 
 
 def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -119,10 +119,6 @@ def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 def _cells(painted: dict[str, Any]) -> NDArray[np.bool_]:
     """Return painted cells: the ``shape`` of a map, and its ``free`` cells as bits, encoded in
     base64.
-
-    Raises
-    ------
-    InvalidInputError
     """
     sides, packed = painted.get("shape"), painted.get("free")
     if not isinstance(sides, list) or len(sides) != 2:

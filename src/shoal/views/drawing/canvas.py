@@ -44,9 +44,8 @@ class Canvas:
 
     def frame(self) -> NDArray[np.uint8]:
         """Return a copy of the drawing as RGB pixels; uint8, shape (height, width, 3)."""
-        return np.asarray(
-            Image.fromarray(self._pixels).convert("RGB")
-        )  # several times as fast as a slice
+        # several times as fast as a slice
+        return np.asarray(Image.fromarray(self._pixels).convert("RGB"))
 
     def paint(self, pixels: NDArray[np.uint8]) -> None:
         """Replace the drawing by the RGB picture ``pixels``; uint8, shape (height, width, 3)."""

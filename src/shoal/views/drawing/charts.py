@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+FIGURES = (".png", ".svg", ".pdf")
+"""Suffixes of the files of figures."""
+
 INK, MUTED, GRID = "#22262c", "#6b7280", "#e5e7eb"
 # These colours (Okabe and Ito) differ for all common kinds of colour blindness and are dark enough
 # for thin lines.
@@ -82,11 +85,10 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     OutputError
         If writing the output file fails.
     """
-    target = check_suffix(path, ".png", ".svg", ".pdf")
+    target = check_suffix(path, *FIGURES)
     with atomic(target) as temporary, warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "Glyph"
-        )  # characters that the font lacks are drawn as boxes
+        # characters that the font lacks are drawn as boxes
+        warnings.filterwarnings("ignore", "Glyph")
         figure.savefig(temporary)
 
 
@@ -149,7 +151,7 @@ def draw_scale_bar(
         transform=place,
         clip_on=False,
     )
-    told = f"{length / 1000:g} km" if unit == "m" and length >= 1000 else f"{length:g} {unit}"
+    label = f"{length / 1000:g} km" if unit == "m" and length >= 1000 else f"{length:g} {unit}"
     style: dict[str, Any] = {
         "ha": "right",
         "va": "center",
@@ -157,7 +159,7 @@ def draw_scale_bar(
         "color": INK,
         "annotation_clip": False,
     }
-    words = told if north is None else f"N    {told}"
+    words = label if north is None else f"N    {label}"
     end = axes.annotate(
         words,
         (right - length / size, low),

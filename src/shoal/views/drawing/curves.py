@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -300,32 +299,19 @@ the length of the axis.
 """
 
 
-@dataclass(frozen=True)
-class PointMean:
-    """The mean of a measure at one point of a sweep, that is, for one combination of axis values.
-
-    Parameters
-    ----------
-    values : dict
-        Value of each sweep axis at the point, by the name of the axis.
-    mean : float
-    low, high : float
-        Lower and upper end of the mean's confidence interval, or NaN if the point has a single
-        trial.
-    """
-
-    values: Mapping[str, Any]
-    mean: float
-    low: float
-    high: float
-
-
-def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Figure:
+def means_figure(means: Sequence[Any], *, title: str, measure: str) -> Figure:
     """Return a figure of the means at all points of a sweep.
 
     The first sweep axis with several numbers becomes the x axis, and each combination of values of
     the other axes becomes a line. If no axis has several numbers, each point of the sweep becomes a
     row.
+
+    Parameters
+    ----------
+    means : sequence
+        One object for each point, with ``values`` (the value of each axis by name) and ``estimate``
+        (``mean``, ``low`` and ``high``; NaN without an interval).
+    title, measure : str
 
     Raises
     ------
@@ -335,7 +321,7 @@ def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Fig
     if not means:
         raise InvalidInputError("means: expected at least one mean, got none")
     axis = _axis_of_numbers([mean.values for mean in means])
-    lines: dict[str, list[PointMean]] = {}
+    lines: dict[str, list[Any]] = {}
     for mean in means:
         lines.setdefault(_words(mean.values, axis), []).append(mean)
     figure = new_figure(7.4, 4.8 if axis else 1.6 + 0.4 * len(means))
@@ -343,11 +329,9 @@ def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Fig
     places = sorted({mean.values[axis] for mean in means}) if axis else []
     for number, (label, line) in enumerate(lines.items()):
         at = np.array([one.values[axis] for one in line] if axis else [number])
-        middle = np.array([one.mean for one in line])
-        ends = np.array(
-            [[one.low, one.high] if isfinite(one.low) else [one.mean, one.mean] for one in line]
-        ).T
-        errors = np.abs(ends - middle)
+        middle = np.array([one.estimate.mean for one in line])
+        ends = np.array([[one.estimate.low, one.estimate.high] for one in line]).T
+        errors = np.nan_to_num(np.abs(ends - middle))
         colour = COLOURS[number % len(COLOURS)] if axis else COLOURS[0]
         if axis:
             beside = _beside(at, places, number - (len(lines) - 1) / 2)

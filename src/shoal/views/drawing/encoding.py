@@ -34,12 +34,7 @@ _APART = 9
 
 
 def check_film(path: str | os.PathLike[str]) -> Path:
-    """Check the suffix of a film's path, and return the path.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Check the suffix of a film's path, and return the path."""
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise InvalidInputError(
@@ -216,10 +211,11 @@ def write_mp4(
     ):
         assert encoder.stdin is not None
         try:
+            # the encoder has ended: its exit code gives the reason
             with (
                 suppress(BrokenPipeError),
                 encoder.stdin,
-            ):  # the encoder has ended: its exit code gives the reason
+            ):
                 for frame in chain([first], frames):
                     encoder.stdin.write(frame.tobytes())
         except BaseException:

@@ -1,37 +1,33 @@
-"""The tables of a store, and the conversion of trials to rows and back."""
+"""SQLite as stores and the studio use it: files that appear whole, commits that last, and errors
+in one sentence.
+"""
 
 from __future__ import annotations
 
 import errno
-import json
 import os
 import secrets
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
-from functools import cached_property
-from itertools import product
-from math import prod
 from pathlib import Path
-from typing import Any
 
-from shoal.core.checks import parse_json, shortened
-from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, OutputError, errors_at
+from shoal.core.checks import shortened
+from shoal.core.errors import InvalidInputError, OutputError
 from shoal.core.interruption import half_written
 from shoal.core.version import __version__
-from shoal.lab.sweep import MAX_POINTS, Sweep, SweepForm, axis_values, form_of, sweep_of
 
 APPLICATION = 0x53484F41  # "SHOA"
 FORMAT = 1
 _NAMES = ("sweeps", "points", "batches", "trials", "failures")
+# a damaged file may have any type in a column, and a text compares larger than every number
 _RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "sweeps": {"trials": (0, 10**18), "points": (0, 10**18)},
     "points": {"id": (0, 10**18), "number": (0, 10**18)},
     "batches": {"trials": (0, 10**18), "seconds": (0, 1e12), "finished": (0, 1e12)},
-}  # a damaged file may have any type in a column, and a text compares larger than every number
+}
 _TEXTS = {
     "sweeps": ("name", "spec", "inputs", "measures", "version"),
     "points": ("key", "axes"),
@@ -95,7 +91,7 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
         raise OutputError(f"cannot write {path}: it is read-only; nothing was changed")
     if not existing:
         _create(path)
-    with told(path):
+    with sqlite_errors_at(path):
         connection = _opened(path, write=write)
         try:
             connection.execute("PRAGMA trusted_schema = OFF")
@@ -121,7 +117,7 @@ def _create(path: Path) -> None:
     """
     with (
         unfinished_store(path, shared=True) as temporary,
-        told(path),
+        sqlite_errors_at(path),
         closing(_connected(temporary)) as connection,
     ):
         _make_durable(connection)
@@ -202,9 +198,8 @@ def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
         log = path.with_name(f"{path.name}-wal")
         if not log.exists() or not log.stat().st_size:
             return _connected(path, options="immutable=1")
-        with (
-            tempfile.TemporaryDirectory() as folder
-        ):  # the file may disappear as soon as the copy is open
+        # the file may disappear as soon as the copy is open
+        with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / "store"
             shutil.copyfile(path, copy)
             shutil.copyfile(log, copy.with_name("store-wal"))
@@ -262,9 +257,8 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
 def _make_durable(connection: sqlite3.Connection) -> None:
     """Make SQLite write every commit to the disk before the next statement."""
     connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute(
-        "PRAGMA synchronous = FULL"
-    )  # with NORMAL, a power failure could lose the last commits
+    # with NORMAL, a power failure could lose the last commits
+    connection.execute("PRAGMA synchronous = FULL")
     connection.execute("PRAGMA foreign_keys = ON")
 
 
@@ -284,12 +278,12 @@ def transaction(connection: sqlite3.Connection) -> Iterator[None]:
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
+def sqlite_errors_at(path: Path) -> Iterator[None]:
     """Convert SQLite errors inside the ``with`` block to errors with a one-sentence message."""
     try:
         yield
     except (sqlite3.Error, UnicodeError, OverflowError) as error:
-        raise _said(path, error) from error
+        raise _as_own_error(path, error) from error
 
 
 def _is_full(path: Path) -> bool:
@@ -301,7 +295,7 @@ def _is_full(path: Path) -> bool:
     return False
 
 
-def _said(path: Path, error: Exception) -> Exception:
+def _as_own_error(path: Path, error: Exception) -> Exception:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_INTERRUPT:
         raise KeyboardInterrupt from error
@@ -335,152 +329,3 @@ def _said(path: Path, error: Exception) -> Exception:
             " changed: restore a copy, or start a new store"
         )
     return InvalidInputError(f"{path}: expected a store, got a damaged one: {what}")
-
-
-@dataclass(frozen=True)
-class StoredSweep:
-    """The description of a sweep in a store. The method `sweep` creates the sweep and its problem.
-
-    Parameters
-    ----------
-    id : int
-        Number of the sweep's row in the store.
-    where : str
-        First words of error messages: the names of the store file and the sweep.
-    spec : dict
-        The sweep as JSON data, as returned by `shoal.lab.Sweep.describe`.
-    inputs : mapping of str to str
-        Digests of the maps, workspaces and regions that the sweep opens.
-    measures : tuple of str
-    trials, n_points : int
-        ``trials`` is the number of trials per point, and ``n_points`` is the number of points.
-    """
-
-    id: int
-    where: str
-    spec: Mapping[str, Any]
-    inputs: Mapping[str, str]
-    measures: tuple[str, ...]
-    trials: int
-    n_points: int
-
-    @cached_property
-    def form(self) -> SweepForm:
-        """The fields of the sweep, each converted to the type of the field."""
-        return form_of(self.spec, where=self.where)
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """The names of the sweep's axes."""
-        return tuple(self.form.axes)
-
-    def sweep(self) -> Sweep:
-        """Return the sweep as the user declared it for the run."""
-        return sweep_of(self.spec, where=self.where)
-
-    def values(self, text: str) -> dict[str, Any]:
-        """Return the value of each axis by its name, from the text in the stored row of a point."""
-        values = parse_json(text, where=f"{self.where}: point")
-        if not isinstance(values, list) or len(values) != len(self.axes):
-            raise InvalidInputError(
-                f"{self.where}: expected {len(self.axes)} values at a point, one per axis, got"
-                f" {shortened(values)}"
-            )
-        return dict(zip(self.axes, values, strict=True))
-
-    def check_points(self, texts: Sequence[str]) -> None:
-        """Refuse stored points that are not the points of the sweep, in the order of the sweep.
-
-        Two points with the same axis values would otherwise share one mean in a summary. The check
-        compares the axis values only, so that it runs no third-party code; `shoal.lab.store` also
-        compares the digests of the problems.
-
-        Raises
-        ------
-        InvalidInputError
-        """
-        with errors_at(f"{self.where}: spec"):
-            axes = [axis_values(name, values) for name, values in self.form.axes.items()]
-        count = prod(len(values) for values in axes)
-        expected = [json.dumps(values) for values in product(*axes)] if count <= MAX_POINTS else []
-        if [*texts] == expected and len(set(texts)) == count:
-            return
-        hint = "restore a copy, or start a new store"
-        seen: set[str] = set()
-        for text in texts:
-            if text in seen:
-                raise InvalidInputError(
-                    f"{self.where}: expected points that differ, got two points with the axis"
-                    f" values {shortened(text)}; {hint}"
-                )
-            seen.add(text)
-        raise InvalidInputError(
-            f"{self.where}: expected the {count} points of the sweep's axes, got {len(texts)}"
-            f" points, not all of which are equal to these; {hint}"
-        )
-
-
-def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
-    """Return the sweep that a row with the columns (id, spec, inputs, measures, trials, points)
-    describes.
-
-    Raises
-    ------
-    InvalidInputError
-        Raised if the row of the sweep is damaged.
-    """
-    number, *texts, trials, points = row
-    spec, inputs, measures = (
-        parse_json(text if isinstance(text, str) else "", where=f"{where}: {column}")
-        for column, text in zip(("spec", "inputs", "measures"), texts, strict=True)
-    )
-    if not isinstance(spec, dict) or not isinstance(inputs, dict):
-        raise InvalidInputError(
-            f"{where}: expected JSON objects as spec and inputs, got {shortened(spec)} and"
-            f" {shortened(inputs)}"
-        )
-    if not isinstance(measures, list) or not all(isinstance(name, str) for name in measures):
-        raise InvalidInputError(
-            f"{where}: measures: expected a list of names, got {shortened(measures)}"
-        )
-    if not isinstance(trials, int) or not isinstance(points, int):
-        raise InvalidInputError(
-            f"{where}: expected whole numbers of trials and of points, got {shortened(trials)} and"
-            f" {shortened(points)}"
-        )
-    return StoredSweep(number, where, spec, inputs, tuple(measures), trials, points)
-
-
-def columns_of(
-    axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep
-) -> list[Sequence[Any]]:
-    """Return rows of results as columns: the axes, the trial numbers, the seeds and the measures.
-
-    Each entry of ``axes`` is (axis values of a point, number of rows of the point). ``parts``
-    contains JSON texts of the trial numbers, the seeds and the results.
-
-    Raises
-    ------
-    InvalidInputError
-        Raised if a row of results is damaged.
-    """
-    first: list[list[Any]] = [[] for _ in axes[0][0]]
-    for values, count in axes:
-        for column, value in zip(first, values, strict=True):
-            column.extend([value] * count)
-    trials, seeds, results = (
-        parse_json(f"[{','.join(part)}]", where=f"{stored.where}: results") for part in parts
-    )
-    width = len(stored.measures)
-    bad = next((one for one in results if not isinstance(one, list) or len(one) != width), None)
-    if not all(type(one) is int for one in (*trials, *seeds)):
-        raise InvalidInputError(
-            f"{stored.where}: trials: expected whole numbers of trials and seeds, got something"
-            " else"
-        )
-    if bad is not None or not len(trials) == len(seeds) == len(results):
-        got = f"{len(results)} rows for {len(trials)} trials" if bad is None else shortened(bad)
-        raise InvalidInputError(
-            f"{stored.where}: results: expected rows of {width} values, got {got}"
-        )
-    return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]

@@ -1,1 +1,0 @@
-"""The commands for sweeps: shoal sweep run, status, summary, plot, export, merge and check."""
