@@ -13,10 +13,9 @@ from tests.steering import steer
 
 from shoal.steering import ContactWorld, disk
 from shoal.steering.contact.friction import friction_limit, turn_on_the_way
-from shoal.steering.kernels.cycles import CycleModel
-from shoal.steering.kernels.roadmap import fewest_cycles, linked
+from shoal.steering.kernels.cycles import CycleModel, fewest_cycles, linked
 from shoal.steering.planners.chain_search import backward_nodes
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 
 
 @pytest.mark.parametrize("kind", ["polygon", "disk"])

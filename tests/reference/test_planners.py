@@ -23,16 +23,12 @@ from shoal.steering import (
     reached_in_two_moves,
     regular_polygon,
 )
-from shoal.steering.kernels.chain import Kind, chain_length, new_work
+from shoal.steering.kernels.chain import ChainKind, chain_length, new_work
 from shoal.steering.planners.chain_search import nearest_cycles, roadmap_chain, shortest_chain
 from shoal.steering.planners.chains import ChainQuery, way_over_circle
-from shoal.steering.planners.shortest import (
-    Shortest,
-    planar_task,
-    shooting_plan,
-    with_vertical_moves,
-)
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.planners.fewest_moves import shooting_plan
+from shoal.steering.planners.shortest import Shortest, planar_task, with_vertical_moves
+from shoal.steering.workspaces.walls import normalize_walls
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 SHAPES = {
@@ -204,7 +200,7 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
             rng.integers(0, len(walls.normals), size=cycles),
         )
         guess = query.guess(cycles)
-        length = query.settle(guess, touchers, on)
+        length = query.optimize(guess, touchers, on)
         value = partial(plain_length, query, touchers, on)
         inside = LinearConstraint(*limits_of(value, len(guess)), np.inf)
         if length == np.inf:
@@ -219,7 +215,7 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
         )
         assert length == pytest.approx(value(guess)[0], abs=1e-9)
         assert value(guess)[1].min() >= -1e-12
-        kind = Kind(
+        kind = ChainKind(
             touchers,
             on,
             query.start,
@@ -343,7 +339,7 @@ def test_chains_over_a_circle_beat_random_ones():
             cycles = int(rng.integers(1, 4))
             guess = query.guess(cycles)
             guess[:cycles] = rng.random(cycles) * 2 * np.pi * walls.circle[2]
-            tried = query.settle(
+            tried = query.optimize(
                 guess,
                 rng.integers(0, 2, size=cycles),
                 np.zeros(cycles, dtype=np.int64),

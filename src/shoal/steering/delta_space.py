@@ -16,7 +16,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.steering.kernels.cycles import deeper
 from shoal.steering.planners.chains import ChainQuery, kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, clipped, disk, hull
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 
 
 @dataclass(frozen=True)
@@ -547,7 +547,7 @@ class PolygonReach:
         for cycles in range(1, self.moves // 2 + 1):
             touchers, on, _ = kinds_of(start, end, walls, cycles=cycles, push=0.0)
             if any(
-                query.settle(query.guess(cycles), *kind, enough=1e-12) < np.inf
+                query.optimize(query.guess(cycles), *kind, enough=1e-12) < np.inf
                 for kind in zip(touchers, on, strict=True)
             ):
                 return True

@@ -16,7 +16,7 @@ from shoal.jit import Stopwatch, working_time
 from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners.greedy import plan_with_clearance
+from shoal.steering.planners.clearance import plan_with_clearance
 from shoal.steering.planners.task import (
     SteeringTask,
     path_length,

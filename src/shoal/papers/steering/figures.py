@@ -20,7 +20,7 @@ from shoal.steering.delta_space import DIRECTIONS, PolygonReach, disk_reach, pol
 from shoal.steering.planners.chain_search import nearest_cycles
 from shoal.steering.planners.chains import ChainQuery
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, disk
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 from shoal.views.drawing.charts import (
     BLUE,
     INK,

@@ -367,7 +367,7 @@ class RegionWorld(SteeringWorld):
         """Return whether an edge holds a particle at ``point`` at the start of the displacement
         ``move``.
         """
-        return bool(region_kernels.is_held(point, move, *self.edges))
+        return bool(region_kernels.is_held(point, move, self.edges))
 
     def final(self, points: Points, moves: Points) -> Points:
         """Return the positions of the particles after all moves, float64, shape (n, dimensions),

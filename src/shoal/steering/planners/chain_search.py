@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
 from shoal.steering.contact.friction import turn_on_the_way
-from shoal.steering.kernels.cycles import CycleModel, nearest_on_circle, nearest_on_polygon
-from shoal.steering.kernels.roadmap import fewest_cycles, linked, widen
+from shoal.steering.kernels.cycles import (
+    CycleModel,
+    fewest_cycles,
+    linked,
+    nearest_on_circle,
+    nearest_on_polygon,
+    widen,
+)
 from shoal.steering.planners.chains import (
     REFINING,
     ROOM,
@@ -26,7 +32,7 @@ from shoal.steering.planners.chains import (
     slid,
 )
 from shoal.steering.workspaces.convex import Points
-from shoal.steering.workspaces.region import NormalizedWalls
+from shoal.steering.workspaces.walls import NormalizedWalls
 
 _POLISHED = 8  # number of rough chains over a circle that are refined
 
@@ -83,7 +89,7 @@ def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -
     """
     for rough in _flat(few, cycles, 1.1 * bound):
         guess = on_all_sides(query, few, rough)
-        length = query.settle(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
+        length = query.optimize(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
         if length < inf:
             found = slid(query, replace(guess, length=length))
             if found.length < bound:
@@ -100,7 +106,7 @@ def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
         if least >= bound - 1e-9 or query.late:
             break
         guess = query.guess(cycles)
-        length = query.settle(guess, touchers[kind], on[kind], bound=bound)
+        length = query.optimize(guess, touchers[kind], on[kind], bound=bound)
         if length < bound:
             bound = length
             yield Chain(touchers[kind], on[kind], guess, length)
@@ -122,11 +128,11 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
             # Every effect of a contact of particle 1 can also be achieved by particle 2 on the
             # opposite side.
             guess[: cycles * (d - 1) : d - 1] += pi * query.walls.circle[2] * touchers
-            length = query.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[:1])
+            length = query.optimize(guess, touchers, on, enough=ROOM, rounds=REFINING[:1])
             place = (*kind, *np.round(guess, 2).tolist())
             if length < inf and place not in met:
                 met.add(place)
-                length = query.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[1:2])
+                length = query.optimize(guess, touchers, on, enough=ROOM, rounds=REFINING[1:2])
                 rough.append((length, len(rough), touchers, guess))
     last, polished = -1.0, 0
     for length, _, touchers, guess in sorted(rough, key=lambda entry: entry[:2]):
@@ -135,7 +141,7 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
         if length - last < 1e-5:  # the same chain again
             continue
         last, polished = length, polished + 1
-        found = query.settle(guess, touchers, on, enough=ROOM)
+        found = query.optimize(guess, touchers, on, enough=ROOM)
         if found < bound:
             bound = found
             yield Chain(touchers, on, guess, found)
@@ -162,7 +168,7 @@ def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
                         radius * angle,
                         query.walls.height / 2,
                     )
-                length = query.settle(guess, touchers, walls, enough=ROOM, rounds=REFINING[:4])
+                length = query.optimize(guess, touchers, walls, enough=ROOM, rounds=REFINING[:4])
                 if length < bound:
                     bound = length
                     yield Chain(touchers, walls, guess, length)
@@ -186,7 +192,7 @@ def _guesses(query: ChainQuery, cycles: int) -> Iterator[NDArray[np.float64]]:
         guess[: cycles * (d - 1) : d - 1] = radius * np.array(angles)
         if d == 3:
             guess[1 : cycles * (d - 1) : d - 1] = walls.height / 2
-        if query.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[:0]) < inf:
+        if query.optimize(guess, touchers, on, enough=ROOM, rounds=REFINING[:0]) < inf:
             yield guess
 
 
@@ -313,7 +319,7 @@ def roadmap_chain(
         if rough is None:
             return None
         found = on_all_sides(query, few, rough)
-        length = query.settle(found.unknowns, found.touchers, found.walls, rounds=REFINING[:3])
+        length = query.optimize(found.unknowns, found.touchers, found.walls, rounds=REFINING[:3])
         return replace(found, length=length) if length < inf else None
     model = replace(query, friction=query.friction * (1 - 1e-9)).model(_INSIDE)
     rng = np.random.default_rng(seed)

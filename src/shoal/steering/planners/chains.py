@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.jit import working_time
-from shoal.steering.kernels.chain import Kind, new_work, settle
+from shoal.steering.kernels.chain import ChainKind, new_work, shorten_chain
 from shoal.steering.kernels.cycles import CycleModel
 from shoal.steering.workspaces.convex import Points
-from shoal.steering.workspaces.region import NormalizedWalls, with_few_sides
+from shoal.steering.workspaces.walls import NormalizedWalls, with_few_sides
 
 _AROUND = np.exp(2j * np.pi * np.arange(48) / 48)
 
@@ -326,7 +326,7 @@ class ChainQuery(StartAndGoal):
             goal=self.goal[:, :2].copy(),
         )
 
-    def settle(
+    def optimize(
         self,
         guess: NDArray[np.float64],
         touchers: NDArray[np.int64],
@@ -343,7 +343,7 @@ class ChainQuery(StartAndGoal):
         returns the length of the resulting chain, or infinity if the optimization finds no feasible
         chain.
         """
-        kind = Kind(
+        kind = ChainKind(
             touchers,
             on,
             self.start,
@@ -355,7 +355,9 @@ class ChainQuery(StartAndGoal):
         )
         work = new_work(len(on), self.walls.dimensions)
         return float(
-            settle(guess, enough, self.rounds if rounds is None else rounds, bound, kind, work)
+            shorten_chain(
+                guess, enough, self.rounds if rounds is None else rounds, bound, kind, work
+            )
         )
 
     @cached_property
@@ -396,7 +398,7 @@ def refined(query: ChainQuery, chain: Chain) -> Chain:
         off = (chain.last - query.after) / 2
         query = replace(query, goal=query.goal + np.stack([-off, off]))
     guess = chain.unknowns.copy()
-    length = query.settle(guess, chain.touchers, chain.walls)
+    length = query.optimize(guess, chain.touchers, chain.walls)
     return replace(chain, unknowns=guess, length=length) if length < inf else chain
 
 
@@ -475,7 +477,7 @@ def slid(query: ChainQuery, chain: Chain) -> Chain:
     while step > 0 and not query.late:
         shorter = None
         for other in _neighbours(query, chain, step):
-            length = query.settle(
+            length = query.optimize(
                 other.unknowns, other.touchers, other.walls, rounds=REFINING[:3], bound=chain.length
             )
             if length < chain.length * (1 - _WORTH):

@@ -132,7 +132,7 @@ class ChainPool:
         self._known.add(kind)
         touchers, walls = np.array(one.touchers), np.array(one.walls)
         enough, rounds = (ROOM, _ROUGH_ROUND) if round_ else (ENOUGH, _ROUGH)
-        length = query.settle(
+        length = query.optimize(
             guess, touchers, walls, enough=enough, rounds=rounds, bound=self.bound
         )
         if length < inf:

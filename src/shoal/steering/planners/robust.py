@@ -10,23 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.contact.friction import GainBelief
 from shoal.steering.contact.world import direction_away_from, touched_normals
-from shoal.steering.kernels import shortening as kernels
+from shoal.steering.kernels import annealing as kernels
 from shoal.steering.kernels.contact import first_contact
-from shoal.steering.kernels.roadmap import step
+from shoal.steering.kernels.sampling import step
+from shoal.steering.planners.annealing import MOST_STEPS, Annealing, Plan, copy_of, steps_of
 from shoal.steering.planners.chain_search import shortest_chain
 from shoal.steering.planners.chains import Chain, ChainQuery
-from shoal.steering.planners.greedy import any_chain, plan_with_clearance
+from shoal.steering.planners.clearance import plan_with_clearance
+from shoal.steering.planners.greedy import any_chain
 from shoal.steering.planners.sampling import MORE_ROUNDS, Sampling, Translations, Tree, world_of
-from shoal.steering.planners.shortest import (
-    MOST_STEPS,
-    Plan,
-    Shortening,
-    Shortest,
-    copy_of,
-    steps_of,
-)
+from shoal.steering.planners.shortest import Shortest
 from shoal.steering.planners.task import PLANNERS, SteeringTask
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
@@ -313,6 +307,81 @@ class Cycles:
         return inward / float(np.linalg.norm(inward))
 
 
+PRIOR = 0.3  # prior standard deviation of the gain's slope, in gains per size
+
+
+class GainBelief:
+    """Estimate of the gain at each point p with the model a + b · (p - c) / s.
+
+    The vector c is the centre of the workspace's base, and s is the size of the workspace. The
+    estimate of the coefficients a and b is a normal distribution. Each observed move without wall
+    contact improves the estimate.
+    """
+
+    def __init__(self, room: Any, noise: Any) -> None:
+        d = room.dimensions
+        self.size, self.noise = room.size, noise
+        self.center = np.zeros(d)
+        self.center[:2] = room.center
+        self.estimate: NDArray[np.float64] = np.eye(d + 1)[0]
+        self.spread = np.diag(np.r_[PRIOR / 3, np.full(d, PRIOR)]) ** 2 * (
+            1.0 if noise.gain else 1e-12
+        )
+
+    def _features(self, point: Points) -> NDArray[np.float64]:
+        return np.asarray(np.r_[1.0, (point - self.center) / self.size])
+
+    def at(self, point: Points) -> float:
+        """Return the expected gain (displacement of a particle divided by the input) at a point,
+        but at least 0.2.
+        """
+        return max(float(self._features(point) @ self.estimate), 0.2)
+
+    def mean(self, here: Points, there: Points) -> float:
+        """Return the expected mean gain on the straight path between two points."""
+        return self.at((here + there) / 2)
+
+    def deviation(self, here: Points, there: Points) -> float:
+        """Return the standard deviation of the estimated mean gain on the straight path between two
+        points.
+        """
+        features = self._features((here + there) / 2)
+        return float(np.sqrt(features @ self.spread @ features))
+
+    def ahead(self, point: Points, move: Points) -> Points:
+        """Return the expected end point of a particle that starts at ``point``, receives the input
+        ``move`` and touches no wall.
+        """
+        middle = point + self.at(point) * move / 2
+        return np.asarray(point + self.at(middle) * move)
+
+    def behind(self, point: Points, move: Points) -> Points:
+        """Return the expected start point of a particle that the input ``move`` brings to ``point``
+        without wall contact.
+        """
+        middle = point - self.at(point) * move / 2
+        return np.asarray(point - self.at(middle) * move)
+
+    def learn(self, here: Points, there: Points, move: Points) -> None:
+        """Update the estimate after the input ``move`` has moved a particle without wall contact
+        from ``here`` to ``there``.
+
+        The observed gain is the distance travelled in the direction of the input, divided by the
+        length of the input. The method uses the observed gain as the gain at the midpoint of the
+        path. The method ignores inputs that are short compared with the noise.
+        """
+        length = float(np.linalg.norm(move))
+        if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):
+            return
+        gain = float((there - here) @ move) / length**2
+        variance = (2 * self.noise.measurement**2 + self.noise.execution**2) / length**2 + 1e-6
+        features = self._features((here + there) / 2)
+        along = self.spread @ features
+        weight = along / (float(features @ along) + variance)
+        self.estimate = self.estimate + weight * (gain - float(features @ self.estimate))
+        self.spread = self.spread - np.outer(weight, along)
+
+
 STATES = 256
 LIKELY = 16  # effective states: with fewer what is seen counts alone
 ARRIVED_SHARE, SATISFIED = (
@@ -485,24 +554,24 @@ class Replanning:
         few = kernels.Noise(
             self.belief.states[:SCENARIOS], errors[:SCENARIOS].copy(), self.deviation, cycle
         )
-        shortening = Shortening(task, self.world, self.rng)
+        annealing = Annealing(task, self.world, self.rng)
 
         def costs(plans: Iterable[Plan]) -> list[Plan]:
-            return [shortening.changed(plan, changes=0, noise=judged) for plan in plans]
+            return [annealing.anneal(plan, changes=0, noise=judged) for plan in plans]
 
         found = costs(self._plans_at_hand(task, last))
         useful = [plan for plan in found if self._moves_particles(plan, few)]
         if last is None:
-            found += costs(self._new_plans(shortening, FIRST_TREES))
+            found += costs(self._new_plans(annealing, FIRST_TREES))
         elif (
             not task.late
             and min((plan.cost for plan in useful), default=inf) > last.cost - 1 + WORSE
         ):
-            found += costs(self._new_plans(shortening, TREES))
+            found += costs(self._new_plans(annealing, TREES))
         found.sort(key=lambda plan: plan.cost)
         best = [plan for plan in found if self._moves_particles(plan, few)][:REFINED]
         found += costs(
-            shortening.changed(plan, changes=CHANGES, noise=few) for plan in best if not task.late
+            annealing.anneal(plan, changes=CHANGES, noise=few) for plan in best if not task.late
         )
         useful = [plan for plan in found if self._moves_particles(plan, few)]
         return min(useful or found, key=lambda plan: plan.cost)
@@ -537,11 +606,11 @@ class Replanning:
                 copy_of(last, first) for first in (0, 1) if 0 < last.count - first <= task.max_moves
             )
 
-    def _new_plans(self, shortening: Shortening, trees: int) -> Iterator[Plan]:
+    def _new_plans(self, annealing: Annealing, trees: int) -> Iterator[Plan]:
         """Yield new plans for a world without noise, and copies of these plans whose moves to
         contacts aim behind the walls.
         """
-        task = shortening.task
+        task = annealing.task
         whole = None if isinstance(self.room, Region) else Shortest().plan(task)
         plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]
         for tree in range(trees if whole is None else 0):
@@ -549,7 +618,7 @@ class Replanning:
                 break
             moves = Tree(task, self.world, self.rng, left=MORE_ROUNDS).search(self.exact)
             if moves is not None:
-                plans.append(shortening.changed(steps_of(task, moves), changes=SHORTENED))
+                plans.append(annealing.anneal(steps_of(task, moves), changes=SHORTENED))
         for plan in plans:
             for share in OVERSHOOTS if plan.count <= task.max_moves else ():
                 steps = copy_of(plan).steps

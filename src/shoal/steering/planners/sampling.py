@@ -15,10 +15,10 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.contact.world import ContactWorld, RegionWorld
-from shoal.steering.kernels import roadmap as kernels
+from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
-from shoal.steering.planners.shortest import Shortening
+from shoal.steering.planners.annealing import Annealing
 from shoal.steering.planners.task import (
     PLANNERS,
     SteeringTask,
@@ -111,7 +111,7 @@ class Sampling:
             found, narrow = found + more, narrow + others
         found = found + narrow if simple else found or narrow
         if simple and found:
-            found = Shortening(task, world, rng).shortest(found)
+            found = Annealing(task, world, rng).shorten(found)
             found = sorted(found, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
                 :BEST
             ]

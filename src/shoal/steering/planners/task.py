@@ -30,7 +30,7 @@ from shoal.steering.planners.chains import (
     refined,
 )
 from shoal.steering.workspaces.convex import EXACT_TOUCH, TOUCH, Points
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 
 _SURE = 3e-9  # relative to the size: overshoot of a move to a wall, against rounding errors
 _PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
