@@ -20,8 +20,8 @@ if TYPE_CHECKING:
         reached_in_two_moves,
     )
     from shoal.steering.episode import SteeringEpisode
-    from shoal.steering.planners import PLANNERS, Planner, make_planner
-    from shoal.steering.planners.task import SteeringTask
+    from shoal.steering.planners import PLANNERS, make_planner
+    from shoal.steering.planners.task import Planner, SteeringTask
     from shoal.steering.problem import SteeringProblem
     from shoal.steering.workspaces.convex import (
         ConvexWorkspace,
@@ -50,10 +50,12 @@ _HOMES = {
     "episode": ("SteeringEpisode",),
     "planners": (
         "PLANNERS",
-        "Planner",
         "make_planner",
     ),
-    "planners.task": ("SteeringTask",),
+    "planners.task": (
+        "Planner",
+        "SteeringTask",
+    ),
     "problem": ("SteeringProblem",),
     "workspaces.convex": (
         "ConvexWorkspace",

@@ -14,17 +14,17 @@ from shoal.core.checks import check_integer, check_number, check_points, shorten
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
+from shoal.steering.planners import PLANNERS, make_planner
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.formats import describe, open_workspace, workspace_of
 from shoal.steering.workspaces.region import Region
 
-# Worlds and planners call kernels, whose compiler takes a second to load. They are imported when a
-# problem is checked, so that commands, which only read the declarations below, start fast.
+# Worlds call kernels, whose compiler takes a second to load. They are imported when a problem is
+# checked, so that commands, which only read the declarations below, start fast.
 
 DRAWS = 10_000  # draws of a random point before the workspace counts as too small
 FINEST = 1e-8  # relative to the size: contacts are not more accurate
 RANDOM = "random"
-PLANNER_NAMES = ("shortest", "greedy", "fewest-moves", "robust", "sampling")
 
 
 def _check_workspace(given: Any) -> Any:
@@ -85,8 +85,6 @@ def _dump_places(given: Any) -> Any:
 def _check_planner(given: Any) -> Any:
     if given == "auto":
         return given
-    from shoal.steering.planners import PLANNERS, make_planner
-
     if isinstance(given, str) and ":" in given and given.partition(":")[0] not in PLANNERS:
         return given  # objects in third-party modules are not imported yet
     make_planner(given)
@@ -96,8 +94,6 @@ def _check_planner(given: Any) -> Any:
 def _dump_planner(given: Any) -> str:
     if isinstance(given, str):
         return given
-    from shoal.steering.planners import PLANNERS
-
     return (
         str(given.name)
         if given.name in PLANNERS
@@ -191,13 +187,13 @@ class SteeringProblem(Problem):
     planner: Any = option(
         "auto",
         help=(
-            f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means the planner"
+            f"Planner: auto, {', '.join(PLANNERS)} or MODULE:ATTRIBUTE. auto means the planner"
             " robust for two particles with noise or an uneven field, the planner shortest for two"
             " particles in a convex workspace, and the planner sampling in all other cases."
         ),
         check=_check_planner,
         dump=_dump_planner,
-        names=PLANNER_NAMES,
+        names=tuple(PLANNERS),
     )
     time: float | None = option(
         None,
@@ -315,8 +311,6 @@ class SteeringProblem(Problem):
         InvalidInputError, UnknownNameError
             If the planner is unknown or does not support the task.
         """
-        from shoal.steering.planners import make_planner
-
         two, obstacles = self.n_particles == 2, isinstance(self.place, Region)
         if isinstance(self.planner, str) and self.planner == "auto":
             simple = "robust" if self.noisy else "sampling" if obstacles else "shortest"

@@ -72,8 +72,8 @@ class Work(NamedTuple):
     its second derivative by the arc."""
     delta: NDArray[np.float64]  # (cycles + 1, d): Δ_m
     span: NDArray[np.float64]
-    """(1 + 4 d, d): a vector v, and its derivatives J_u = ∂v/∂x_u by the unknowns in ``index``."""
-    index: NDArray[np.int64]  # (4 d,)
+    """(1 + 4 d, d): a vector v, and its derivatives J_u = ∂v/∂x_u by some unknowns x_u."""
+    unknowns: NDArray[np.int64]  # (4 d,): indices of these unknowns
     first: NDArray[np.float64]  # (4 d,): derivatives g_u of a limit
     second: NDArray[np.float64]  # (4 d, 4 d): second derivatives g_uw of a limit
     cone_first: NDArray[np.float64]  # the same of the limit of friction
@@ -106,7 +106,7 @@ def new_work(cycles: int, d: int) -> Work:
         contacts=np.zeros((cycles, d + 1, d)),
         delta=np.zeros((cycles + 1, d)),
         span=np.zeros((1 + few, d)),
-        index=np.zeros(few, dtype=np.int64),
+        unknowns=np.zeros(few, dtype=np.int64),
         first=np.zeros(few),
         second=np.zeros((few, few)),
         cone_first=np.zeros(few),
@@ -366,7 +366,7 @@ def add_terms(work, terms):
 
     Return the number of unknowns on which v depends.
     """
-    contacts, delta, span, index = work.contacts, work.delta, work.span, work.index
+    contacts, delta, span, index = work.contacts, work.delta, work.span, work.unknowns
     cycles, d = contacts.shape[0], contacts.shape[2]
     used = 0
     for term in range(2):
@@ -439,7 +439,7 @@ def add_length(work, terms, blur, weight, order):
     The last term is not 0 only if u = w is the arc of a contact on the round wall.
     """
     used = add_terms(work, terms)
-    span, index, first = work.span, work.index, work.first
+    span, index, first = work.span, work.unknowns, work.first
     derivatives, contacts = work.derivatives, work.contacts
     length = sqrt(blur * blur + rows_dot(span, 0, span, 0))
     if order == 0:
@@ -506,7 +506,7 @@ def add_limit(work, first, second, value, used, curved, forgiven, slack, order):
     If ``slack`` is NaN, s is 0; otherwise, s is the last unknown. Without ``curved``, g_uw is 0. If
     g depends on no unknown, the result is 0 if g is at least about ``-forgiven``, else infinity.
     """
-    index, derivatives = work.index, work.derivatives
+    index, derivatives = work.unknowns, work.derivatives
     steep = 0.0
     for u in range(used):
         steep = max(steep, abs(first[u]))
@@ -603,7 +603,7 @@ def add_through(work, used, ones, squares, phase):
     ∂/∂s = -sum 1 / g  (``ones``)        ∂²/∂x_u∂s = (sum N / g²)·J_u
     ∂²/∂s² = sum 1 / g²  (``squares``)
     """
-    span, index, sums, derivatives = work.span, work.index, work.sums, work.derivatives
+    span, index, sums, derivatives = work.span, work.unknowns, work.sums, work.derivatives
     n, d = derivatives.shape[1], span.shape[1]
     last = n - 1
     for u in range(used):
@@ -645,7 +645,7 @@ def add_round_wall(kind, work, used, m, forgiven, slack, order):
             second[u, w] = (
                 -(span[1 + u, 0] * span[1 + w, 0] + span[1 + u, 1] * span[1 + w, 1]) / circle[2]
             )
-        if work.index[u] == m * (d - 1):
+        if work.unknowns[u] == m * (d - 1):
             second[u, u] -= (x * contacts[m, d, 0] + y * contacts[m, d, 1]) / circle[2]
     return add_limit(work, first, second, value, used, True, forgiven, slack, order)
 
@@ -665,7 +665,7 @@ def add_adjustment(kind, work, m, sign, slack, order):
     The limit of the push is g = p - push.
     """
     contacts, circle, span = work.contacts, kind.shape.circle, work.span
-    first, second, index = work.first, work.second, work.index
+    first, second, index = work.first, work.second, work.unknowns
     d, push, on_circle = span.shape[1], kind.push, kind.walls[m] == kind.shape.normals.shape[0]
     set_vector(work, work.delta, m, 0.0)
     used = add_terms(work, LinearSum(-1, 0.0, -1, 0.0, m + 1, sign, m, -sign))

@@ -481,9 +481,7 @@ NEAR = 0.6  # relative to the diameter: longer differences are planned backwards
 TURN = 0.9  # fraction of the largest turn that a cycle allows
 
 
-def antipodal_chain(
-    query: ChainQuery, *, cycles: int, sides: tuple[float, float] = (1.0, -1.0)
-) -> Chain | None:
+def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
     """Return a chain of wall contacts on a disk to a position difference that is nearly as long as
     the diameter of the disk.
 
@@ -496,8 +494,7 @@ def antipodal_chain(
     and turns by the angle t starts at the distance E cos t. The algorithm adds such cycles until
     the position difference before the earliest cycle is at most 0.6 times as long as the diameter
     of the disk. A chain of at most three other cycles leads from the start to this position
-    difference. ``sides`` contains two signs, which the backward turns use alternately. A positive
-    sign means a counter-clockwise turn.
+    difference. The backward turns are counter-clockwise and clockwise, by turns.
 
     Notes
     -----
@@ -515,7 +512,7 @@ def antipodal_chain(
     while steps[-1][0] > NEAR * 2 * radius and len(steps) < cycles - 3:
         length, angle = steps[-1]
         turn = TURN * float(np.arccos(length / (2 * radius)))
-        angle += sides[len(contacts) % 2] * turn
+        angle += turn if len(contacts) % 2 == 0 else -turn
         contacts.append(angle + pi)
         shorter = length * float(np.cos(turn)) + 2 * query.push
         if shorter >= length:  # with such a push, no cycle reaches the difference

@@ -386,7 +386,7 @@ class ChainQuery(StartAndGoal):
         return np.concatenate((np.zeros(cycles * (self.walls.dimensions - 1)), between.ravel()))
 
 
-def refined(query: ChainQuery, chain: Chain) -> Chain:
+def refine_chain(query: ChainQuery, chain: Chain) -> Chain:
     """Return the shortest chain that has the same touching particles and walls as ``chain``.
 
     If ``chain`` has more than 12 cycles, or if the optimization fails, the result is ``chain``

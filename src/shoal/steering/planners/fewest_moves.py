@@ -12,10 +12,9 @@ from shoal.steering.kernels import shooting
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.shooting import Shot, Trials
 from shoal.steering.planners.chain_search import roadmap_chain, shortest_chain
-from shoal.steering.planners.chains import refined
+from shoal.steering.planners.chains import refine_chain
 from shoal.steering.planners.shortest import Shortest, plan_from_base
 from shoal.steering.planners.task import (
-    PLANNERS,
     SteeringTask,
     choose,
     misses,
@@ -29,7 +28,6 @@ DENSE_MAP = ((1500, 120, 1.01, 2500),)  # see `shoal.steering.planners.chain_sea
 LONGEST = 15  # number of moves of a plan whose end is also searched among plans of four moves
 
 
-@PLANNERS.register("fewest-moves")
 class FewestMoves:
     """A planner that searches for the plan with the fewest straight moves.
 
@@ -93,7 +91,7 @@ class FewestMoves:
         best = None
         for first, query in task.departures():
             chain = roadmap_chain(query, maps=DENSE_MAP)
-            moves = None if chain is None else task.moves_of(refined(query, chain), query)
+            moves = None if chain is None else task.moves_of(refine_chain(query, chain), query)
             if moves is not None and not misses(task, np.array([*first, *moves])):
                 best = choose(task, [best, np.array([*first, *moves])], by_moves=True)
         return best

@@ -17,7 +17,6 @@ from shoal.steering.planners.chain_search import (
 )
 from shoal.steering.planners.chains import Chain, ChainQuery
 from shoal.steering.planners.task import (
-    PLANNERS,
     SteeringTask,
     choose,
     misses,
@@ -36,7 +35,6 @@ _EQUAL = (
 )
 
 
-@PLANNERS.register("greedy")
 class Greedy:
     """A planner in which each cycle brings the particles' position difference as near as possible
     to the goals' difference.

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.steering.planners.chain_search import antipodal_chain, chains_of
+from shoal.steering.planners.chain_search import chains_of
 from shoal.steering.planners.chains import (
     ENOUGH,
     MANY,
@@ -26,33 +26,20 @@ from shoal.steering.planners.chains import (
     ROOM,
     Chain,
     ChainQuery,
-    refined,
+    refine_chain,
     slid,
 )
 from shoal.steering.workspaces.convex import Points
 
 _Item = TypeVar("_Item")
 
-CYCLES = (1, 2, 3)  # numbers of cycles of the chains of which all kinds are tried
+CYCLES = (1, 2)  # numbers of cycles of the chains of which all kinds are tried
 MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
-TRIES, ROUND_TRIES, FAR_TRIES = (
-    90,
-    90,
-    200,
-)  # number of chains tried: on flat walls, on a round wall, and for distant goals
-EARLY = 30  # of them before chains of three cycles
-SPIRALS = (
-    (1.0, -1.0),
-    (1.0, 1.0),
-    (-1.0, -1.0),
-)  # sides to which differences turn for distant goals
-_BACKWARD = 16  # cycles of a chain for distant goals
-REFINED = 3  # number of shortest rough chains that are used
-NEARLY = (
-    1.1  # relative to the shortest length: short chains up to this length are also starting points
-)
+TRIES = 90  # number of changed chains
+# relative to the shortest length: short chains up to this length are also starting points
+NEARLY = 1.1
 EACH = 30  # number of candidates made from one chain
 _WORTH = 1e-4  # relative to the length: gain that justifies one more cycle
 # relative to the length: among chains that differ by less, the one with fewer cycles is kept
@@ -110,27 +97,31 @@ class ChainPool:
         del self.chains[WIDTH:]
         return True
 
-    def begin(self, chain: Chain) -> None:
+    def add_seed(self, chain: Chain) -> None:
         """Make ``chain`` feasible and short, and add the resulting chain to the pool."""
         along = chain.unknowns[: chain.cycles * (self.query.walls.dimensions - 1)].reshape(
             chain.cycles, -1
         )
         deltas = list(chain.differences(self.query.before, self.query.after))
-        self.tried(
+        self.try_candidate(
             _Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas)
         )
 
-    def tried(self, one: _Candidate) -> int:
+    def try_candidate(self, candidate: _Candidate) -> int:
         """Make a candidate chain feasible and short, and add the resulting chain to the pool.
 
         The method returns 0 if it has tried an equal candidate before, and 1 for a new candidate.
         """
-        query, guess, round_ = self.query, one.guess, self.query.walls.round
-        kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
+        query, guess, round_ = self.query, candidate.guess, self.query.walls.round
+        kind = (
+            *candidate.touchers,
+            *candidate.walls,
+            np.round(guess, 2).tobytes() if round_ else b"",
+        )
         if kind in self._known:
             return 0
         self._known.add(kind)
-        touchers, walls = np.array(one.touchers), np.array(one.walls)
+        touchers, walls = np.array(candidate.touchers), np.array(candidate.walls)
         enough, rounds = (ROOM, _ROUGH_ROUND) if round_ else (ENOUGH, _ROUGH)
         length = query.optimize(
             guess, touchers, walls, enough=enough, rounds=rounds, bound=self.bound
@@ -146,11 +137,11 @@ class ChainPool:
             if parent is None:
                 return
             left = min(EACH, tries)
-            for one, least in with_bounds(self.query, candidates(self.query, parent)):
+            for candidate, least in with_bounds(self.query, candidates(self.query, parent)):
                 if left <= 0 or self.query.late:
                     break
                 if least < self.chains[0].length:
-                    done = self.tried(one)
+                    done = self.try_candidate(candidate)
                     tries, left = tries - done, left - done
             if tries > 0:
                 self._expanded[id(parent)] = parent
@@ -337,32 +328,24 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
     ----------
     query : ChainQuery
     seeds : iterable of Chain
-        Chains with which the search starts, in addition to the chains of one, two and three cycles
-        that it finds itself.
+        Chains with which the search starts, in addition to the chains of one and two cycles that it
+        finds itself.
     """
     pool = ChainPool(query)
     for chain in seeds:
-        pool.begin(chain)
+        pool.add_seed(chain)
     for cycles in CYCLES:
         for chain in chains_of(
             query, cycles, inf if pool.best is None else NEARLY * pool.best.length
         ):
             pool.add(chain)
-        if cycles == 2:
-            pool.improve(EARLY)
-    tries = ROUND_TRIES if query.walls.round else TRIES
-    for sides in SPIRALS if query.walls.round and query.friction == inf else ():
-        far = antipodal_chain(query, cycles=_BACKWARD, sides=sides)
-        if far is not None:
-            tries = FAR_TRIES
-            pool.begin(far)
-    pool.improve(tries)
-    few: dict[int, Chain] = {}  # the shortest chain of each number of cycles
+    pool.improve(TRIES)
+    shortest: dict[int, Chain] = {}  # the shortest chain of each number of cycles
     for chain in sorted(pool.chains, key=lambda chain: chain.length):
-        few.setdefault(chain.cycles, chain)
-    useful = [chain for chain in few.values() if chain.length < 1.01 * pool.chains[0].length]
-    kept = [
-        *pool.chains[:REFINED],
-        *(chain for chain in useful if chain not in pool.chains[:REFINED]),
+        shortest.setdefault(chain.cycles, chain)
+    refined = [
+        refine_chain(query, chain)
+        for chain in shortest.values()
+        if chain.length < 1.01 * pool.chains[0].length
     ]
-    return sorted((refined(query, chain) for chain in kept), key=lambda chain: chain.length)
+    return sorted(refined, key=lambda chain: chain.length)

@@ -21,7 +21,7 @@ from shoal.steering.planners.clearance import plan_with_clearance
 from shoal.steering.planners.greedy import any_chain
 from shoal.steering.planners.sampling import MORE_ROUNDS, Sampling, Translations, Tree, world_of
 from shoal.steering.planners.shortest import Shortest
-from shoal.steering.planners.task import PLANNERS, SteeringTask
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
 
@@ -638,7 +638,6 @@ STOOD, STOOD_RUNS = (
 )  # relative to the tolerance: noise levels to test, and number of runs for each
 
 
-@PLANNERS.register("robust")
 class Robust:
     """A planner for worlds with noise, which works in a closed loop: make one move, observe the
     particles, and plan again.

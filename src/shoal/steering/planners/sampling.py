@@ -20,7 +20,6 @@ from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
 from shoal.steering.planners.annealing import Annealing
 from shoal.steering.planners.task import (
-    PLANNERS,
     SteeringTask,
     choose,
     path_length,
@@ -59,7 +58,6 @@ LIFT = 1e-6
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
 
 
-@PLANNERS.register("sampling")
 class Sampling:
     """A planner that grows a search tree of particle positions by random manoeuvres.
 

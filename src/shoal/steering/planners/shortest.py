@@ -12,7 +12,6 @@ from shoal.steering.planners.chains import Chain, ChainQuery
 from shoal.steering.planners.greedy import Greedy, greedy_chain
 from shoal.steering.planners.improvement import improved_chains
 from shoal.steering.planners.task import (
-    PLANNERS,
     Planner,
     SteeringTask,
     choose,
@@ -131,7 +130,6 @@ def _least_vertical_moves(
     return np.asarray(found.x[:count]) if found.success else None
 
 
-@PLANNERS.register("shortest")
 class Shortest:
     """A planner that returns the shortest of many chains of wall contacts and adjustments.
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.dataclass import dataclass
-from shoal.core.registry import Registry
 from shoal.steering.contact.clearance import CLEARANCE, PLANNED, why_sensitive
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import (
@@ -27,7 +26,7 @@ from shoal.steering.planners.chains import (
     ChainQuery,
     StartAndGoal,
     lengths_over_walls,
-    refined,
+    refine_chain,
 )
 from shoal.steering.workspaces.convex import EXACT_TOUCH, TOUCH, Points
 from shoal.steering.workspaces.walls import normalize_walls
@@ -170,14 +169,14 @@ class SteeringTask(StartAndGoal):
         for margin in _WIDER:
             if reaches and margin > query.margin:
                 wider = replace(query, margin=margin)
-                surer = self._played(refined(wider, chain), wider)
+                surer = self._played(refine_chain(wider, chain), wider)
                 if surer is not None and self._stands(surer, start):
                     return surer
         if self.margin:  # contacts without an overshoot, nearer to walls
             close = replace(
                 query, margin=max(min(MARGIN, 0.02 * self.tolerance / query.walls.scale), 2e-9)
             )
-            surer = replace(self, margin=0.0)._played(refined(close, chain), close)
+            surer = replace(self, margin=0.0)._played(refine_chain(close, chain), close)
             if surer is not None and self._stands(surer, start):
                 return surer
         return moves
@@ -473,9 +472,6 @@ class Planner(Protocol):
         ...
 
 
-PLANNERS: Registry[type[Planner]] = Registry("planner")
-
-
 WORTH = 1e-3
 """Fraction of its length by which a plan must be shorter than every plan with fewer moves."""
 
@@ -571,7 +567,7 @@ def plans_of(
     ):
         near = replace(task, margin=0.0)
         close = replace(query, margin=near.chain_query().margin)
-        found.append(near.moves_of(refined(close, chain), close))
+        found.append(near.moves_of(refine_chain(close, chain), close))
     plans = [
         without_useless_moves(task, np.array([*first, *moves]))
         for moves in found
