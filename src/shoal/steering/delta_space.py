@@ -134,8 +134,8 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
         target = sign * (workspace.normals @ after)
         low, high = toucher_shares(workspace, (sign * before, sign * after))
         lengths = np.hypot(*(ends - corners).T)
-        room = np.minimum(np.minimum(target, depth - target), (high - low) * lengths)
-        for wall in np.flatnonzero((depth > 0) & (room >= 0)):
+        slack = np.minimum(np.minimum(target, depth - target), (high - low) * lengths)
+        for wall in np.flatnonzero((depth > 0) & (slack >= 0)):
             first, last = (
                 corners[wall] + share * (ends[wall] - corners[wall])
                 for share in (low[wall], high[wall])
@@ -147,7 +147,7 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
                     first,
                     last,
                     (first + last) / 2,
-                    float(room[wall]) / workspace.size,
+                    float(slack[wall]) / workspace.size,
                 )
             )
     return crossings
@@ -638,10 +638,6 @@ def polygon_reach(
         Number of moves, even and at least 2.
     contacts : int
         Number of sample points on each side of the polygon.
-
-    Raises
-    ------
-    InvalidInputError
 
     Notes
     -----

@@ -336,10 +336,6 @@ class SteeringProblem(Problem):
 
         A relative path of a workspace file is relative to the folder of the problem file if the
         workspace file exists there. Otherwise, the path is relative to the working directory.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
         """
         problem = super().from_file(data, path, trust=trust)
         if isinstance(problem.workspace, str):
@@ -370,10 +366,6 @@ class SteeringProblem(Problem):
         """Raise an error if the tolerance, a point or the planner does not suit the workspace.
 
         The method also raises an error if particles with different goals start at the same point.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
         """
         workspace = self.place
         least = FINEST * workspace.size
@@ -400,10 +392,6 @@ class SteeringProblem(Problem):
     def world(self, *, seed: int = 0, gain: float | None = None) -> Any:
         """Return the simulated world of the problem; ``seed`` determines the direction in which the
         gain grows.
-
-        Raises
-        ------
-        InvalidInputError
         """
         from shoal.steering.contact.world import make_world
 
@@ -435,12 +423,12 @@ class SteeringProblem(Problem):
         """Return one random point of the workspace for each particle; particles with a radius do
         not overlap at these points.
         """
-        workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
+        workspace, space, apart = self.place, self.world().free_space, 2 * self.particle_radius
         low, high = workspace.bounds
         points: list[Points] = []
         for _ in range(DRAWS):
             point = rng.uniform(low, high)
-            if room.contains(point) and all(
+            if space.contains(point) and all(
                 np.linalg.norm(point - other) >= apart for other in points
             ):
                 points.append(point)
@@ -455,10 +443,6 @@ class SteeringProblem(Problem):
 def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
     """Raise an error if particles with different goals start at the same point, because no shared
     move separates such particles.
-
-    Raises
-    ------
-    InvalidInputError
     """
     for one in range(len(start)):
         for other in range(one):

@@ -30,12 +30,7 @@ from shoal.steering.workspaces.convex import Points
 
 
 def check(problem: SteeringProblem) -> None:
-    """Refuse a problem that cannot run, without planning it.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
-    """
+    """Refuse a problem that cannot run, without planning it."""
     problem.check_at_place()
     problem.endpoints(0)
 
@@ -56,10 +51,6 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     -------
     SteeringEpisode
         The record of the run. ``bool(episode)`` is true only if the run has solved the problem.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
 
     Examples
     --------

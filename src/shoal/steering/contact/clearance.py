@@ -155,17 +155,19 @@ def _least_slope(world: Any, start: Points, moves: Points) -> float:
     The slope is the component of the move along the inward normal of the wall, divided by the
     length of the move. The result is infinite if no particle leaves a wall.
     """
-    room = world.room
+    workspace = world.free_space
     state, least = np.array(start, dtype=np.float64, order="C"), float("inf")
     for move in np.ascontiguousarray(moves, dtype=np.float64):
-        slopes = np.tile(room.normals @ move, (len(state), 1))
-        near = room.wall_distances(state) <= TOUCH * room.size
-        if room.round:
-            flat = room.center - state[:, :2]
+        slopes = np.tile(workspace.normals @ move, (len(state), 1))
+        near = workspace.wall_distances(state) <= TOUCH * workspace.size
+        if workspace.round:
+            flat = workspace.center - state[:, :2]
             slopes = np.column_stack(
                 [slopes, flat @ move[:2] / np.maximum(np.hypot(*flat.T), 1e-300)]
             )
-            near = np.column_stack([near, room.circle_distance(state) <= TOUCH * room.size])
+            near = np.column_stack(
+                [near, workspace.circle_distance(state) <= TOUCH * workspace.size]
+            )
         slopes = slopes / max(float(np.linalg.norm(move)), 1e-300)
         if near.any():
             lowest = np.where(near, slopes, np.inf).min(axis=1)

@@ -35,7 +35,7 @@ class SteeringWorld(ABC):
     friction: float
 
     @property
-    def room(self) -> Any:
+    def free_space(self) -> Any:
         """The set of possible positions of the particles' centres, as a workspace."""
         return self.workspace
 
@@ -54,7 +54,7 @@ class SteeringWorld(ABC):
         """Return valid particle positions as float64, shape (n, dimensions), or raise
         InvalidInputError for invalid positions.
         """
-        state: Points = self.room.check_inside(points, what=what)
+        state: Points = self.free_space.check_inside(points, what=what)
         return state
 
     def step(self, points: ArrayLike, move: ArrayLike) -> Points:
@@ -189,10 +189,10 @@ class ContactWorld(SteeringWorld):
                 "particle radius: expected no friction coefficient and no gain, which only"
                 " particles without a radius allow"
             )
-        _ = self.room, self.gain  # raises an error if a particle does not fit
+        _ = self.free_space, self.gain  # raises an error if a particle does not fit
 
     @cached_property
-    def room(self) -> ConvexWorkspace:
+    def free_space(self) -> ConvexWorkspace:
         """The set of possible positions of the particles' centres, as a workspace."""
         return self.workspace.inset(self.radius) if self.radius else self.workspace
 
@@ -234,10 +234,13 @@ class ContactWorld(SteeringWorld):
     @cached_property
     def walls(self) -> kernels.Walls:
         """The walls of the workspace, as arrays for the compiled functions."""
-        room = self.room
-        normals, circle = np.ascontiguousarray(room.normals), np.array([*room.center, room.radius])
+        space = self.free_space
+        normals, circle = (
+            np.ascontiguousarray(space.normals),
+            np.array([*space.center, space.radius]),
+        )
         near = float(self.workspace.size) * self.touch / kernels.TOUCH
-        return kernels.Walls(normals, room.offsets, circle, near, float(self.friction), self.gain)
+        return kernels.Walls(normals, space.offsets, circle, near, float(self.friction), self.gain)
 
     def is_held(self, point: Points, move: Points) -> bool:
         """Return whether a wall holds a particle at ``point`` at the start of the displacement
@@ -571,10 +574,6 @@ def make_world(
         particle is its displacement divided by the input. The gain grows along a random direction,
         which ``seed`` determines.
     seed : int
-
-    Raises
-    ------
-    InvalidInputError
     """
     if isinstance(workspace, Region):
         if friction < inf or gain or radius:

@@ -74,7 +74,7 @@ class Annealing:
                     for plan in best[:number]
                 ]
             )
-        nothing = _NOTHING * float(self.task.world.room.size)
+        nothing = _NOTHING * float(self.task.world.free_space.size)
         made = [plan.steps.moves[: plan.count] for plan in best]
         return [*(moves[np.hypot(*moves.T) > nothing] for moves in made), *plans]
 
@@ -146,7 +146,7 @@ def steps_of(task: SteeringTask, moves: Points) -> Plan:
                         kernels.CONTACT,
                         held,
                         after[held],
-                        _direction_at(task.world.room, after[held]),
+                        _direction_at(task.world.free_space, after[held]),
                     )
                 )
             if last - first > _EXACT:
@@ -160,14 +160,14 @@ def steps_of(task: SteeringTask, moves: Points) -> Plan:
     return Plan(steps, len(parts))
 
 
-def _direction_at(room: Any, point: Points) -> Points:
+def _direction_at(workspace: Any, point: Points) -> Points:
     """Return the direction of the wall nearest to ``point``, as a unit vector with the inside of
     the workspace on its right.
     """
-    if room.round:
-        outward = point - room.center
+    if workspace.round:
+        outward = point - workspace.center
         return np.array([outward[1], -outward[0]]) / max(float(np.hypot(*outward)), 1e-300)
-    ends = room.edges
+    ends = workspace.edges
     along = ends[:, 2:] - ends[:, :2]
     lengths = np.hypot(*along.T)
     along = along / lengths[:, None]

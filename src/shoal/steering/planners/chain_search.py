@@ -244,8 +244,8 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
         radius * np.sin(contact),
     )  # depth of the other particle at the end
     along = x * np.cos(way) + y * np.sin(way)
-    room = along + np.sqrt(np.maximum(along**2 - (x**2 + y**2 - inner**2), 0.0))
-    back = np.clip(size * np.cos(way), 0.0, np.maximum(room, 0.0))
+    reach = along + np.sqrt(np.maximum(along**2 - (x**2 + y**2 - inner**2), 0.0))
+    back = np.clip(size * np.cos(way), 0.0, np.maximum(reach, 0.0))
     before_x, before_y = size - back * np.cos(way), -back * np.sin(way)
     sizes = np.hypot(before_x, before_y)
     best = np.unravel_index(int(np.argmin(sizes)), sizes.shape)

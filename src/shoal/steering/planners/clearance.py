@@ -67,10 +67,10 @@ def _needs_narrow(task: SteeringTask) -> bool:
     With friction, or between places on walls, the clearance excludes chains of contacts that stand
     all disturbances nevertheless.
     """
-    room, near = task.world.room, PLANNED * task.clearance * task.world.room.size
+    workspace, near = task.world.free_space, PLANNED * task.clearance * task.world.free_space.size
     return bool(
         task.world.friction < inf
-        or (room.depth(np.concatenate([task.start, task.goal])) <= near).any()
+        or (workspace.depth(np.concatenate([task.start, task.goal])) <= near).any()
     )
 
 
@@ -83,20 +83,20 @@ def with_last_push(task: SteeringTask, planner: Planner) -> Points | None:
     and to a place of the other particle away from all walls. The last move pushes the first
     particle into its wall and brings the other particle to its goal.
     """
-    room = task.world.room
-    if room.dimensions != 2:
+    workspace = task.world.free_space
+    if workspace.dimensions != 2:
         return None
     angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     towards = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     plans: list[Points | None] = []
     for held in (0, 1):
-        walls = touched_normals(room, task.goal[held], within=task.tolerance / room.size)
+        walls = touched_normals(workspace, task.goal[held], within=task.tolerance / workspace.size)
         for length in _LENGTHS if len(walls) else ():
-            begins = task.aim[1 - held] - length * room.size * towards
+            begins = task.aim[1 - held] - length * workspace.size * towards
             into = (walls @ towards.T).min(axis=0) < -_NARROW_PUSH
-            depth = np.where(into, room.depth(begins), -np.inf)
+            depth = np.where(into, workspace.depth(begins), -np.inf)
             best = int(np.argmax(depth))
-            if depth[best] <= 10 * task.clearance * room.size or task.late:
+            if depth[best] <= 10 * task.clearance * workspace.size or task.late:
                 continue
             goal = task.aim.copy()
             goal[1 - held] = begins[best]

@@ -47,7 +47,7 @@ class FewestMoves:
     def plan(self, task: SteeringTask) -> Points | None:
         """Return the moves of a plan for ``task``; see the class `Planner`."""
         plans = [self._chains(task)]
-        if task.world.room.dimensions == 3:
+        if task.world.free_space.dimensions == 3:
             plans.append(plan_from_base(task, self))
         chains = choose(task, plans, by_moves=True)
         most = inf if chains is None else len(chains)
@@ -86,7 +86,7 @@ class FewestMoves:
         """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if this
         search finds no plan.
         """
-        if task.world.room.dimensions == 3 or task.world.friction < inf or task.late:
+        if task.world.free_space.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
         for first, query in task.departures():
@@ -137,7 +137,7 @@ def shooting_plan(task: SteeringTask, count: int) -> Points | None:
     """Return a plan of ``count`` moves (2 to 6), float64 of shape (count, d), or None if the
     simulations find no plan.
     """
-    walls = normalize_walls(task.world.room)
+    walls = normalize_walls(task.world.free_space)
     d = walls.dimensions
     clear = max(PLANNED * task.margin, NARROW)
     shot = Shot(

@@ -44,9 +44,11 @@ class Cycles:
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
         self.task, self.apparatus, self.noise = task, apparatus, noise
-        self.room = task.world.room
-        self.least = min(LEAST * self.room.size, max(task.tolerance / 2, 1e-8 * self.room.size))
-        self.field = GainBelief(self.room, self.noise)
+        self.workspace = task.world.free_space
+        self.least = min(
+            LEAST * self.workspace.size, max(task.tolerance / 2, 1e-8 * self.workspace.size)
+        )
+        self.field = GainBelief(self.workspace, self.noise)
         self.seen = self._inside(apparatus.look())
 
     @property
@@ -65,7 +67,7 @@ class Cycles:
                 continue
             if not self._cycle():
                 # No cycle is possible from this state. Move to the centre and observe again.
-                self._send((self.room.middle - self.seen.mean(axis=0)) * 0.5)
+                self._send((self.workspace.middle - self.seen.mean(axis=0)) * 0.5)
 
     def _arrived(self) -> bool:
         near: float = max(
@@ -95,7 +97,7 @@ class Cycles:
             if found is not None:
                 break
         if found is None:
-            query = self._chain_query(1e-6 * self.room.size)
+            query = self._chain_query(1e-6 * self.workspace.size)
             found = any_chain(query)
             if found is None:
                 return False
@@ -155,7 +157,7 @@ class Cycles:
             self._translate(way / self.field.mean(here, contact) - inward * over)
             if (
                 self._distance(self.seen[toucher])
-                <= 3 * self.noise.measurement + 2e-9 * self.room.size
+                <= 3 * self.noise.measurement + 2e-9 * self.workspace.size
             ):
                 return True
             contact = self._foot(self.seen[toucher])
@@ -166,9 +168,11 @@ class Cycles:
 
         If a particle may touch a wall, the method first sends a small move off the wall.
         """
-        near = 3 * self.noise.measurement / self.room.size + 2e-9
-        normals = np.vstack([touched_normals(self.room, point, within=near) for point in self.seen])
-        least = SURE * self.noise.execution + 1e-8 * self.room.size
+        near = 3 * self.noise.measurement / self.workspace.size + 2e-9
+        normals = np.vstack(
+            [touched_normals(self.workspace, point, within=near) for point in self.seen]
+        )
+        least = SURE * self.noise.execution + 1e-8 * self.workspace.size
         if len(normals) and float((normals @ move).min()) < least:
             lift = direction_away_from(normals)
             if lift is not None:
@@ -212,12 +216,12 @@ class Cycles:
                 if push < -least:
                     return
                 move = move - inward * (least - push)
-            room = self._room_along(here[other], move) - spread
+            free = self._room_along(here[other], move) - spread
             length = float(np.linalg.norm(move))
-            if room < length:
-                if room < 0.2 * length:
+            if free < length:
+                if free < 0.2 * length:
                     return  # no progress: another contact will be better
-                move = move * (room / length)
+                move = move * (free / length)
             self._send(move)
             left = float(np.linalg.norm(target - (self.seen[1] - self.seen[0])))
             if left <= max(self._good_enough() / 2, spread if not last else 0.0):
@@ -265,12 +269,12 @@ class Cycles:
         self.seen = self._inside(self.apparatus.look())
         for here, there in zip(before, self.seen, strict=True):
             # A particle without wall contact gives information about the gain.
-            clear = 4 * self.noise.measurement + 1e-6 * self.room.size
+            clear = 4 * self.noise.measurement + 1e-6 * self.workspace.size
             if self._distance(here) > clear and self._distance(there) > clear:
                 self.field.learn(here, there, move)
 
     def _distance(self, point: Points) -> float:
-        return float(self.room.depth(point))
+        return float(self.workspace.depth(point))
 
     def _inside(self, points: Points) -> Points:
         """Return the given points, with points outside the workspace projected onto the wall."""
@@ -282,28 +286,31 @@ class Cycles:
         """Return the wall point nearest to ``point``, corrected near corners so that it lies inside
         the workspace.
         """
-        room = self.room
+        workspace = self.workspace
         for _round in range(4):
-            walls = room.wall_distances(point)
-            circle = float(room.circle_distance(point))
+            walls = workspace.wall_distances(point)
+            circle = float(workspace.circle_distance(point))
             if len(walls) and walls.min() <= circle:
-                point = point - walls.min() * room.normals[int(np.argmin(walls))]
+                point = point - walls.min() * workspace.normals[int(np.argmin(walls))]
             else:
-                outward = point[:2] - room.center
+                outward = point[:2] - workspace.center
                 point = np.concatenate(
-                    [room.center + outward * (room.radius / float(np.hypot(*outward))), point[2:]]
+                    [
+                        workspace.center + outward * (workspace.radius / float(np.hypot(*outward))),
+                        point[2:],
+                    ]
                 )
-            if self._distance(point) >= -1e-12 * room.size:
+            if self._distance(point) >= -1e-12 * workspace.size:
                 break
         return np.asarray(point)
 
     def _normal(self, contact: Points) -> Points:
-        room = self.room
-        walls = room.wall_distances(contact)
-        if len(walls) and walls.min() <= float(room.circle_distance(contact)):
-            return np.asarray(room.normals[int(np.argmin(walls))])
+        workspace = self.workspace
+        walls = workspace.wall_distances(contact)
+        if len(walls) and walls.min() <= float(workspace.circle_distance(contact)):
+            return np.asarray(workspace.normals[int(np.argmin(walls))])
         inward = np.zeros(len(contact))
-        inward[:2] = room.center - contact[:2]
+        inward[:2] = workspace.center - contact[:2]
         return inward / float(np.linalg.norm(inward))
 
 
@@ -318,11 +325,11 @@ class GainBelief:
     contact improves the estimate.
     """
 
-    def __init__(self, room: Any, noise: Any) -> None:
-        d = room.dimensions
-        self.size, self.noise = room.size, noise
+    def __init__(self, workspace: Any, noise: Any) -> None:
+        d = workspace.dimensions
+        self.size, self.noise = workspace.size, noise
         self.center = np.zeros(d)
-        self.center[:2] = room.center
+        self.center[:2] = workspace.center
         self.estimate: NDArray[np.float64] = np.eye(d + 1)[0]
         self.spread = np.diag(np.r_[PRIOR / 3, np.full(d, PRIOR)]) ** 2 * (
             1.0 if noise.gain else 1e-12
@@ -402,9 +409,9 @@ class PositionBelief:
     """
 
     def __init__(
-        self, room: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator
+        self, workspace: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator
     ) -> None:
-        self.room, self.world, self.noise, self.rng = room, world, noise, rng
+        self.workspace, self.world, self.noise, self.rng = workspace, world, noise, rng
         self._settle(self._anew(seen))
 
     def update(self, move: Points, seen: Points) -> None:
@@ -447,8 +454,8 @@ class PositionBelief:
         if not self.noise.measurement:
             return np.repeat(seen[None], STATES, axis=0)
         states = seen + self.rng.normal(scale=self.noise.measurement, size=(STATES, 2, 2))
-        outside = ~self.room.contains(states)
-        states[outside] = _nearest(self.room, states[outside])
+        outside = ~self.workspace.contains(states)
+        states[outside] = _nearest(self.workspace, states[outside])
         return states
 
     def _settle(self, states: NDArray[np.float64]) -> None:
@@ -458,18 +465,18 @@ class PositionBelief:
         ].copy()
 
 
-def _nearest(room: Any, points: Points) -> Points:
+def _nearest(workspace: Any, points: Points) -> Points:
     """Return, for each point outside a plane workspace, the nearest point of the workspace;
     float64, shape (n, 2).
     """
     import shapely
 
-    if room.round:
-        away = points - room.center
+    if workspace.round:
+        away = points - workspace.center
         return np.asarray(
-            room.center + room.radius * away / np.linalg.norm(away, axis=1, keepdims=True)
+            workspace.center + workspace.radius * away / np.linalg.norm(away, axis=1, keepdims=True)
         )
-    lines = shapely.shortest_line(room.shape, shapely.points(points))
+    lines = shapely.shortest_line(workspace.shape, shapely.points(points))
     return np.asarray(shapely.get_coordinates(shapely.get_point(lines, 0)))
 
 
@@ -511,18 +518,18 @@ class Replanning:
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
         self.task, self.apparatus = task, apparatus
-        self.world, self.room = world_of(task.world), task.world.room
+        self.world, self.workspace = world_of(task.world), task.world.free_space
         self.rng = np.random.default_rng([task.seed, 4])
-        self.belief = PositionBelief(self.room, self.world, noise, apparatus.look(), self.rng)
+        self.belief = PositionBelief(self.workspace, self.world, noise, apparatus.look(), self.rng)
         self.deviation = max(
-            float(np.hypot(noise.execution, noise.measurement)), 1e-9 * self.room.size
+            float(np.hypot(noise.execution, noise.measurement)), 1e-9 * self.workspace.size
         )
         near, far = (
             1 - np.exp(-0.5 * (share * task.tolerance / self.deviation) ** 2)
             for share in (1.0, 1.2)
         )
         self.cycle = float(min(1 / near + CYCLE / far, 1e3))
-        margins = tuple(share * self.deviation / self.room.size for share in MARGINS)
+        margins = tuple(share * self.deviation / self.workspace.size for share in MARGINS)
         self.translations = Translations(task, margins)
         self.exact = Translations(task)
 
@@ -611,7 +618,7 @@ class Replanning:
         contacts aim behind the walls.
         """
         task = annealing.task
-        whole = None if isinstance(self.room, Region) else Shortest().plan(task)
+        whole = None if isinstance(self.workspace, Region) else Shortest().plan(task)
         plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]
         for tree in range(trees if whole is None else 0):
             if tree and task.late:
@@ -657,7 +664,7 @@ class Robust:
 
     def plan(self, task: SteeringTask) -> Points | None:
         """Return a short plan for a world without noise, in which no closed loop is necessary."""
-        return (Sampling() if isinstance(task.world.room, Region) else Shortest()).plan(task)
+        return (Sampling() if isinstance(task.world.free_space, Region) else Shortest()).plan(task)
 
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
         """Run the closed loop, and return the moves that were sent and the resulting positions of
@@ -692,9 +699,9 @@ def _loop(
     Noise is slight if its standard deviation is at most ``slight`` times the tolerance of the
     goals.
     """
-    convex = not isinstance(task.world.room, Region)
+    convex = not isinstance(task.world.free_space, Region)
     known = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance
-    return (Cycles if convex and (known or task.world.room.dimensions == 3) else Replanning)(
+    return (Cycles if convex and (known or task.world.free_space.dimensions == 3) else Replanning)(
         task, apparatus, noise
     )
 

@@ -87,10 +87,10 @@ class Sampling:
         InvalidInputError
             If the workspace is three-dimensional.
         """
-        room = task.world.room
-        if room.dimensions != 2:
+        workspace = task.world.free_space
+        if workspace.dimensions != 2:
             raise InvalidInputError(
-                f"planner sampling: expected a plane workspace, got a {room.kind}"
+                f"planner sampling: expected a plane workspace, got a {workspace.kind}"
             )
         world, rng = world_of(task.world, task), np.random.default_rng(task.seed)
         simple = len(task.start) == 2 and task.world.friction == np.inf
@@ -156,14 +156,14 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
 
     With ``task``, simulated plans keep the clearance of this task.
     """
-    room = world.room
-    size = float(room.size)
-    if room.round:
+    workspace = world.free_space
+    size = float(workspace.size)
+    if workspace.round:
         none = np.zeros((0, 2))
         ints, bools = none.astype(np.int64), np.zeros(0, dtype=np.bool_)
         edges = Edges(np.zeros((0, 4)), none, np.zeros(0), ints, bools, size, np.zeros((0, 4)))
     else:
-        region = room if isinstance(room, Region) else Region(room.vertices, ())
+        region = workspace if isinstance(workspace, Region) else Region(workspace.vertices, ())
         edges = RegionWorld(region).edges._replace(size=size)
     unused = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), size, np.inf, np.eye(3)[0])
     walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
@@ -172,14 +172,14 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
         max(1.25 * clearance / TOUCH, 1.0) * size
     )  # the kernels multiply the size by the contact tolerance
     corners = np.zeros((0, 2))
-    if clearance and task is not None and isinstance(room, Region):
+    if clearance and task is not None and isinstance(workspace, Region):
         corners = edges.ends[edges.reflex, :2]
         ends = np.concatenate([task.start, task.goal])
         far = np.linalg.norm(corners[:, None] - ends[None], axis=2) > clearance * size
         corners = np.ascontiguousarray(corners[far.all(axis=1)])
     lift = size * (PLANNED * clearance or LIFT)
     return kernels.World(
-        bool(not room.round and world.friction == np.inf),
+        bool(not workspace.round and world.friction == np.inf),
         edges,
         walls,
         edges._replace(size=wide),
@@ -238,7 +238,7 @@ class Tree:
         """Grow the tree until a new state has the relative positions of the goals; return whether
         the search finds such a state.
         """
-        task, size = self.task, float(self.task.world.room.size)
+        task, size = self.task, float(self.task.world.free_space.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
         hit, before = False, (0, 0)
@@ -258,10 +258,10 @@ class Tree:
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
             return None
-        size, room = float(self.task.world.room.size), np.zeros((kernels.STEPS, 2))
+        size, path = float(self.task.world.free_space.size), np.zeros((kernels.STEPS, 2))
         after = state.copy()
-        count = kernels.translate(after, x, y, self.world, size, room, 0)
-        ends: Iterable[Points] = [room[:count]]
+        count = kernels.translate(after, x, y, self.world, size, path, 0)
+        ends: Iterable[Points] = [path[:count]]
         if self.task.error(after) > self.task.tolerance:
             ends = translations.around(np.array([-x, -y]))
         for end in ends:
@@ -299,14 +299,14 @@ class Translations:
 
         In a convex workspace, the method yields no paths.
         """
-        room = self._task.world.room
+        workspace = self._task.world.free_space
         least = PLANNED * self._task.margin
-        for margin in self._margins if isinstance(room, Region) else ():
+        for margin in self._margins if isinstance(workspace, Region) else ():
             if margin < least:
                 break
             if margin not in self._offsets and not self._task.late:
                 self._offsets[margin] = free_offsets(
-                    room, self._task.goal, margin * float(room.size)
+                    workspace, self._task.goal, margin * float(workspace.size)
                 )
             free = self._offsets.get(margin)
             path = None if free is None else free.path(offset, self._task)
@@ -379,18 +379,18 @@ class FreeOffsets:
         return np.array(way)
 
 
-def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
+def free_offsets(workspace: Region, goal: Points, margin: float) -> FreeOffsets | None:
     """Return the offsets from which a path leads to the goals at least ``margin`` from all walls,
     or None if none exist.
     """
     import shapely
     from shapely import affinity
 
-    near = room.shape.buffer(-margin, join_style="mitre")
+    near = workspace.shape.buffer(-margin, join_style="mitre")
     free = affinity.translate(near, *(-goal[0]))
     for place in goal[1:]:
         free = free.intersection(affinity.translate(near, *(-place)))
-    reach = min(20 * margin, 0.02 * float(room.size))
+    reach = min(20 * margin, 0.02 * float(workspace.size))
     for part in getattr(free, "geoms", [free]):
         inner = part.buffer(-0.1 * margin, join_style="mitre")
         last = _nearest(inner, np.zeros(2), reach) if inner.geom_type == "Polygon" else None

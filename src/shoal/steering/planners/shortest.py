@@ -41,8 +41,8 @@ def planar_task(task: SteeringTask) -> SteeringTask:
     """Return the task in the base of the prism or cylinder: ``task`` without vertical coordinates,
     and with half the tolerance.
     """
-    room = task.world.room
-    world, start, goal = ContactWorld(room.base), task.start[:, :2], task.goal[:, :2]
+    workspace = task.world.free_space
+    world, start, goal = ContactWorld(workspace.base), task.start[:, :2], task.goal[:, :2]
     return replace(task, world=world, start=start, goal=goal, tolerance=task.tolerance / 2)
 
 
@@ -74,14 +74,14 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     moves while a wall holds one particle. Shoal combines the corrections of the heights with the
     moves of the plan in the plane.
     """
-    room = task.world.room
-    states = ContactWorld(room.base).play(task.start[:, :2], flat)
+    workspace = task.world.free_space
+    states = ContactWorld(workspace.base).play(task.start[:, :2], flat)
     squares = np.einsum("ij,ij->i", flat, flat)
     shares = (
         np.einsum("ipj,ij->ip", np.diff(states, axis=0), flat)
         / np.where(squares > 0, squares, 1.0)[:, None]
     )
-    upwards = _least_vertical_moves(shares, task.start[:, 2], task.aim[:, 2], room.height)
+    upwards = _least_vertical_moves(shares, task.start[:, 2], task.aim[:, 2], workspace.height)
     if upwards is None:
         return None
     moves = np.column_stack([flat, upwards])
@@ -156,7 +156,7 @@ class Shortest:
         for first, query in task.departures():
             for chain in improved_chains(query, _greedy_seeds(query, task)):
                 plans += plans_of(task, first, chain, query)
-        if task.world.room.dimensions == 3 and not task.late:
+        if task.world.free_space.dimensions == 3 and not task.late:
             plans.append(without_useless_moves(task, plan_from_base(task, self)))
         return choose(task, plans)
 

@@ -58,10 +58,6 @@ _FRAME = (
 def rings_of_path(text: str, *, where: str) -> list[Points]:
     """Return the closed lines of an SVG path's ``d`` attribute, with 48 short sides for each curve;
     each float64, shape (n, 2).
-
-    Raises
-    ------
-    InvalidInputError
     """
     from svgelements import Path
 
@@ -84,10 +80,6 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
     and ellipses. It also reads groups, transforms and repeated elements (``use``), and skips
     elements that are not displayed. The returned lines have the units of the drawing and a y axis
     that points upwards.
-
-    Raises
-    ------
-    InvalidInputError
     """
     from svgelements import SVG, Circle, Ellipse, Shape
 
@@ -307,12 +299,7 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
 
 
 def workspace_of(data: Any, *, where: str) -> Workspace:
-    """Return the workspace that the parsed JSON or GeoJSON ``data`` describes.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the workspace that the parsed JSON or GeoJSON ``data`` describes."""
     if not isinstance(data, dict) or "type" not in data:
         raise InvalidInputError(f"{where}: expected an object with a type, got {shortened(data)}")
     kind = data["type"]

@@ -62,10 +62,6 @@ def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
 
     The obstacles must lie inside ``outline`` and must not touch each other.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> yard = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1, 1), (2, 1), (2, 2), (1, 2)]])

@@ -240,9 +240,9 @@ class FilmSchedule:
         return [self.at(self.seconds * k / (count - 1)) for k in range(count)], count / self.seconds
 
 
-def room_of(episode: SteeringEpisode) -> Any:
+def free_space_of(episode: SteeringEpisode) -> Any:
     """Return the set of possible positions of the particles' centres, as a workspace."""
-    return episode.problem.world(seed=episode.seed).room
+    return episode.problem.world(seed=episode.seed).free_space
 
 
 def has_delta(episode: SteeringEpisode) -> bool:
@@ -262,7 +262,7 @@ def delta_outline(episode: SteeringEpisode) -> ConvexWorkspace:
     """Return the Δ configuration space of an episode (all position differences of the two
     particles), as a workspace.
     """
-    space: ConvexWorkspace = room_of(episode).differences
+    space: ConvexWorkspace = free_space_of(episode).differences
     return space
 
 
@@ -278,7 +278,7 @@ def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
 
     if episode.problem.friction < np.inf:
         return [[] for _ in episode.inputs]
-    room = room_of(episode)
+    space = free_space_of(episode)
     rings: list[list[Points]] = []
     states = episode.states[:-1] if episode.moves else episode.states[:1]
     for before, state in pairwise([None, *states]):
@@ -286,15 +286,17 @@ def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
         if (
             before is not None
             and np.abs((state[1] - state[0]) - (before[1] - before[0])).max()
-            < FINE * room.size / 10
+            < FINE * space.size / 10
         ):
             rings.append(rings[-1])
             continue
         pieces = [
-            Polygon(piece) for piece in two_move_pieces(room, state[1] - state[0]) if len(piece) > 2
+            Polygon(piece)
+            for piece in two_move_pieces(space, state[1] - state[0])
+            if len(piece) > 2
         ]
         whole = union_all([piece.buffer(0) for piece in pieces if piece.area > 0]).simplify(
-            room.size / 1000
+            space.size / 1000
         )
         rings.append([ring[:-1] for part in rings_of(whole) for ring in part])
     return rings
