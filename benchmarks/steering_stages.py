@@ -32,8 +32,8 @@ from tests.reference.test_planners import SHAPES, instance
 
 from benchmarks.steering import ROOMS, random_points, random_region
 from shoal.steering import Region, SteeringProblem, SteeringTask, disk, polygon, region
-from shoal.steering.planners import chain_search as search
 from shoal.steering.planners import annealing, improvement, make_planner, sampling, shortest
+from shoal.steering.planners import chain_search as search
 from shoal.steering.planners.task import path_length
 
 TOLERANCE = 1e-6  # relative to the size
@@ -129,14 +129,11 @@ def stages_of(planner: str) -> dict[str, tuple[Any, str, Any]]:
             "chains of two cycles": (improvement, "CYCLES", (1, 3)),
             "chains of three cycles": (improvement, "CYCLES", (1, 2)),
             "changes of chains": (improvement.ChainPool, "improve", lambda *_given: None),
-            "changes before chains of three cycles": (improvement, "EARLY", 0),
-            "chains for distant goals": (improvement, "SPIRALS", ()),
             "contacts that slide to other sides": (
                 improvement,
-                "slid",
+                "slide_contacts",
                 lambda _query, chain: chain,
             ),
-            "second and third chain refined": (improvement, "REFINED", 1),
             "more than one chain refined on a round wall": (search, "_POLISHED", 1),
         }
     return {

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.kernels.cycles import deeper
+from shoal.steering.kernels.cycles import deepen
 from shoal.steering.planners.chains import ChainQuery, kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, clipped, disk, hull
 from shoal.steering.workspaces.walls import normalize_walls
@@ -165,9 +165,8 @@ def toucher_shares(
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
     low, high = np.zeros(len(corners)), np.ones(len(corners))
-    rates = (
-        along @ workspace.normals.T
-    )  # (side, wall): change of the distance to each wall along the side
+    # (side, wall): change of the distance to each wall along the side
+    rates = along @ workspace.normals.T
     flat = np.abs(rates) <= 1e-14 * workspace.size
     for shift in shifts:
         clear = workspace.wall_distances(corners + shift)
@@ -409,9 +408,8 @@ def disk_reach(
     check_integer(directions, what="directions", least=16)
     ahead = _ahead(directions // 2)
     half = np.arccos(min(1.0, distance / size))
-    contacts = np.linspace(
-        -half, half, directions
-    )  # rotated by π: contacts lie on the side opposite to Δ
+    # rotated by π: contacts lie on the side opposite to Δ
+    contacts = np.linspace(-half, half, directions)
     depths = distance / size * np.cos(contacts)
     sets: list[DiskReach] = []
     for done in range(2, moves + 1, 2):
@@ -438,9 +436,8 @@ def _furthest(
     For each contact, ``depths`` holds the largest depth of the other particle below the wall's
     tangent at the contact.
     """
-    slope = np.cos(
-        ahead[:, None] - contacts
-    )  # length of each chord, and its inward component per unit of length
+    # length of each chord, and its inward component per unit of length
+    slope = np.cos(ahead[:, None] - contacts)
     with np.errstate(divide="ignore", invalid="ignore"):
         allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
     reached = np.where(slope > _LEVEL, np.minimum(slope, allowed), 0.0)
@@ -686,7 +683,7 @@ def polygon_reach(
     spare = [np.empty((4 * len(corners) + 8, 2)) for _ in range(3)]
     for done in range(4, moves + 1, 2):
         before_that, depths = depths, np.empty_like(depths)
-        deeper(
+        deepen(
             np.ascontiguousarray(corners),
             normals,
             offsets,

@@ -64,9 +64,8 @@ def _parse_places(text: str) -> Any:
     if text == RANDOM:
         return RANDOM
     numbers = re.split(r"[\s,;]+", text.strip(" ()[]"))
-    count = next(
-        (word.count(",") + 1 for word in text.split() if "," in word), 2
-    )  # numbers per point
+    # numbers per point
+    count = next((word.count(",") + 1 for word in text.split() if "," in word), 2)
     try:
         return [
             [float(number) for number in numbers[k : k + count]]

@@ -86,7 +86,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
         if problem.time is not None:  # the remaining planning time is shared
             now = working_time()
             task = replace(task, deadline=now + (begun + problem.time - now) / left)
-        attempts.append(_attempted(problem, planner, task, order))
+        attempts.append(_attempt(problem, planner, task, order))
     best = _best_of(
         attempts, problem.tolerance, by_moves=getattr(planner, "prefers", "length") == "moves"
     )
@@ -137,7 +137,7 @@ def _best_of(attempts: list[_Attempt], tolerance: float, *, by_moves: bool) -> _
     return arrived[worthwhile(sizes, by_moves=by_moves)]
 
 
-def _attempted(
+def _attempt(
     problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]
 ) -> _Attempt:
     """Plan and simulate the problem with one assignment of goals to particles, and return the

@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from shoal.steering.kernels.cycles import CycleModel, kept_out
+from shoal.steering.kernels.cycles import CycleModel, is_kept_out
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, hull
 from shoal.steering.workspaces.walls import normalize_walls
 
@@ -157,7 +157,7 @@ def _limit_of_barrier(
         float(np.arctan2(after[1], after[0])) % (2 * np.pi),
         float(np.arcsin(min(1.0, near / size))),
     )
-    outside = kept_out(
+    outside = is_kept_out(
         int(np.argmin(np.abs(angles - begin))),
         large / walls.scale * (1 + _SLACK),
         angles,

@@ -22,10 +22,8 @@ from shoal.steering.kernels.contact import copy
 from shoal.steering.kernels.sampling import passes_corner, step, step_wide, wall_point
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
-WIDEST, FINEST = (
-    0.3,
-    1e-6,
-)  # fractions of the workspace size: largest and smallest typical change of a target
+# fractions of the workspace size: largest and smallest typical change of a target
+WIDEST, FINEST = (0.3, 1e-6)
 WARMTH = 0.05  # fraction of the cost: typical increase that annealing accepts at the beginning
 # relative increase of ``Noise.cycle`` for a position difference with an error as large as the
 # workspace

@@ -29,7 +29,7 @@ class CycleModel(NamedTuple):
 
 ANGLES = 96
 FLAT = 1e-14
-DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deeper` cuts polygons
+DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deepen` cuts polygons
 
 
 @in_place_kernel
@@ -296,7 +296,7 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 
 
 @in_place_kernel
-def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
+def deepen(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
     """Write to ``best``, shape (2, contacts), the largest depth for each toucher and contact after
     one more cycle.
 
@@ -364,7 +364,7 @@ SHARES = 4
 
 
 @kernel
-def linked(before, after, model, step):
+def find_cycle(before, after, model, step):
     """Return whether one cycle (contact and adjustment) can change the position difference
     ``before`` into ``after``.
 
@@ -372,7 +372,7 @@ def linked(before, after, model, step):
     holds), the index of the wall, and the position of the contact along the wall.
     """
     if model.circle[2] > 0:
-        return linked_on_circle(before, after, model, step)
+        return find_cycle_on_circle(before, after, model, step)
     normals, frames, reaches, margin = model.normals, model.frames, model.reaches, model.margin
     change = np.empty(2)
     change[0], change[1] = after[0] - before[0], after[1] - before[1]
@@ -405,9 +405,9 @@ def linked(before, after, model, step):
 
 
 @kernel
-def linked_on_circle(before, after, model, step):
+def find_cycle_on_circle(before, after, model, step):
     """Return whether one cycle on a disk can change the position difference ``before`` into
-    ``after``. See `linked`.
+    ``after``. See `find_cycle`.
 
     The toucher (the particle that the wall holds) is always the first particle. A cycle exists if
     three arcs of the circle intersect. The first arc contains the contacts at which the other
@@ -442,7 +442,7 @@ def linked_on_circle(before, after, model, step):
 
 
 @kernel
-def farthest(delta, direction, back, most, model, tried, step):
+def longest_change(delta, direction, back, most, model, tried, step):
     """Return the largest change of a position difference that one cycle can make in a direction, or
     0 if no cycle is possible.
 
@@ -454,7 +454,9 @@ def farthest(delta, direction, back, most, model, tried, step):
         middle = outer if halving == 0 else (inner + outer) / 2
         for i in range(2):
             tried[i] = delta[i] + (-middle if back else middle) * direction[i]
-        good = linked(tried, delta, model, step) if back else linked(delta, tried, model, step)
+        good = (
+            find_cycle(tried, delta, model, step) if back else find_cycle(delta, tried, model, step)
+        )
         if good:
             inner = middle
         else:
@@ -465,7 +467,7 @@ def farthest(delta, direction, back, most, model, tried, step):
 
 
 @kernel
-def widen(delta, back, directions, most, model, gain, records, nodes, count):
+def grow_extreme_nodes(delta, back, directions, most, model, gain, records, nodes, count):
     """Find position differences that cycles can reach from ``delta``, and append the extreme ones
     to ``nodes``.
 
@@ -491,7 +493,7 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
             # directions
             continue
         for d in range(directions.shape[0]):
-            length = farthest(here, directions[d], back, most, model, tried, step)
+            length = longest_change(here, directions[d], back, most, model, tried, step)
             if length <= 2 * model.push:
                 continue
             for share in range(SHARES):
@@ -524,7 +526,7 @@ def fewest_cycles(nodes, model, parents, order):
         here = order[done]
         done += 1
         for node in range(1, count):
-            if parents[node] < 0 and linked(nodes[here], nodes[node], model, step):
+            if parents[node] < 0 and find_cycle(nodes[here], nodes[node], model, step):
                 parents[node] = here
                 if node == 1:
                     return True
@@ -533,14 +535,14 @@ def fewest_cycles(nodes, model, parents, order):
     return False
 
 
-SWEEPS = 12
+ROUNDS = 12  # of the propagation around the circle, before it counts as not converging
 HALVINGS = 24
 SAME = 1e-9
 FLAT_BARRIER = 1e-9  # in radians: wall reactions that leave a half-plane by less count as inside
 
 
 @kernel
-def touchable(angle, step, most, model, ends, turns):
+def touching_lengths(angle, step, most, model, ends, turns):
     """Compute, for each wall and particle, up to which length of the position difference Δ the
     particle can touch the wall.
 
@@ -561,9 +563,8 @@ def touchable(angle, step, most, model, ends, turns):
             ends[row] = 0.0
             if sign * height <= 0:
                 continue
-            turns[row] = np.arctan2(
-                sign * across, sign * height
-            )  # angle from -Δ to -sign N, or from Δ to sign N
+            # angle from -Δ to -sign N, or from Δ to sign N
+            turns[row] = np.arctan2(sign * across, sign * height)
             inner, outer = 0.0, most
             for halving in range(HALVINGS):
                 middle = outer if halving == 0 else (inner + outer) / 2
@@ -582,7 +583,7 @@ def touchable(angle, step, most, model, ends, turns):
 
 
 @kernel
-def carried(radius, side, step, most, ends, turns, cone):
+def radius_after_turn(radius, side, step, most, ends, turns, cone):
     """Return the largest length of the position difference Δ after wall reactions turn Δ by one
     step, and before this turn.
 
@@ -593,7 +594,7 @@ def carried(radius, side, step, most, ends, turns, cone):
     before = radius
     for row in range(rows):
         if ends[row] > before:
-            low, high = spread_at(ends[row], ends, turns, cone)
+            low, high = reaction_angles(ends[row], ends, turns, cone)
             if high - low > np.pi + FLAT_BARRIER:
                 before = min(ends[row], most)
     after = 0.0
@@ -603,7 +604,7 @@ def carried(radius, side, step, most, ends, turns, cone):
         place = before if row == rows else ends[row]
         if not 0 < place <= before:
             continue
-        low, high = spread_at(place, ends, turns, cone)
+        low, high = reaction_angles(place, ends, turns, cone)
         way = -low if side > 0 else high  # a reaction on one side of -Δ turns Δ to the other side
         if way > 0:
             after = max(
@@ -613,7 +614,7 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 
 @kernel
-def spread_at(place, ends, turns, cone):
+def reaction_angles(place, ends, turns, cone):
     """Return the smallest and the largest angle of the wall reactions on a position difference of
     length ``place``.
     """
@@ -625,7 +626,7 @@ def spread_at(place, ends, turns, cone):
 
 
 @kernel
-def kept_out(start, radius, angles, farthest, model, first, last, goal):
+def is_kept_out(start, radius, angles, farthest, model, first, last, goal):
     """Return whether wall reactions can never bring the position difference to the length ``goal``
     at any of the given angles.
 
@@ -641,10 +642,10 @@ def kept_out(start, radius, angles, farthest, model, first, last, goal):
     for k in range(count):
         steps[k] = (angles[(k + 1) % count] - angles[k]) % (2 * np.pi)
         most = max(farthest[k], farthest[(k + 1) % count])
-        touchable(angles[k] + steps[k] / 2, steps[k], most, model, ends[k], turns[k])
+        touching_lengths(angles[k] + steps[k] / 2, steps[k], most, model, ends[k], turns[k])
     radii = np.zeros(count)
     radii[start] = radius
-    for _sweep in range(SWEEPS):
+    for _round in range(ROUNDS):
         settled = True
         for side in (1, -1):
             for turn in range(count):
@@ -653,7 +654,7 @@ def kept_out(start, radius, angles, farthest, model, first, last, goal):
                     continue
                 following = (k + side) % count
                 cell = k if side > 0 else following
-                after, before = carried(
+                after, before = radius_after_turn(
                     radii[k], side, steps[cell], farthest[k], ends[cell], turns[cell], cone
                 )
                 after = min(after, farthest[following])

@@ -16,20 +16,20 @@ from shoal.steering.contact.friction import turn_on_the_way
 from shoal.steering.kernels.cycles import (
     CycleModel,
     fewest_cycles,
-    linked,
+    find_cycle,
+    grow_extreme_nodes,
     nearest_on_circle,
     nearest_on_polygon,
-    widen,
 )
 from shoal.steering.planners.chains import (
     REFINING,
     ROOM,
     Chain,
     ChainQuery,
-    between_few_sides,
     kinds_of,
-    on_all_sides,
-    slid,
+    reduce_sides,
+    restore_sides,
+    slide_contacts,
 )
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.walls import NormalizedWalls
@@ -71,33 +71,37 @@ def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     ``bound``.
     """
     if not query.walls.round:
-        few = between_few_sides(query)
+        few = reduce_sides(query)
         yield from (
-            _flat(query, cycles, bound) if few is query else _many_sided(query, few, cycles, bound)
+            _chains_on_flat_walls(query, cycles, bound)
+            if few is query
+            else _chains_on_many_sides(query, few, cycles, bound)
         )
         return
-    for found in _round(query, cycles, bound):
+    for found in _chains_on_round_wall(query, cycles, bound):
         bound = found.length
         yield found
     if len(query.walls.normals) and (cycles <= 2 or bound == inf):  # the end caps of a cylinder
-        yield from _capped(query, cycles, bound)
+        yield from _chains_on_end_caps(query, cycles, bound)
 
 
-def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+def _chains_on_many_sides(
+    query: ChainQuery, few: ChainQuery, cycles: int, bound: float
+) -> Iterator[Chain]:
     """Yield increasingly short chains on the flat walls of a polygon, made from chains on a few of
     these walls.
     """
-    for rough in _flat(few, cycles, 1.1 * bound):
-        guess = on_all_sides(query, few, rough)
+    for rough in _chains_on_flat_walls(few, cycles, 1.1 * bound):
+        guess = restore_sides(query, few, rough)
         length = query.optimize(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
         if length < inf:
-            found = slid(query, replace(guess, length=length))
+            found = slide_contacts(query, replace(guess, length=length))
             if found.length < bound:
                 bound = found.length
                 yield found
 
 
-def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+def _chains_on_flat_walls(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield increasingly short chains with contacts on flat walls only."""
     touchers, on, bounds = kinds_of(
         query.start, query.goal, query.walls, cycles=cycles, push=query.push, bound=bound
@@ -112,7 +116,7 @@ def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
             yield Chain(touchers[kind], on[kind], guess, length)
 
 
-def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield increasingly short chains with contacts on a round wall."""
     firsts = list(_guesses(query, cycles))
     rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
@@ -147,7 +151,7 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
             yield Chain(touchers, on, guess, found)
 
 
-def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+def _chains_on_end_caps(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield increasingly short chains in a cylinder, each with a contact on at least
     one end cap.
     """
@@ -239,10 +243,8 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
     way = contact + cone * np.linspace(-1, 1, TILTS)
-    x, y = (
-        radius * np.cos(contact) + size,
-        radius * np.sin(contact),
-    )  # depth of the other particle at the end
+    # depth of the other particle at the end
+    x, y = (radius * np.cos(contact) + size, radius * np.sin(contact))
     along = x * np.cos(way) + y * np.sin(way)
     reach = along + np.sqrt(np.maximum(along**2 - (x**2 + y**2 - inner**2), 0.0))
     back = np.clip(size * np.cos(way), 0.0, np.maximum(reach, 0.0))
@@ -291,9 +293,8 @@ which a position difference must be more extreme than earlier ones in the same r
 of random position differences.
 """
 
-_INSIDE = (
-    1 + 1e-2
-)  # factor for margin and push, so that a chain of links satisfies the limits of `chains`
+# factor for margin and push, so that a chain of links satisfies the limits of `chains`
+_INSIDE = 1 + 1e-2
 _DIRECTIONS = 48  # on a disk
 
 
@@ -313,12 +314,12 @@ def roadmap_chain(
     friction, every path from the start to the goals may have to follow these extreme position
     differences. In a polygon with many corners, the roadmap uses only a few sides of the polygon.
     """
-    few = between_few_sides(query)
+    few = reduce_sides(query)
     if few is not query:
         rough = roadmap_chain(few, maps=maps, seed=seed)
         if rough is None:
             return None
-        found = on_all_sides(query, few, rough)
+        found = restore_sides(query, few, rough)
         length = query.optimize(found.unknowns, found.touchers, found.walls, rounds=REFINING[:3])
         return replace(found, length=length) if length < inf else None
     model = replace(query, friction=query.friction * (1 - 1e-9)).model(_INSIDE)
@@ -328,16 +329,18 @@ def roadmap_chain(
             return None
         nodes = [
             np.stack([query.before, query.after]),
-            _extreme(query, model, extreme, bins, gain),
-            _spread(query, rng, spread),
+            _extreme_nodes(query, model, extreme, bins, gain),
+            _random_nodes(query, rng, spread),
         ]
-        chain = _over(np.concatenate(nodes), model)
+        chain = _chain_over_nodes(np.concatenate(nodes), model)
         if chain is not None:
             return chain
     return None
 
 
-def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float) -> Points:
+def _extreme_nodes(
+    query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float
+) -> Points:
     """Return extreme position differences as nodes of the roadmap; float64, shape (nodes, 2).
 
     For each narrow range of directions, the nodes are the longest position difference that cycles
@@ -360,7 +363,9 @@ def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: 
     found = []
     for delta, back in ((query.before, False), (query.after, True)):
         nodes, records = np.empty((count, 2)), np.full(bins, inf if back else 0.0)
-        found.append(nodes[1 : widen(delta, back, rays, 2.0, model, gain, records, nodes, 0)])
+        found.append(
+            nodes[1 : grow_extreme_nodes(delta, back, rays, 2.0, model, gain, records, nodes, 0)]
+        )
     return np.concatenate(found)
 
 
@@ -377,7 +382,7 @@ def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
     return np.concatenate([straight, straight - edge, straight + edge])
 
 
-def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
+def _random_nodes(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
     """Return random position differences with lengths of several orders of magnitude."""
     angles = 2 * np.pi * rng.random(count)
     sizes = np.where(rng.random(count) < 0.6, rng.random(count), 10 ** (-3 * rng.random(count)))
@@ -385,7 +390,7 @@ def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
     return np.asarray(far * sizes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
 
-def _over(nodes: Points, model: CycleModel) -> Chain | None:
+def _chain_over_nodes(nodes: Points, model: CycleModel) -> Chain | None:
     """Return the chain from node 0 (the start) to node 1 (the goals) that takes the fewest cycles
     of moves, or None.
     """
@@ -398,7 +403,7 @@ def _over(nodes: Points, model: CycleModel) -> Chain | None:
     path.reverse()
     steps = np.empty((len(path) - 1, 3))
     for step, before, after in zip(steps, path, path[1:], strict=False):
-        linked(nodes[before], nodes[after], model, step)
+        find_cycle(nodes[before], nodes[after], model, step)
     unknowns = np.concatenate([steps[:, 2], nodes[path[1:-1]].ravel()])
     return Chain(steps[:, 0].astype(np.int64), steps[:, 1].astype(np.int64), unknowns, inf)
 

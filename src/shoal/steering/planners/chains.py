@@ -84,9 +84,8 @@ def bounds_of(
         The result of `lengths_over_walls`.
     """
     apart = float(np.linalg.norm((start[1] - start[0]) - (goal[1] - goal[0])))
-    normals = np.vstack(
-        [walls.normals, np.zeros((1, walls.dimensions))]
-    )  # no change for mirror images in the circle
+    # no change for mirror images in the circle
+    normals = np.vstack([walls.normals, np.zeros((1, walls.dimensions))])
     offsets = np.append(walls.offsets, 0.0)
     least, used = np.empty((2, len(on))), np.empty((2, len(on)), dtype=np.bool_)
     for p in (0, 1):
@@ -408,7 +407,7 @@ _WORTH = 1e-4  # relative to the length: gain that justifies a change of sides
 _END = 0.98  # relative to a side: a contact farther out may move to the next side
 
 
-def between_few_sides(query: ChainQuery) -> ChainQuery:
+def reduce_sides(query: ChainQuery) -> ChainQuery:
     """Return a copy of the query in which the polygon has at most `FEW` of its sides.
 
     If the polygon has at most `MANY` sides, or if the chosen sides enclose no area, the function
@@ -418,7 +417,7 @@ def between_few_sides(query: ChainQuery) -> ChainQuery:
     return query if found is None else replace(query, walls=found)
 
 
-def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
+def restore_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
     """Return a chain whose contacts have moved from the walls of the query ``few`` to the nearest
     walls of the whole polygon.
 
@@ -469,7 +468,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
         yield replace(chain, walls=on, unknowns=unknowns)
 
 
-def slid(query: ChainQuery, chain: Chain) -> Chain:
+def slide_contacts(query: ChainQuery, chain: Chain) -> Chain:
     """Return the chain that results if contacts move to neighbouring sides of the polygon as long
     as this shortens the chain.
     """

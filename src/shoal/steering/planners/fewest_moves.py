@@ -19,7 +19,7 @@ from shoal.steering.planners.task import (
     choose,
     misses,
     path_length,
-    plans_of,
+    plan_chain,
 )
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.walls import normalize_walls
@@ -77,7 +77,7 @@ class FewestMoves:
         for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)
             if chain is not None:
-                best = choose(task, [best, *plans_of(task, first, chain, query)], by_moves=True)
+                best = choose(task, [best, *plan_chain(task, first, chain, query)], by_moves=True)
         if best is None or misses(task, best) or not task.is_sure(best):
             best = choose(task, [best, self._long(task), Shortest().plan(task)], by_moves=True)
         return best
@@ -193,9 +193,10 @@ def directions(d: int, count: int) -> Points:
     if d == 2:
         angles = 2 * np.pi * (np.arange(count) + 0.5) / count
         return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    # a golden spiral
     turns, heights = (
         np.arange(count) * np.pi * (3 - np.sqrt(5)),
         1 - (2 * np.arange(count) + 1) / count,
-    )  # a golden spiral
+    )
     flat = np.sqrt(1 - heights**2)
     return np.stack([flat * np.cos(turns), flat * np.sin(turns), heights], axis=1)

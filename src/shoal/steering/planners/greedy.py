@@ -20,7 +20,7 @@ from shoal.steering.planners.task import (
     SteeringTask,
     choose,
     misses,
-    plans_of,
+    plan_chain,
 )
 from shoal.steering.workspaces.convex import Points
 
@@ -30,9 +30,8 @@ _SLOW = 16  # if more cycles remain at this progress, another chain is searched
 # shorter one
 _LONG = 24
 _BACKWARD = 48  # cycles of a chain that is planned backwards
-_EQUAL = (
-    1e-9  # relative to the size: among cycles that come equally near, the shorter one is chosen
-)
+# relative to the size: among cycles that come equally near, the shorter one is chosen
+_EQUAL = 1e-9
 
 
 class Greedy:
@@ -61,11 +60,11 @@ class Greedy:
                 tolerance=task.tolerance / query.walls.scale / 4,
                 cycles=(task.max_moves - 1) // 2,
             )
-            whole = None if chain is None else choose(task, plans_of(task, first, chain, query))
+            whole = None if chain is None else choose(task, plan_chain(task, first, chain, query))
             slipped = whole is not None and query.friction < inf and misses(task, whole)
             if whole is None or slipped or (len(whole) > _LONG and not query.walls.round):
                 chain = any_chain(query, roadmap=slipped)
-                few = None if chain is None else choose(task, plans_of(task, first, chain, query))
+                few = None if chain is None else choose(task, plan_chain(task, first, chain, query))
                 whole = whole if few is None else few
             if whole is not None:
                 plans.append(whole)

@@ -27,13 +27,13 @@ from shoal.steering.planners.chains import (
     Chain,
     ChainQuery,
     refine_chain,
-    slid,
+    slide_contacts,
 )
 from shoal.steering.workspaces.convex import Points
 
 _Item = TypeVar("_Item")
 
-CYCLES = (1, 2)  # numbers of cycles of the chains of which all kinds are tried
+CYCLES = (1, 2, 3)  # numbers of cycles of the chains of which all kinds are tried
 MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
@@ -55,9 +55,8 @@ class ChainPool:
     query: ChainQuery
     chains: list[Chain] = field(default_factory=list)
     _known: set[tuple[object, ...]] = field(default_factory=set)
-    _expanded: dict[int, Chain] = field(
-        default_factory=dict
-    )  # keep a reference, so that the id is not used again
+    # keep a reference, so that the id is not used again
+    _expanded: dict[int, Chain] = field(default_factory=dict)
 
     @property
     def best(self) -> Chain | None:
@@ -127,7 +126,7 @@ class ChainPool:
             guess, touchers, walls, enough=enough, rounds=rounds, bound=self.bound
         )
         if length < inf:
-            self.add(slid(query, Chain(touchers, walls, guess, length)))
+            self.add(slide_contacts(query, Chain(touchers, walls, guess, length)))
         return 1
 
     def improve(self, tries: int) -> None:
@@ -137,7 +136,7 @@ class ChainPool:
             if parent is None:
                 return
             left = min(EACH, tries)
-            for candidate, least in with_bounds(self.query, candidates(self.query, parent)):
+            for candidate, least in bound_candidates(self.query, candidates(self.query, parent)):
                 if left <= 0 or self.query.late:
                     break
                 if least < self.chains[0].length:
@@ -175,7 +174,7 @@ class _Candidate(NamedTuple):
         return np.concatenate([*self.along, *self.deltas[1:-1]])
 
 
-def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
+def bound_candidates(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
     """Return the candidate chains ``found``, each with a lower bound on its length."""
     bounds = np.empty(len(found))
     for cycles in {len(one.walls) for one in found}:
@@ -328,8 +327,8 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
     ----------
     query : ChainQuery
     seeds : iterable of Chain
-        Chains with which the search starts, in addition to the chains of one and two cycles that it
-        finds itself.
+        Chains with which the search starts, in addition to the chains of one, two and three cycles
+        that it finds itself.
     """
     pool = ChainPool(query)
     for chain in seeds:

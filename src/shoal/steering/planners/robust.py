@@ -391,10 +391,8 @@ class GainBelief:
 
 STATES = 256
 LIKELY = 16  # effective states: with fewer what is seen counts alone
-ARRIVED_SHARE, SATISFIED = (
-    0.95,
-    0.5,
-)  # share of the states that have arrived: of a run that has just begun, and of one at its end
+# share of the states that have arrived: of a run that has just begun, and of one at its end
+ARRIVED_SHARE, SATISFIED = (0.95, 0.5)
 
 
 class PositionBelief:
@@ -480,16 +478,11 @@ def _nearest(workspace: Any, points: Points) -> Points:
     return np.asarray(shapely.get_coordinates(shapely.get_point(lines, 0)))
 
 
-FIRST_TREES, TREES = (
-    4,
-    2,
-)  # grown at the start, and where the plan so far has become worse than it was
+# grown at the start, and where the plan so far has become worse than it was
+FIRST_TREES, TREES = (4, 2)
 SHORTENED = 5_000  # changes of a new plan in a world without noise
-OVERSHOOTS = (
-    0.0,
-    1.5,
-    3.0,
-)  # standard deviations of noise: how far behind walls contacts of new plans aim
+# standard deviations of noise: how far behind walls contacts of new plans aim
+OVERSHOOTS = (0.0, 1.5, 3.0)
 MARGINS = (3.0, 1.5, 0.5)  # of these: how far from walls ways around obstacles keep
 SCENARIOS, JUDGED = 32, 256  # in which plans are changed, and in which they are judged
 REFINED, CHANGES = 3, 400  # of the best plans, so many changes each
@@ -636,13 +629,10 @@ class Replanning:
 
 ASSUMED = 1 / 16  # relative to the tolerance: assumed noise if the problem has none
 QUIET_MOVES = 12  # maximum number of moves with assumed noise
-SLIGHT = (
-    1 / 12
-)  # relative to the tolerance: with stronger noise, plans are evaluated in simulated noise
-STOOD, STOOD_RUNS = (
-    (0.25, 0.0625),
-    3,
-)  # relative to the tolerance: noise levels to test, and number of runs for each
+# relative to the tolerance: with stronger noise, plans are evaluated in simulated noise
+SLIGHT = 1 / 12
+# relative to the tolerance: noise levels to test, and number of runs for each
+STOOD, STOOD_RUNS = ((0.25, 0.0625), 3)
 
 
 class Robust:

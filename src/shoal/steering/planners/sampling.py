@@ -47,12 +47,8 @@ HITS = 200
 # added to the key of a state from which no translation leads to the goals, so that other states
 # grow, too
 USELESS = 2.0
-MARGINS = (
-    1e-3,
-    1e-4,
-    1e-5,
-    1e-6,
-)  # relative to the size: distance of translations from walls, if possible
+# relative to the size: distance of translations from walls, if possible
+MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)
 # relative to the size: distance by which a lift without a clearance moves particles off walls
 LIFT = 1e-6
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
@@ -168,9 +164,8 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
     unused = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), size, np.inf, np.eye(3)[0])
     walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
     clearance = task.clearance if task is not None else 0.0
-    wide = (
-        max(1.25 * clearance / TOUCH, 1.0) * size
-    )  # the kernels multiply the size by the contact tolerance
+    # the kernels multiply the size by the contact tolerance
+    wide = max(1.25 * clearance / TOUCH, 1.0) * size
     corners = np.zeros((0, 2))
     if clearance and task is not None and isinstance(workspace, Region):
         corners = edges.ends[edges.reflex, :2]

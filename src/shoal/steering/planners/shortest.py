@@ -15,7 +15,7 @@ from shoal.steering.planners.task import (
     Planner,
     SteeringTask,
     choose,
-    plans_of,
+    plan_chain,
     why_unreachable,
     without_useless_moves,
 )
@@ -155,7 +155,7 @@ class Shortest:
         plans: list[Points | None] = [Greedy().plan(task)]
         for first, query in task.departures():
             for chain in improved_chains(query, _greedy_seeds(query, task)):
-                plans += plans_of(task, first, chain, query)
+                plans += plan_chain(task, first, chain, query)
         if task.world.free_space.dimensions == 3 and not task.late:
             plans.append(without_useless_moves(task, plan_from_base(task, self)))
         return choose(task, plans)

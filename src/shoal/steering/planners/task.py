@@ -38,9 +38,9 @@ _ERROR = 0.05  # relative to the tolerance: error of an adjustment that a surer 
 # least height of a lift before a move to a wall, relative to this move, because flat contacts are
 # sensitive
 _STEEP = 2e-4
-_CONE = (
-    1 - 1e-4
-)  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
+# relative to the friction: distance of planned pushes from the edge of the cone, to allow for
+# rounding errors
+_CONE = 1 - 1e-4
 TINY = 2e-5  # relative to the size: shorter moves can be left out
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
 _WIDER = (1e-7, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3)  # margins of chains with sensitive moves
@@ -134,12 +134,14 @@ class SteeringTask(StartAndGoal):
         if not isinstance(self.world, ContactWorld):
             return None  # around obstacles, a planner is necessary
         move = (self.goal - self.start).mean(axis=0)
-        moves = self._released(self.start, move)
+        moves = self._plan_translation(self.start, move)
         if moves is None or not self.reaches_goal(moves):
             return None
         return np.array(moves)
 
-    def _released(self, points: Points, move: Points, *, least: float = 0.0) -> list[Points] | None:
+    def _plan_translation(
+        self, points: Points, move: Points, *, least: float = 0.0
+    ) -> list[Points] | None:
         """Return one or two moves that translate the particles. If there is room, a lift is
         ``least`` times the size long.
 
@@ -162,21 +164,21 @@ class SteeringTask(StartAndGoal):
         particle touches a wall close to a corner. In this case, the method optimizes the chain
         again with a larger distance from all walls.
         """
-        start, moves = query.walls.restored(query.start), self._played(chain, query)
+        start, moves = query.walls.restored(query.start), self._play_chain(chain, query)
         if moves is not None and self._stands(moves, start):
             return moves
         reaches = moves is not None and self.reaches_goal(moves, start)
         for margin in _WIDER:
             if reaches and margin > query.margin:
                 wider = replace(query, margin=margin)
-                surer = self._played(refine_chain(wider, chain), wider)
+                surer = self._play_chain(refine_chain(wider, chain), wider)
                 if surer is not None and self._stands(surer, start):
                     return surer
         if self.margin:  # contacts without an overshoot, nearer to walls
             close = replace(
                 query, margin=max(min(MARGIN, 0.02 * self.tolerance / query.walls.scale), 2e-9)
             )
-            surer = replace(self, margin=0.0)._played(refine_chain(close, chain), close)
+            surer = replace(self, margin=0.0)._play_chain(refine_chain(close, chain), close)
             if surer is not None and self._stands(surer, start):
                 return surer
         return moves
@@ -217,7 +219,7 @@ class SteeringTask(StartAndGoal):
             is None
         )
 
-    def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
+    def _play_chain(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, each planned from the simulated end of the previous move.
 
         The simulation of each move prevents an accumulation of rounding errors.
@@ -242,24 +244,27 @@ class SteeringTask(StartAndGoal):
                     way / length,
                     sign * (delta - (state[1] - state[0])),
                 )
-                steps = self._released(
+                steps = self._plan_translation(
                     state, way * (1 + over / length), least=_STEEP * length / workspace.size
                 )
                 if steps is None:
                     return None
-                state = self._sent(steps, state, moves)
-            state = self._sent(
-                [self._held(state[toucher], sign * (delta - (state[1] - state[0])))], state, moves
+                state = self._simulate(steps, state, moves)
+            state = self._simulate(
+                [self._push_into_wall(state[toucher], sign * (delta - (state[1] - state[0])))],
+                state,
+                moves,
             )
-        steps = self._released(state, (walls.restored(query.goal) - state).mean(axis=0))
+        steps = self._plan_translation(state, (walls.restored(query.goal) - state).mean(axis=0))
         if steps is None:
             return None
-        self._sent(steps, state, moves)
-        return self.tidied(
-            self._ended(np.array(moves), len(steps), query), start=walls.restored(query.start)
+        self._simulate(steps, state, moves)
+        return self.without_tiny_moves(
+            self._without_last_moves(np.array(moves), len(steps), query),
+            start=walls.restored(query.start),
         )
 
-    def _ended(self, moves: Points, last: int, query: ChainQuery) -> Points:
+    def _without_last_moves(self, moves: Points, last: int, query: ChainQuery) -> Points:
         """Return a plan without the ``last`` moves if it ends within the tolerance without them and
         stands more disturbances.
 
@@ -294,16 +299,15 @@ class SteeringTask(StartAndGoal):
         the adjustment may bring it.
         """
         size, into = self.world.free_space.size, -float(inward @ direction)
-        share = (
-            0.5 if self.world.friction == inf else 1e-5
-        )  # with friction, the adjustment keeps its direction
+        # with friction, the adjustment keeps its direction
+        share = 0.5 if self.world.friction == inf else 1e-5
         slight = (
             min(_ERROR * self.tolerance, self.margin * size) if self.world.friction == inf else 0.0
         )
         most = max(share * -float(inward @ adjustment), slight) / max(into, 1e-9)
         return float(max(_SURE * size, min(self.margin * size, most)))
 
-    def _held(self, point: Points, move: Points) -> Points:
+    def _push_into_wall(self, point: Points, move: Points) -> Points:
         """Return ``move`` with a minimum push into the wall, so that rounding errors do not release
         the held particle.
         """
@@ -316,7 +320,7 @@ class SteeringTask(StartAndGoal):
         slight = max(_SLIGHT * size, 2 * _ERROR * self.tolerance)
         return np.asarray(move - off * wall) if 0 < off < slight else move
 
-    def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
+    def _simulate(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
         """Add the moves ``steps`` to the list ``moves``, and return the simulated state after
         ``steps``.
         """
@@ -325,7 +329,7 @@ class SteeringTask(StartAndGoal):
             state = self.world.step(state, step)
         return state
 
-    def tidied(self, moves: Points, *, start: Points) -> Points:
+    def without_tiny_moves(self, moves: Points, *, start: Points) -> Points:
         """Return a plan without the tiny moves that slightly longer previous moves can replace.
 
         In a chain, the particle that touches no wall keeps a small margin from the walls. If this
@@ -354,7 +358,7 @@ class SteeringTask(StartAndGoal):
         Otherwise, the initial move of each pair is a small move of one particle off its walls.
         """
         workspace = self.world.free_space
-        if self._released(self.start, np.zeros(workspace.dimensions)) is not None:
+        if self._plan_translation(self.start, np.zeros(workspace.dimensions)) is not None:
             return [([], self.chain_query())]
         apart = separations(workspace, self.start, clearance=self.clearance)
         return [([move], self.chain_query(start=after)) for move, after in apart]
@@ -550,7 +554,7 @@ def _amplification(task: SteeringTask, moves: Points) -> float:
     return worst
 
 
-def plans_of(
+def plan_chain(
     task: SteeringTask, first: Sequence[Points], chain: Chain, query: ChainQuery
 ) -> list[Points]:
     """Return the plans that make the moves ``first`` and then the moves of a chain, without useless

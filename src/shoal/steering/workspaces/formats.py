@@ -37,22 +37,15 @@ from shoal.steering.workspaces.region import Region, region
 
 LARGEST_DRAWING = 2_000_000  # characters
 DEEPEST, MOST_ELEMENTS, MOST_CORNERS = 100, 20_000, 20_000
-MOST_NUMBERS = (
-    8 * MOST_CORNERS
-)  # in paths: a corner needs two numbers at most, and strokes without an area need some more
+# in paths: a corner needs two numbers at most, and strokes without an area need some more
+MOST_NUMBERS = 8 * MOST_CORNERS
 
 _NUMBER = re.compile(r"[0-9]+\.?[0-9]*|\.[0-9]+")
 
 _CURVE = 48  # number of corners that approximate each curve
 _ROUND = 1e-9  # relative to a radius: an ellipse with a smaller deviation is a circle
-_FRAME = (
-    "width",
-    "height",
-    "viewBox",
-    "preserveAspectRatio",
-    "x",
-    "y",
-)  # attributes that change the display but not the shape
+# attributes that change the display but not the shape
+_FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")
 
 
 def rings_of_path(text: str, *, where: str) -> list[Points]:

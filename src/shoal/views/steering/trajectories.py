@@ -25,11 +25,8 @@ _LEAST = 2.0**-30  # shortest fraction of a move that is evaluated
 _TOUCH = 1e-6  # relative to the size: contact tolerance for drawing
 _PUSHED = 1e-9  # relative to the length of a move
 _SPEED = 0.62  # sizes per second
-_REST, _FIRST_REST, _LAST_REST = (
-    0.35,
-    0.7,
-    2.0,
-)  # seconds of pause after each move, before the first and after the last
+# seconds of pause after each move, before the first and after the last
+_REST, _FIRST_REST, _LAST_REST = (0.35, 0.7, 2.0)
 _QUICKEST = 0.25  # seconds for a short move
 _LONGEST = 36.0  # seconds: longer episodes are shown faster
 
@@ -217,11 +214,12 @@ class FilmSchedule:
         pace = min(1.0, _LONGEST / max(sum(lengths) + _REST * len(lengths), 1e-9))
         self.lasting = [pace * length for length in lengths]
         rests = [pace * _REST] * max(len(trajectories) - 1, 0) + [_LAST_REST]
+        # the last value is the end of the film
         self.starts = list(
             accumulate(
                 (a + b for a, b in zip(self.lasting, rests, strict=False)), initial=_FIRST_REST
             )
-        )  # the last value is the end of the film
+        )
         self.seconds = self.starts[-1] if trajectories else _FIRST_REST + _LAST_REST
 
     def at(self, seconds: float) -> FilmMoment:
