@@ -33,7 +33,6 @@ from tests.reference.test_planners import SHAPES, instance
 from benchmarks.steering import ROOMS, random_points, random_region
 from shoal.steering import Region, SteeringProblem, SteeringTask, disk, polygon, region
 from shoal.steering.planners import annealing, improvement, make_planner, sampling, shortest
-from shoal.steering.planners import chain_search as search
 from shoal.steering.planners.task import path_length
 
 TOLERANCE = 1e-6  # relative to the size
@@ -134,7 +133,6 @@ def stages_of(planner: str) -> dict[str, tuple[Any, str, Any]]:
                 "slide_contacts",
                 lambda _query, chain: chain,
             ),
-            "more than one chain refined on a round wall": (search, "_POLISHED", 1),
         }
     return {
         "trees but one": (sampling, "MORE_TREES", 0),

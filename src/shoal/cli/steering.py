@@ -110,7 +110,7 @@ def reach(
     workspace = problem.place
     if not isinstance(workspace, ConvexWorkspace) or workspace.dimensions == 3:
         raise InvalidInputError(
-            f"workspace: expected a convex polygon or a disk, got a {room.kind}"
+            f"workspace: expected a convex polygon or a disk, got a {workspace.kind}"
         )
     points = workspace.check_inside(problem.endpoints(seed)[0], what="--start")
     if len(points) != 2:
@@ -148,7 +148,7 @@ def reach(
     ]
     print_table(
         rows,
-        title=f"differences reached from ({delta[0]:.6g}, {delta[1]:.6g}) in a {room.kind}",
+        title=f"differences reached from ({delta[0]:.6g}, {delta[1]:.6g}) in a {workspace.kind}",
         written=written,
     )
 

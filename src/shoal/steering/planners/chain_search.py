@@ -34,8 +34,6 @@ from shoal.steering.planners.chains import (
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.walls import NormalizedWalls
 
-_POLISHED = 8  # number of rough chains over a circle that are refined
-
 
 def shortest_chain(
     query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), first_found: bool = False
@@ -138,17 +136,11 @@ def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Itera
                 met.add(place)
                 length = query.optimize(guess, touchers, on, enough=ROOM, rounds=REFINING[1:2])
                 rough.append((length, len(rough), touchers, guess))
-    last, polished = -1.0, 0
-    for length, _, touchers, guess in sorted(rough, key=lambda entry: entry[:2]):
-        if length == inf or polished == _POLISHED:
-            break
-        if length - last < 1e-5:  # the same chain again
-            continue
-        last, polished = length, polished + 1
-        found = query.optimize(guess, touchers, on, enough=ROOM)
-        if found < bound:
-            bound = found
-            yield Chain(touchers, on, guess, found)
+    length, _, touchers, guess = min(rough, key=lambda entry: entry[:2], default=(inf, 0, on, on))
+    if length < inf:
+        length = query.optimize(guess, touchers, on, enough=ROOM)
+        if length < bound:
+            yield Chain(touchers, on, guess, length)
 
 
 def _chains_on_end_caps(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
