@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from shoal.steering.kernels.cycles import CycleModel, is_kept_out
+from shoal.steering.kernels.cycles import is_kept_out
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, hull
 from shoal.steering.workspaces.walls import normalize_walls
 
@@ -162,16 +162,7 @@ def _limit_of_barrier(
         large / walls.scale * (1 + _SLACK),
         angles,
         farthest / walls.scale,
-        CycleModel(
-            walls.frames,
-            walls.reaches,
-            walls.normals,
-            walls.offsets,
-            walls.circle,
-            float(friction),
-            0.0,
-            0.0,
-        ),
+        walls.cycle_model(float(friction), 0.0, 0.0),
         int(np.searchsorted(angles, goal - wide)) - 1,
         int(np.searchsorted(angles, goal + wide)),
         (size - near) / walls.scale * (1 - _ROUNDING),

@@ -480,21 +480,25 @@ def _lift_off(
 
     The move also has a positive component along each row of ``others``.
     """
-    if least > PLANNED * clearance > 0:
+
+    def direction_off(length: float) -> tuple[Points, Points | None]:
+        """Return the normals of the walls that a lift of this length must leave, and its
+        direction.
+        """
         rows = np.vstack(
-            [touched_normals(workspace, point, within=1.5 * least) for point in points]
+            [touched_normals(workspace, point, within=1.5 * length) for point in points]
         )
-        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        return rows, direction_away_from(rows if others is None else np.vstack([rows, others]))
+
+    if least > PLANNED * clearance > 0:
+        rows, away = direction_off(least)
         if away is not None and (
             not len(rows) or least * float((rows @ away).min()) >= PLANNED * clearance
         ):
             return np.asarray(least * workspace.size * away)
     length = PLANNED * clearance
     for _longer in range(4 if clearance else 0):
-        rows = np.vstack(
-            [touched_normals(workspace, point, within=1.5 * length) for point in points]
-        )
-        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        rows, away = direction_off(length)
         if away is None:
             break
         needed = PLANNED * clearance / float((rows @ away).min()) if len(rows) else length
@@ -502,10 +506,7 @@ def _lift_off(
             return np.asarray(length * workspace.size * away)
         length = needed
     for length in RELEASE_LENGTHS:
-        rows = np.vstack(
-            [touched_normals(workspace, point, within=1.5 * length) for point in points]
-        )
-        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        _, away = direction_off(length)
         if away is not None:
             return np.asarray(length * workspace.size * away)
     return None

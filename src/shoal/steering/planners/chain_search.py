@@ -115,12 +115,12 @@ def _chains_on_flat_walls(query: ChainQuery, cycles: int, bound: float) -> Itera
 
 
 def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains with contacts on a round wall."""
+    """Yield the shortest chain that starts from many guesses find, with contacts on a round wall."""
     firsts = list(_guesses(query, cycles))
-    rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
     met: set[tuple[float, ...]] = set()
     on = np.full(cycles, len(query.walls.normals))
     d = query.walls.dimensions
+    shortest, best = inf, None
     for kind in product((0, 1), repeat=cycles):
         touchers = np.array(kind, dtype=np.int64)
         if query.late or query.bounds_of(touchers[None], on[None])[0] >= bound:
@@ -135,9 +135,10 @@ def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Itera
             if length < inf and place not in met:
                 met.add(place)
                 length = query.optimize(guess, touchers, on, enough=ROOM, rounds=REFINING[1:2])
-                rough.append((length, len(rough), touchers, guess))
-    length, _, touchers, guess = min(rough, key=lambda entry: entry[:2], default=(inf, 0, on, on))
-    if length < inf:
+                if length < shortest:
+                    shortest, best = length, (touchers, guess)
+    if best is not None:
+        touchers, guess = best
         length = query.optimize(guess, touchers, on, enough=ROOM)
         if length < bound:
             yield Chain(touchers, on, guess, length)

@@ -303,17 +303,7 @@ class ChainQuery(StartAndGoal):
         """Return the walls and constants for kernels that compute cycles, with ``margin`` and
         ``push`` multiplied by ``inside``.
         """
-        walls = self.walls
-        return CycleModel(
-            walls.frames,
-            walls.reaches,
-            walls.normals,
-            walls.offsets,
-            walls.circle,
-            self.friction,
-            self.margin * inside,
-            self.push * inside,
-        )
+        return self.walls.cycle_model(self.friction, self.margin * inside, self.push * inside)
 
     def flat(self) -> ChainQuery:
         """Return the query in the plane, without vertical coordinates."""

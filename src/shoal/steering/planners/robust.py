@@ -453,7 +453,7 @@ class PositionBelief:
             return np.repeat(seen[None], STATES, axis=0)
         states = seen + self.rng.normal(scale=self.noise.measurement, size=(STATES, 2, 2))
         outside = ~self.workspace.contains(states)
-        states[outside] = _nearest(self.workspace, states[outside])
+        states[outside] = _project_inside(self.workspace, states[outside])
         return states
 
     def _settle(self, states: NDArray[np.float64]) -> None:
@@ -463,7 +463,7 @@ class PositionBelief:
         ].copy()
 
 
-def _nearest(workspace: Any, points: Points) -> Points:
+def _project_inside(workspace: Any, points: Points) -> Points:
     """Return, for each point outside a plane workspace, the nearest point of the workspace;
     float64, shape (n, 2).
     """
@@ -669,14 +669,15 @@ class Robust:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()
         else:
             short = replace(task, max_moves=min(task.max_moves, QUIET_MOVES))
-            for move in _moves_or_none(plan_with_clearance(task, self), task):
+            plan = plan_with_clearance(task, self)
+            for move in plan if plan is not None and len(plan) <= task.max_moves else ():
                 apparatus.send(move)
             if task.error(apparatus.states[-1]) > task.tolerance:
                 apparatus.restart()
                 _loop(
                     short, apparatus, apparatus.with_noise(ASSUMED * task.tolerance).problem
                 ).run()
-            apparatus.remark = _noise_stood(short, apparatus)
+            apparatus.remark = _describe_tolerated_noise(short, apparatus)
         d = task.start.shape[1]
         return np.array(apparatus.inputs).reshape(-1, d), np.array(apparatus.states)
 
@@ -696,16 +697,7 @@ def _loop(
     )
 
 
-def _moves_or_none(moves: Points | None, task: SteeringTask) -> Points:
-    """Return the plan ``moves``, or an empty array if ``moves`` is None or has too many moves."""
-    return (
-        np.zeros((0, task.start.shape[1]))
-        if moves is None or len(moves) > task.max_moves
-        else moves
-    )
-
-
-def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
+def _describe_tolerated_noise(task: SteeringTask, apparatus: Any) -> str:
     """Return a sentence about the largest tested execution noise with which all runs of the closed
     loop succeed.
     """

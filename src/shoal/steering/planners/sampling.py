@@ -23,7 +23,7 @@ from shoal.steering.planners.task import (
     SteeringTask,
     choose,
     path_length,
-    with_fewer_moves,
+    remove_moves,
 )
 from shoal.steering.workspaces.convex import TOUCH, Points
 from shoal.steering.workspaces.region import Region
@@ -109,7 +109,7 @@ class Sampling:
             found = sorted(found, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
                 :BEST
             ]
-        return choose(task, [_shortened(task, moves) for moves in found])
+        return choose(task, [remove_moves(task, moves) for moves in found])
 
 
 def _grown(
@@ -218,7 +218,7 @@ class Tree:
             moves = self._direct(translations)
             if moves is not None:
                 if len(moves) > min(LONG, self.task.max_moves):
-                    moves = _shortened(self.task, moves)
+                    moves = remove_moves(self.task, moves)
                 if len(moves) <= self.task.max_moves:
                     if self.task.is_sure(moves):
                         return moves
@@ -431,19 +431,3 @@ def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
     if line is None or not line.length <= reach:
         return None
     return np.array(line.coords[0])
-
-
-def _shortened(task: SteeringTask, moves: Points) -> Points:
-    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the
-    plan reaches the goals.
-
-    A plan that keeps the clearance of the task still keeps it afterwards.
-    """
-    changed, sure = True, task.is_sure(moves)
-    while changed:
-        changed = False
-        for fewer in with_fewer_moves(moves):
-            if task.reaches_goal(fewer) and (not sure or task.is_sure(fewer)):
-                moves, changed = fewer, True
-                break
-    return moves

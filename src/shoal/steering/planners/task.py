@@ -589,14 +589,21 @@ def without_useless_moves(task: SteeringTask, moves: Points | None) -> Points | 
     """
     if moves is None or len(moves) > _MOST or misses(task, moves) or not task.is_sure(moves):
         return moves
-    changed = True
-    while changed:
-        changed = False
+    return remove_moves(task, moves)
+
+
+def remove_moves(task: SteeringTask, moves: Points) -> Points:
+    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the
+    plan reaches the goals. A plan that stands all disturbances still stands them afterwards.
+    """
+    sure = task.is_sure(moves)
+    while True:
         for fewer in with_fewer_moves(moves):
-            if task.reaches_goal(fewer) and task.is_sure(fewer):
-                moves, changed = fewer, True
+            if task.reaches_goal(fewer) and (not sure or task.is_sure(fewer)):
+                moves = fewer
                 break
-    return moves
+        else:
+            return moves
 
 
 def with_fewer_moves(moves: Points) -> Iterator[Points]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.kernels.chain import Shape
+from shoal.steering.kernels.cycles import CycleModel
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points
 
 # relative to the size: at this distance a wall does not interfere with contacts on another wall
@@ -88,6 +89,19 @@ class NormalizedWalls:
     def shape(self) -> Shape:
         """The walls as arrays for the compiled functions that optimize chains of contacts."""
         return Shape(self.frames, self.normals, self.offsets, self.circle, self.near)
+
+    def cycle_model(self, friction: float, margin: float, push: float) -> CycleModel:
+        """Return the walls and constants for kernels that compute cycles."""
+        return CycleModel(
+            self.frames,
+            self.reaches,
+            self.normals,
+            self.offsets,
+            self.circle,
+            friction,
+            margin,
+            push,
+        )
 
     def inward(self, wall: int, contact: Points) -> Points:
         """Return the inward unit normal of a wall at a contact, which is given in workspace
