@@ -206,7 +206,7 @@ def test_moves_that_a_wall_may_hold_begin_with_a_lift(name):
         )
         assert sampling.is_blocked(task.start, *move, world) == plain
         moves, state = np.zeros((8, 2)), task.start.copy()
-        count = sampling.translate(state, *move, world, float(room.size), moves, 0)
+        count = sampling.translate(state, *move, world, moves, 0)
         np.testing.assert_allclose(
             state, played(room, task.start, moves[:count]), atol=1e-10 * room.size
         )

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.kernels.cycles import deepen
+from shoal.steering.kernels.cycles import WallSamples, deepen
 from shoal.steering.planners.chains import ChainQuery, kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, clipped, disk, hull
 from shoal.steering.workspaces.walls import normalize_walls
@@ -679,19 +679,16 @@ def polygon_reach(
         fits = workspace.contains(points + sign * start) & (depth > _CLOSE * workspace.size)
         depths[row] = np.where(fits, depth, -1.0)
     sets = [PolygonReach(workspace, start, 2, points, walls, depths)]
-    normals, offsets = np.ascontiguousarray(workspace.normals), workspace.offsets
+    samples = WallSamples(
+        np.ascontiguousarray(corners),
+        np.ascontiguousarray(workspace.normals),
+        workspace.offsets,
+        points,
+        walls,
+    )
     spare = [np.empty((4 * len(corners) + 8, 2)) for _ in range(3)]
     for done in range(4, moves + 1, 2):
-        before_that, depths = depths, np.empty_like(depths)
-        deepen(
-            np.ascontiguousarray(corners),
-            normals,
-            offsets,
-            points,
-            walls,
-            before_that,
-            depths,
-            *spare,
-        )
+        earlier, depths = depths, np.empty_like(depths)
+        deepen(samples, earlier, depths, *spare)
         sets.append(PolygonReach(workspace, start, done, points, walls, depths))
     return sets

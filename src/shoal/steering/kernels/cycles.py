@@ -295,8 +295,18 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
     return best, at
 
 
+class WallSamples(NamedTuple):
+    """A polygon, and sample points on its sides."""
+
+    corners: NDArray[np.float64]  # (sides, 2)
+    normals: NDArray[np.float64]  # (sides, 2): inward
+    offsets: NDArray[np.float64]  # (sides,)
+    contacts: NDArray[np.float64]  # (contacts, 2)
+    walls: NDArray[np.int64]  # (contacts,): the side of each contact
+
+
 @in_place_kernel
-def deepen(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
+def deepen(samples, depths, best, one, other, spare):
     """Write to ``best``, shape (2, contacts), the largest depth for each toucher and contact after
     one more cycle.
 
@@ -308,6 +318,7 @@ def deepen(corners, normals, offsets, contacts, walls, depths, best, one, other,
     touch the wall must be inside the polygon. The points that satisfy both conditions form a convex
     polygon, so the largest depth occurs at one of its corners.
     """
+    contacts, walls, normals = samples.contacts, samples.walls, samples.normals
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):
         for d in range(n):
@@ -318,15 +329,15 @@ def deepen(corners, normals, offsets, contacts, walls, depths, best, one, other,
             if depths[s, c] < 0:
                 continue
             wall = walls[c]
-            copy_rows(corners, sides, other)
-            least = -(offsets[wall] + depths[s, c]) - DEPTH_SLACK
+            copy_rows(samples.corners, sides, other)
+            least = -(samples.offsets[wall] + depths[s, c]) - DEPTH_SLACK
             slab = clip(other, sides, -normals[wall, 0], -normals[wall, 1], least, spare)
             for t in range(2):
                 turn = sign * (1.0 if t == 0 else -1.0)
                 for d in range(n):
                     copy_rows(other, slab, one)
                     count = inside_shifted(
-                        one, slab, contacts[c], contacts[d], turn, normals, offsets, spare
+                        one, slab, contacts[c], contacts[d], turn, samples, spare
                     )
                     across, up = normals[walls[d], 0], normals[walls[d], 1]
                     for k in range(count):
@@ -338,14 +349,17 @@ def deepen(corners, normals, offsets, contacts, walls, depths, best, one, other,
 
 
 @in_place_kernel
-def inside_shifted(corners, count, used, following, turn, normals, offsets, spare):
+def inside_shifted(corners, count, used, following, turn, samples, spare):
     """Cut a polygon in place: keep its points q for which the point ``following + turn (q - used)``
     is inside the workspace.
 
     Return the number of corners left.
     """
+    normals = samples.normals
     for wall in range(normals.shape[0]):
-        least = offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
+        least = (
+            samples.offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
+        )
         count = clip(
             corners,
             count,

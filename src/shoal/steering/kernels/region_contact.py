@@ -62,15 +62,19 @@ def pushes(move, edge, edges, length):
 
 
 @in_place_kernel
-def is_excused(x, y, move, length, edge, other, corner_x, corner_y, edges, touch):
+def is_excused(x, y, move, length, edge, end, edges, touch):
     """Return whether the other edge of a reflex corner releases a particle that the edge ``edge``
-    would hold.
+    would hold. The corner is at the beginning of the edge if ``end`` is 0, else at its end.
 
-    A reflex corner has more than 180 degrees of free space. At the corner, the edge ``other``
-    releases the particle if the move leads away from the edge ``other``. Near the corner, the wall
-    between the two edges may be thinner than ``touch``, and only the edge on the particle's side
-    can hold the particle.
+    A reflex corner has more than 180 degrees of free space. At the corner, the other edge releases
+    the particle if the move leads away from the other edge. Near the corner, the wall between the
+    two edges may be thinner than ``touch``, and only the edge on the particle's side can hold the
+    particle.
     """
+    other = edges.links[edge, end]
+    if not edges.reflex[edge if end == 0 else other]:
+        return False
+    corner_x, corner_y = edges.ends[edge, 2 * end], edges.ends[edge, 2 * end + 1]
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, edges, length)
     if not is_on(x, y, other, edges, touch):
@@ -95,7 +99,6 @@ def edges_near(run, x, y, x_after, y_after, near, edges):
 @in_place_kernel
 def is_held(point, move, edges):
     """Return whether an edge that a particle touches prevents a move."""
-    ends, links, reflex = edges.ends, edges.links, edges.reflex
     x, y, touch = point[0], point[1], TOUCH * edges.size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
     for run in range(edges.boxes.shape[0]):
@@ -103,13 +106,11 @@ def is_held(point, move, edges):
         for edge in range(first, last):
             if not pushes(move, edge, edges, length) or not is_on(x, y, edge, edges, touch):
                 continue
-            before, after = links[edge, 0], links[edge, 1]
-            x0, y0, x1, y1 = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
-            if reflex[edge] and is_excused(x, y, move, length, edge, before, x0, y0, edges, touch):
-                continue
-            if reflex[after] and is_excused(x, y, move, length, edge, after, x1, y1, edges, touch):
-                continue
-            return True
+            if not (
+                is_excused(x, y, move, length, edge, 0, edges, touch)
+                or is_excused(x, y, move, length, edge, 1, edges, touch)
+            ):
+                return True
     return False
 
 

@@ -172,7 +172,7 @@ def is_blocked(state, x, y, world):
 
 
 @kernel
-def translate(state, x, y, world, size, moves, count):
+def translate(state, x, y, world, moves, count):
     """Move all particles by (x, y), after a small move off the walls if a wall would hold a
     particle at the start.
 
@@ -305,18 +305,18 @@ def adjustment(state, goal, held, normal, rng, size):
 
 
 @kernel
-def manoeuvre(state, goal, world, rng, size, moves):
+def manoeuvre(state, goal, world, rng, moves):
     """Make a random manoeuvre of one or a few moves, which changes ``state`` in place.
 
     Return the number of moves in the manoeuvre.
     """
-    choice = rng.random()
+    choice, size = rng.random(), world.walls.size
     if choice < 0.2:  # a move in any direction; half of these moves end before the first contact
         x, y = draw_move(rng, size)
         share = 1.0
         if choice < 0.1:
             share = free_share(state, x, y, world) * rng.random()
-        return translate(state, share * x, share * y, world, size, moves, 0)
+        return translate(state, share * x, share * y, world, moves, 0)
     count = 0
     held = min(int(rng.random() * state.shape[0]), state.shape[0] - 1)
     place, normal = np.empty(2), np.zeros(2)
@@ -325,7 +325,7 @@ def manoeuvre(state, goal, world, rng, size, moves):
     if normal[0] == 0 and normal[1] == 0:
         wall_point(state[held], world, rng, place, normal)
         count = translate(
-            state, place[0] - state[held, 0], place[1] - state[held, 1], world, size, moves, count
+            state, place[0] - state[held, 0], place[1] - state[held, 1], world, moves, count
         )
     legs = 1 if rng.random() < 0.6 else 2
     for _leg in range(legs):
@@ -359,20 +359,20 @@ def pick(total, tree, rng):
 
 
 @kernel
-def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
+def grow(tree, total, rounds, goal, tolerance, most, world, rng):
     """Grow a search tree in place by at most ``rounds`` manoeuvres.
 
     Return the number of nodes, the number of manoeuvres left, and whether one translation from the
     last node completes the task.
     """
-    states, depths, keys = tree.states, tree.depths, tree.keys
+    states, depths, keys, size = tree.states, tree.depths, tree.keys, world.walls.size
     moves, state, before = np.zeros((STEPS, 2)), np.zeros(goal.shape), np.zeros(goal.shape)
     while rounds > 0 and total < states.shape[0]:
         rounds -= 1
         node = pick(total, tree, rng)
         tree.tries[node] += 1
         copy(states[node], state)
-        count = manoeuvre(state, goal, world, rng, size, moves)
+        count = manoeuvre(state, goal, world, rng, moves)
         if (
             count == 0
             or depths[node] + count > most

@@ -233,14 +233,14 @@ class Tree:
         """Grow the tree until a new state has the relative positions of the goals; return whether
         the search finds such a state.
         """
-        task, size = self.task, float(self.task.world.free_space.size)
+        task = self.task
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
         hit, before = False, (0, 0)
         while not hit and before != (self.total, self.left) and not task.late:
             before, rounds = (self.total, self.left), min(self.left, STRETCH)
             self.total, left, hit = grow(
-                self.nodes, self.total, rounds, *limits, self.world, size, self.rng
+                self.nodes, self.total, rounds, *limits, self.world, self.rng
             )
             self.left -= rounds - left
         return bool(hit)
@@ -253,9 +253,9 @@ class Tree:
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
             return None
-        size, path = float(self.task.world.free_space.size), np.zeros((kernels.STEPS, 2))
+        path = np.zeros((kernels.STEPS, 2))
         after = state.copy()
-        count = kernels.translate(after, x, y, self.world, size, path, 0)
+        count = kernels.translate(after, x, y, self.world, path, 0)
         ends: Iterable[Points] = [path[:count]]
         if self.task.error(after) > self.task.tolerance:
             ends = translations.around(np.array([-x, -y]))
