@@ -57,8 +57,8 @@ def shortest_chain(
     """
     best: Chain | None = None
     for number in cycles:
-        for found in chains_of(query, number, inf if best is None else best.length):
-            best = found
+        for chain in chains_of(query, number, inf if best is None else best.length):
+            best = chain
         if first_found and best is not None:
             break
     return best
@@ -76,9 +76,9 @@ def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
             else _chains_on_many_sides(query, few, cycles, bound)
         )
         return
-    for found in _chains_on_round_wall(query, cycles, bound):
-        bound = found.length
-        yield found
+    for chain in _chains_on_round_wall(query, cycles, bound):
+        bound = chain.length
+        yield chain
     if len(query.walls.normals) and (cycles <= 2 or bound == inf):  # the end caps of a cylinder
         yield from _chains_on_end_caps(query, cycles, bound)
 
@@ -93,10 +93,10 @@ def _chains_on_many_sides(
         guess = restore_sides(query, few, rough)
         length = query.optimize(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
         if length < inf:
-            found = slide_contacts(query, replace(guess, length=length))
-            if found.length < bound:
-                bound = found.length
-                yield found
+            chain = slide_contacts(query, replace(guess, length=length))
+            if chain.length < bound:
+                bound = chain.length
+                yield chain
 
 
 def _chains_on_flat_walls(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
@@ -235,13 +235,13 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
     inner = radius - margin
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
-    way = contact + cone * np.linspace(-1, 1, TILTS)
+    tilted = contact + cone * np.linspace(-1, 1, TILTS)
     # depth of the other particle at the end
     x, y = (radius * np.cos(contact) + size, radius * np.sin(contact))
-    along = x * np.cos(way) + y * np.sin(way)
+    along = x * np.cos(tilted) + y * np.sin(tilted)
     reach = along + np.sqrt(np.maximum(along**2 - (x**2 + y**2 - inner**2), 0.0))
-    back = np.clip(size * np.cos(way), 0.0, np.maximum(reach, 0.0))
-    before_x, before_y = size - back * np.cos(way), -back * np.sin(way)
+    back = np.clip(size * np.cos(tilted), 0.0, np.maximum(reach, 0.0))
+    before_x, before_y = size - back * np.cos(tilted), -back * np.sin(tilted)
     sizes = np.hypot(before_x, before_y)
     best = np.unravel_index(int(np.argmin(sizes)), sizes.shape)
     return float(sizes[best]), float(np.arctan2(before_y[best], before_x[best]))
@@ -312,9 +312,9 @@ def roadmap_chain(
         rough = roadmap_chain(few, maps=maps, seed=seed)
         if rough is None:
             return None
-        found = restore_sides(query, few, rough)
-        length = query.optimize(found.unknowns, found.touchers, found.walls, rounds=REFINING[:3])
-        return replace(found, length=length) if length < inf else None
+        chain = restore_sides(query, few, rough)
+        length = query.optimize(chain.unknowns, chain.touchers, chain.walls, rounds=REFINING[:3])
+        return replace(chain, length=length) if length < inf else None
     model = replace(query, friction=query.friction * (1 - 1e-9)).model(_INSIDE)
     rng = np.random.default_rng(seed)
     for extreme, bins, gain, spread in maps:
@@ -462,16 +462,16 @@ def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cyc
             if distance < inf
         ]
     walls = query.walls.sides
-    found, corners, spare = (
+    cycles, corners, spare = (
         np.empty((walls, 2, 5)),
         np.empty((2 * walls + 16, 2)),
         np.empty((2 * walls + 16, 2)),
     )
-    nearest_on_polygon(delta, target, query.model(), corners, spare, np.empty(2), found)
+    nearest_on_polygon(delta, target, query.model(), corners, spare, np.empty(2), cycles)
     return [
-        Cycle(distance, int(k), int(wall), low, high, found[wall, k, 3:])
-        for wall, k in np.argwhere(found[..., 0] < inf)
-        for distance, low, high in [found[wall, k, :3].tolist()]
+        Cycle(distance, int(k), int(wall), low, high, cycles[wall, k, 3:])
+        for wall, k in np.argwhere(cycles[..., 0] < inf)
+        for distance, low, high in [cycles[wall, k, :3].tolist()]
     ]
 
 
@@ -520,7 +520,7 @@ def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
     if first[0] > NEAR * 2 * radius:
         return None
     bottom = first[0] * np.array([np.cos(first[1]), np.sin(first[1])])
-    way = ChainQuery(
+    approach = ChainQuery(
         query.walls,
         query.start,
         np.stack([-bottom / 2, bottom / 2]),
@@ -528,15 +528,15 @@ def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
         margin=query.margin,
         push=query.push,
     )
-    begun = shortest_chain(way, first_found=True)
-    if begun is None:
+    chain = shortest_chain(approach, first_found=True)
+    if chain is None:
         return None
     deltas = [
-        *begun.differences(query.before, bottom)[1:],
+        *chain.differences(query.before, bottom)[1:],
         *(size * np.array([np.cos(a), np.sin(a)]) for size, a in steps[-2::-1]),
     ]
-    along = np.concatenate([begun.unknowns[: begun.cycles], radius * np.array(contacts[::-1])])
-    touchers = np.concatenate([begun.touchers, np.zeros(len(contacts), dtype=np.int64)])
+    along = np.concatenate([chain.unknowns[: chain.cycles], radius * np.array(contacts[::-1])])
+    touchers = np.concatenate([chain.touchers, np.zeros(len(contacts), dtype=np.int64)])
     return Chain(
         touchers,
         np.zeros(len(touchers), dtype=np.int64),

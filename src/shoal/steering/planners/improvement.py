@@ -92,7 +92,7 @@ class ChainPool:
         self.chains = [
             other for other in self.chains if other not in alike or other.length < chain.length
         ] + [chain]
-        self.chains.sort(key=lambda one: one.length * (1 + _WORTH * one.cycles))
+        self.chains.sort(key=lambda chain: chain.length * (1 + _WORTH * chain.cycles))
         del self.chains[WIDTH:]
         return True
 
@@ -136,7 +136,9 @@ class ChainPool:
             if parent is None:
                 return
             left = min(EACH, tries)
-            for candidate, least in bound_candidates(self.query, candidates(self.query, parent)):
+            for candidate, least in bound_candidates(
+                self.query, propose_changes(self.query, parent)
+            ):
                 if left <= 0 or self.query.late:
                     break
                 if least < self.chains[0].length:
@@ -152,7 +154,7 @@ class _Candidate(NamedTuple):
 
     Attributes
     ----------
-    way : float
+    distance : float
         Distance from a particle to the wall of its new contact, or at most 0 if the candidate has
         no new contact. The search tries candidates in ascending order of this distance.
     touchers, walls : list of int
@@ -162,7 +164,7 @@ class _Candidate(NamedTuple):
         Position differences of the particles at the start, between the cycles, and at the end.
     """
 
-    way: float
+    distance: float
     touchers: list[int]
     walls: list[int]
     along: list[Points]
@@ -174,18 +176,21 @@ class _Candidate(NamedTuple):
         return np.concatenate([*self.along, *self.deltas[1:-1]])
 
 
-def bound_candidates(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
-    """Return the candidate chains ``found``, each with a lower bound on its length."""
-    bounds = np.empty(len(found))
-    for cycles in {len(one.walls) for one in found}:
-        some = [k for k, one in enumerate(found) if len(one.walls) == cycles]
-        bounds[some] = query.bounds_of(
-            np.array([found[k].touchers for k in some]), np.array([found[k].walls for k in some])
+def bound_candidates(
+    query: ChainQuery, candidates: list[_Candidate]
+) -> list[tuple[_Candidate, float]]:
+    """Return the candidate chains, each with a lower bound on its length."""
+    bounds = np.empty(len(candidates))
+    for cycles in {len(candidate.walls) for candidate in candidates}:
+        same = [k for k, candidate in enumerate(candidates) if len(candidate.walls) == cycles]
+        bounds[same] = query.bounds_of(
+            np.array([candidates[k].touchers for k in same]),
+            np.array([candidates[k].walls for k in same]),
         )
-    return list(zip(found, bounds.tolist(), strict=True))
+    return list(zip(candidates, bounds.tolist(), strict=True))
 
 
-def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
+def propose_changes(query: ChainQuery, chain: Chain) -> list[_Candidate]:
     """Return chains that may be shorter than ``chain``, sorted by the distance of a particle from
     the wall of its new contact.
     """
@@ -194,11 +199,11 @@ def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
     deltas = list(chain.differences(query.before, query.after))
     touchers, walls = chain.touchers.tolist(), chain.walls.tolist()
     # every effect of one particle's contact can also be achieved by the other on the opposite side
-    opposite = [one + half * np.eye(d - 1)[0] for one in along]
-    found = []
+    opposite = [contact + half * np.eye(d - 1)[0] for contact in along]
+    proposed = []
     for place in range(chain.cycles if chain.cycles > 1 else 0):
         between = min(max(place, 1), chain.cycles - 1)
-        found.append(
+        proposed.append(
             _Candidate(
                 0.0,
                 _cut(touchers, place),
@@ -209,19 +214,21 @@ def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
         )
     for place in (place for place, wall in enumerate(walls) if wall == circle):
         other = _put(_cut(touchers, place), place, 1 - touchers[place])
-        found.append(
+        proposed.append(
             _Candidate(0.0, other, walls, _put(_cut(along, place), place, opposite[place]), deltas)
         )
     if all(wall == circle for wall in walls):
         nearest = _nearest_touchers(query, chain, np.array(deltas))
-        places = [opposite[k] if one != touchers[k] else along[k] for k, one in enumerate(nearest)]
-        found.append(_Candidate(-1.0, nearest, walls, places, deltas))
+        places = [
+            opposite[k] if toucher != touchers[k] else along[k] for k, toucher in enumerate(nearest)
+        ]
+        proposed.append(_Candidate(-1.0, nearest, walls, places, deltas))
     states = states_of(query, chain, np.array(deltas))
     for place in range(chain.cycles + 1 if chain.cycles < MOST_CYCLES else 0):
         aside = deltas[place + 1 if place < chain.cycles else place - 1] - deltas[place]
         after = min(place + 1, chain.cycles)
         for toucher in (0, 1):
-            for wall, contact, share, way in _new_contacts(
+            for wall, contact, share, distance in _new_contacts(
                 query, chain, along, place, toucher, states[place][toucher]
             ):
                 more = (
@@ -229,11 +236,11 @@ def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
                     _put(walls, place, wall),
                     _put(along, place, contact),
                 )
-                found.append(
-                    _Candidate(way, *more, _put(deltas, after, deltas[place] + share * aside))
+                proposed.append(
+                    _Candidate(distance, *more, _put(deltas, after, deltas[place] + share * aside))
                 )
-    found.sort(key=lambda one: one.way)
-    return found
+    proposed.sort(key=lambda candidate: candidate.distance)
+    return proposed
 
 
 def _put(items: list[_Item], place: int, item: _Item) -> list[_Item]:

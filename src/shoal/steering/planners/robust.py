@@ -89,23 +89,23 @@ class Cycles:
         chain was found.
         """
         spread = SURE * float(np.hypot(self.noise.execution, self.noise.measurement))
-        found: Chain | None = None
+        chain: Chain | None = None
         for share in (1.0, 0.5, 0.2, 0.05, 0.0):
             margin = max(share * 2 * spread, self.least)
             query = self._chain_query(margin)
-            found = shortest_chain(query, cycles=(1, 2, 3), first_found=True)
-            if found is not None:
+            chain = shortest_chain(query, cycles=(1, 2, 3), first_found=True)
+            if chain is not None:
                 break
-        if found is None:
+        if chain is None:
             query = self._chain_query(1e-6 * self.workspace.size)
-            found = any_chain(query)
-            if found is None:
+            chain = any_chain(query)
+            if chain is None:
                 return False
         walls = query.walls
-        toucher = int(found.touchers[0])
-        contact = walls.restored(found.contacts(walls)[0])
-        target = found.differences(query.before, query.after)[1] * walls.scale
-        last = found.cycles == 1
+        toucher = int(chain.touchers[0])
+        contact = walls.restored(chain.contacts(walls)[0])
+        target = chain.differences(query.before, query.after)[1] * walls.scale
+        last = chain.cycles == 1
         if not self._touch(toucher, contact, spread):
             return True
         self._adjust(toucher, target, last=last, spread=spread)
@@ -145,16 +145,16 @@ class Cycles:
                 return False
             here = self.seen[toucher]
             inward = self._normal(contact)
-            way = contact - here
-            unsure = 2 * self.field.deviation(here, contact) * float(np.linalg.norm(way))
+            approach = contact - here
+            unsure = 2 * self.field.deviation(here, contact) * float(np.linalg.norm(approach))
             apart = float(inward @ (self.seen[1 - toucher] - here))
             if unsure > min(spread, 0.2 * apart) and attempt < 3:
-                way = way + inward * (unsure + spread)
-                self._translate(way / self.field.mean(here, contact))
+                approach = approach + inward * (unsure + spread)
+                self._translate(approach / self.field.mean(here, contact))
                 continue
             # Limit the overshoot so that the other particle does not reach the wall.
             over = max(min(spread + unsure, 0.45 * apart), self.least)
-            self._translate(way / self.field.mean(here, contact) - inward * over)
+            self._translate(approach / self.field.mean(here, contact) - inward * over)
             if (
                 self._distance(self.seen[toucher])
                 <= 3 * self.noise.measurement + 2e-9 * self.workspace.size
@@ -559,22 +559,22 @@ class Replanning:
         def costs(plans: Iterable[Plan]) -> list[Plan]:
             return [annealing.anneal(plan, changes=0, noise=judged) for plan in plans]
 
-        found = costs(self._plans_at_hand(task, last))
-        useful = [plan for plan in found if self._moves_particles(plan, few)]
+        candidates = costs(self._plans_at_hand(task, last))
+        useful = [plan for plan in candidates if self._moves_particles(plan, few)]
         if last is None:
-            found += costs(self._new_plans(annealing, FIRST_TREES))
+            candidates += costs(self._new_plans(annealing, FIRST_TREES))
         elif (
             not task.late
             and min((plan.cost for plan in useful), default=inf) > last.cost - 1 + WORSE
         ):
-            found += costs(self._new_plans(annealing, TREES))
-        found.sort(key=lambda plan: plan.cost)
-        best = [plan for plan in found if self._moves_particles(plan, few)][:REFINED]
-        found += costs(
+            candidates += costs(self._new_plans(annealing, TREES))
+        candidates.sort(key=lambda plan: plan.cost)
+        best = [plan for plan in candidates if self._moves_particles(plan, few)][:REFINED]
+        candidates += costs(
             annealing.anneal(plan, changes=CHANGES, noise=few) for plan in best if not task.late
         )
-        useful = [plan for plan in found if self._moves_particles(plan, few)]
-        return min(useful or found, key=lambda plan: plan.cost)
+        useful = [plan for plan in candidates if self._moves_particles(plan, few)]
+        return min(useful or candidates, key=lambda plan: plan.cost)
 
     def _moves_particles(self, plan: Plan, noise: kernels.Noise) -> bool:
         """Return whether, in at least one noise scenario, the first move of a plan moves a particle

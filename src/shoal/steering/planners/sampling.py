@@ -95,24 +95,24 @@ class Sampling:
         close = (
             world if task.margin else world._replace(wide_edges=world.edges, wide_walls=world.walls)
         )
-        found, narrow = _grown(task, close, rng, simple=simple)
+        plans, sensitive = _grow_trees(task, close, rng, simple=simple)
         if (
             task.world.friction < np.inf and task.clearance
         ):  # nearer to walls, sliding particles often find much shorter plans
-            more, others = _grown(
+            more_plans, more_sensitive = _grow_trees(
                 task, world_of(task.world), np.random.default_rng(task.seed), simple=simple
             )
-            found, narrow = found + more, narrow + others
-        found = found + narrow if simple else found or narrow
-        if simple and found:
-            found = Annealing(task, world, rng).shorten(found)
-            found = sorted(found, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
+            plans, sensitive = plans + more_plans, sensitive + more_sensitive
+        plans = plans + sensitive if simple else plans or sensitive
+        if simple and plans:
+            plans = Annealing(task, world, rng).shorten(plans)
+            plans = sorted(plans, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
                 :BEST
             ]
-        return choose(task, [remove_moves(task, moves) for moves in found])
+        return choose(task, [remove_moves(task, moves) for moves in plans])
 
 
-def _grown(
+def _grow_trees(
     task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: bool
 ) -> tuple[list[Points], list[Points]]:
     """Return the plans of several search trees: plans that stand all disturbances, and
@@ -121,29 +121,29 @@ def _grown(
     # Simulation takes many times as long for sliding particles.
     share = 1.0 if task.world.friction == np.inf else SLIDING
     translations = Translations(task)
-    found: list[Points] = []
-    narrow: list[Points] = []
+    plans: list[Points] = []
+    sensitive: list[Points] = []
     left = int(share * ALL_ROUNDS)
     for _tree in range(TREES):
-        if found or left <= 0 or task.late:
+        if plans or left <= 0 or task.late:
             break
         rounds = min(int(share * ROUNDS), left)
-        grown = Tree(task, world, rng, left=rounds)
-        moves = grown.search(translations)
-        left -= rounds - grown.left
+        tree = Tree(task, world, rng, left=rounds)
+        moves = tree.search(translations)
+        left -= rounds - tree.left
         if moves is not None:
-            (found if task.is_sure(moves) else narrow).append(moves)
-        elif grown.total == 1:
+            (plans if task.is_sure(moves) else sensitive).append(moves)
+        elif tree.total == 1:
             break  # no manoeuvre leads away from the start
     for _tree in range(
-        (MORE_TREES if simple else FEW_TREES) if found else 0
+        (MORE_TREES if simple else FEW_TREES) if plans else 0
     ):  # these trees are smaller
         if task.late:
             break
         moves = Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
         if moves is not None:
-            (found if task.is_sure(moves) else narrow).append(moves)
-    return found, narrow
+            (plans if task.is_sure(moves) else sensitive).append(moves)
+    return plans, sensitive
 
 
 def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
@@ -213,7 +213,7 @@ class Tree:
         The method removes unnecessary moves from a long plan. If no plan keeps the clearance of the
         task, the method returns the first plan that reaches the goals.
         """
-        narrow: list[Points] = []
+        sensitive: list[Points] = []
         for _hit in range(HITS):
             moves = self._direct(translations)
             if moves is not None:
@@ -222,12 +222,12 @@ class Tree:
                 if len(moves) <= self.task.max_moves:
                     if self.task.is_sure(moves):
                         return moves
-                    narrow.append(moves)
+                    sensitive.append(moves)
             elif self.total > 1:
                 self.nodes.keys[self.total - 1] += USELESS
-            if len(narrow) == NARROW or not self.grow():
+            if len(sensitive) == NARROW or not self.grow():
                 break
-        return narrow[0] if narrow else None
+        return sensitive[0] if sensitive else None
 
     def grow(self) -> bool:
         """Grow the tree until a new state has the relative positions of the goals; return whether
@@ -367,11 +367,11 @@ class FreeOffsets:
             waiting[shorter] = (through + left)[shorter]
         if end < 0:
             return None
-        way = [first, self.places[end]]
+        corners = [first, self.places[end]]
         while end != 0:
             end = int(before[end])
-            way.append(self.places[end])
-        return np.array(way)
+            corners.append(self.places[end])
+        return np.array(corners)
 
 
 def free_offsets(workspace: Region, goal: Points, margin: float) -> FreeOffsets | None:

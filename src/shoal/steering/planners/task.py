@@ -232,8 +232,8 @@ class SteeringTask(StartAndGoal):
         for toucher, wall, contact, delta in zip(
             chain.touchers, chain.walls, contacts, deltas, strict=True
         ):
-            way = contact - state[toucher]
-            length = float(np.linalg.norm(way))
+            approach = contact - state[toucher]
+            length = float(np.linalg.norm(approach))
             sign = 1.0 if toucher == 0 else -1.0
             there = length <= 2 * self.margin * workspace.size and self._touches(
                 state[toucher], int(wall)
@@ -241,11 +241,11 @@ class SteeringTask(StartAndGoal):
             if length > 1e-12 * workspace.size and not there:
                 over = self._overshoot(
                     walls.inward(int(wall), contact),
-                    way / length,
+                    approach / length,
                     sign * (delta - (state[1] - state[0])),
                 )
                 steps = self._plan_translation(
-                    state, way * (1 + over / length), least=_STEEP * length / workspace.size
+                    state, approach * (1 + over / length), least=_STEEP * length / workspace.size
                 )
                 if steps is None:
                     return None
