@@ -230,7 +230,7 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
         compared += 1
 
 
-@pytest.mark.parametrize("friction", [0.7, np.inf])
+@pytest.mark.parametrize("friction", [3.0, np.inf])
 @pytest.mark.parametrize(
     "space", [regular_polygon(6), disk(0.5), prism(regular_polygon(5), 0.7), cylinder(0.5, 0.8)]
 )
@@ -240,7 +240,9 @@ def test_gradients_and_hessians_of_chains_are_those_of_differences(space, fricti
     """
     rng, compared = np.random.default_rng(39), 0
     step = 1e-8
-    for _ in range(40):
+    for _ in range(400):
+        if compared == 3:
+            break
         points = np.array([random_point(rng, space.base) for _ in range(4)])
         if space.dimensions == 3:
             points = np.column_stack([points, 0.1 + 0.5 * rng.random(4)])

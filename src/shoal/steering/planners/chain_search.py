@@ -312,9 +312,9 @@ def roadmap_chain(
         rough = roadmap_chain(few, maps=maps, seed=seed)
         if rough is None:
             return None
-        chain = restore_sides(query, few, rough)
-        length = query.optimize(chain.unknowns, chain.touchers, chain.walls, rounds=REFINING[:3])
-        return replace(chain, length=length) if length < inf else None
+        guess = restore_sides(query, few, rough)
+        length = query.optimize(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
+        return replace(guess, length=length) if length < inf else None
     model = replace(query, friction=query.friction * (1 - 1e-9)).model(_INSIDE)
     rng = np.random.default_rng(seed)
     for extreme, bins, gain, spread in maps:
