@@ -1,6 +1,4 @@
-"""Friction: which changes of the particles' difference the walls allow, and what is known of the
-friction coefficient.
-"""
+"""Friction: proofs that walls do not allow a change of the particles' difference."""
 
 from __future__ import annotations
 

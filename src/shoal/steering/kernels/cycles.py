@@ -1,4 +1,6 @@
-"""Cycles of contacts in compiled code, with and without friction."""
+"""Position differences that cycles of contacts reach, in compiled code: one cycle, roadmaps of cycles,
+sets that many cycles reach, and barriers of friction.
+"""
 
 from __future__ import annotations
 

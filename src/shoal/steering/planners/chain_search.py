@@ -1,4 +1,6 @@
-"""The search for chains of contacts, with and without friction."""
+"""Searches for chains of contacts: branch and bound over kinds of chains, roadmaps of position
+differences, the nearest cycle, and chains to antipodal goals planned backwards.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Planner fewest-moves: a search for a plan with the smallest number of straight moves."""
+"""Planner fewest-moves: a search for a plan with the smallest number of straight moves, among chains
+and by shooting.
+"""
 
 from __future__ import annotations
 

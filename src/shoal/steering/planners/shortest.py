@@ -1,4 +1,6 @@
-"""Planner shortest: chains of contacts, shooting, and shortening of what they give."""
+"""Planner shortest: the shortest of many chains of contacts; in three dimensions also plans of the
+plane with vertical moves.
+"""
 
 from __future__ import annotations
 

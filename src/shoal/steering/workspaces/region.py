@@ -1,4 +1,4 @@
-"""Regions: workspaces of any shape with obstacles, for the planner ``sampling``."""
+"""Regions: workspaces of any shape, with obstacles."""
 
 from __future__ import annotations
 
