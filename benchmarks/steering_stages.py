@@ -32,8 +32,7 @@ from tests.reference.test_planners import SHAPES, instance
 
 from benchmarks.steering import ROOMS, random_points, random_region
 from shoal.steering import Region, SteeringProblem, SteeringTask, disk, polygon, region
-from shoal.steering.planners import chain_search as search
-from shoal.steering.planners import improvement, make_planner, sampling, shortest
+from shoal.steering.planners import annealing, improvement, make_planner, sampling, shortest
 from shoal.steering.planners.task import path_length
 
 TOLERANCE = 1e-6  # relative to the size
@@ -109,14 +108,14 @@ def problems_of(name: str, count: int, seed: int) -> list[SteeringProblem]:
 
 def without_odds(name: str) -> tuple[Any, str, Any]:
     return (
-        shortest,
+        annealing,
         "ODDS",
-        {one: 0.0 if one == name else odds for one, odds in shortest.ODDS.items()},
+        {one: 0.0 if one == name else odds for one, odds in annealing.ODDS.items()},
     )
 
 
 def without_stage(number: int) -> tuple[Any, str, Any]:
-    return shortest, "STAGES", shortest.STAGES[:number] + shortest.STAGES[number + 1 :]
+    return annealing, "STAGES", annealing.STAGES[:number] + annealing.STAGES[number + 1 :]
 
 
 def stages_of(planner: str) -> dict[str, tuple[Any, str, Any]]:
@@ -129,23 +128,19 @@ def stages_of(planner: str) -> dict[str, tuple[Any, str, Any]]:
             "chains of two cycles": (improvement, "CYCLES", (1, 3)),
             "chains of three cycles": (improvement, "CYCLES", (1, 2)),
             "changes of chains": (improvement.ChainPool, "improve", lambda *_given: None),
-            "changes before chains of three cycles": (improvement, "EARLY", 0),
-            "chains for distant goals": (improvement, "SPIRALS", ()),
             "contacts that slide to other sides": (
                 improvement,
-                "slid",
+                "slide_contacts",
                 lambda _query, chain: chain,
             ),
-            "second and third chain refined": (improvement, "REFINED", 1),
-            "more than one chain refined on a round wall": (search, "_POLISHED", 1),
         }
     return {
         "trees but one": (sampling, "MORE_TREES", 0),
         **{
             f"{changes} changes each": without_stage(k)
-            for k, (_, changes) in enumerate(shortest.STAGES)
+            for k, (_, changes) in enumerate(annealing.STAGES)
         },
-        **{f"change: {name}": without_odds(name) for name in list(shortest.ODDS)[1:]},
+        **{f"change: {name}": without_odds(name) for name in list(annealing.ODDS)[1:]},
     }
 
 
@@ -155,10 +150,10 @@ def more_work(work: float) -> Iterator[None]:
     plans.
     """
     trees = max(1, round(work * (sampling.MORE_TREES + 1)))
-    stages = tuple((max(1, round(work * number)), changes) for number, changes in shortest.STAGES)
+    stages = tuple((max(1, round(work * number)), changes) for number, changes in annealing.STAGES)
     with (
         mock.patch.object(sampling, "MORE_TREES", trees - 1),
-        mock.patch.object(shortest, "STAGES", stages),
+        mock.patch.object(annealing, "STAGES", stages),
     ):
         yield
 

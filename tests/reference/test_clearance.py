@@ -22,8 +22,7 @@ from shoal.steering import (
     regular_polygon,
 )
 from shoal.steering.contact.clearance import why_sensitive
-from shoal.steering.planners import sampling
-from shoal.steering.planners import shortest as shortening
+from shoal.steering.planners import annealing, sampling
 from shoal.steering.planners.task import worthwhile
 from shoal.steering.workspaces.formats import describe
 
@@ -87,7 +86,7 @@ def place(rng, space, on_wall, radius):
 @pytest.fixture
 def small_searches(monkeypatch):
     monkeypatch.setattr(sampling, "MORE_TREES", 3)
-    monkeypatch.setattr(shortening, "STAGES", ((4, 500), (2, 2000)))
+    monkeypatch.setattr(annealing, "STAGES", ((4, 500), (2, 2000)))
 
 
 @pytest.mark.parametrize("name", CLASSES)

@@ -15,10 +15,9 @@ from tests.reference.test_steering import random_polygon
 from shoal.steering import ContactWorld, cylinder, disk, polygon, prism, region, regular_polygon
 from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.contact.world import RegionWorld
-from shoal.steering.kernels import roadmap as sampling
-from shoal.steering.kernels import shooting, shortening
+from shoal.steering.kernels import annealing, sampling, shooting
+from shoal.steering.planners.fewest_moves import directions
 from shoal.steering.planners.sampling import world_of
-from shoal.steering.planners.shortest import directions
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.formats import describe
 
@@ -207,7 +206,7 @@ def test_moves_that_a_wall_may_hold_begin_with_a_lift(name):
         )
         assert sampling.is_blocked(task.start, *move, world) == plain
         moves, state = np.zeros((8, 2)), task.start.copy()
-        count = sampling.translate(state, *move, world, float(room.size), moves, 0)
+        count = sampling.translate(state, *move, world, moves, 0)
         np.testing.assert_allclose(
             state, played(room, task.start, moves[:count]), atol=1e-10 * room.size
         )
@@ -228,7 +227,7 @@ def test_steps_of_plans_are_played_with_both_tolerances(name):
     """
     found = [0, 0]
     for rng, room, task, world, scene in scenes(name, 40, 55):
-        steps = shortening.Steps(
+        steps = annealing.Steps(
             np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2))
         )
         steps.targets[:2] = [inside(rng, room) for _ in range(2)]
@@ -265,16 +264,12 @@ def test_steps_of_plans_are_played_with_both_tolerances(name):
             for state in (path[-1], wide)
         )
         plain = arrives and near >= 1.5 * CLEARANCE * scene.size
-        length = shortening.play(steps, 4, task.start, goal, limit, inf, world, task.start.copy())
+        ends = annealing.PlanTask(task.start, goal, limit, 4)
+        length = annealing.play(steps, 4, ends, inf, world, task.start.copy())
         assert (length < inf) == plain
         if plain:
             assert np.isclose(length, sum(hypot(*move) for move in moves), rtol=1e-9)
-            assert (
-                shortening.play(
-                    steps, 4, task.start, goal, limit, 0.99 * length, world, task.start.copy()
-                )
-                == inf
-            )
+            assert annealing.play(steps, 4, ends, 0.99 * length, world, task.start.copy()) == inf
         found[bool(plain)] += 1
     assert min(found) > 2
 
@@ -307,9 +302,10 @@ def test_last_moves_leave_the_other_particle_its_clearance(name):
         for toucher in (0, 1):
             unit, length, short = plain_shortage(scene, places.tolist(), goal.tolist(), toucher)
             moves = np.zeros((2, 2))
-            error = shooting.finish(
-                places, goal, toucher, simulated(room).walls, clear * room.size, moves
+            shot = shooting.Shot(
+                places, goal, simulated(room).walls, clear * room.size, np.zeros((0, 2))
             )
+            error = shooting.finish(places, shot, toucher, moves)
             assert np.isfinite(error) == (short <= -clear * room.size)
             if np.isfinite(error):
                 np.testing.assert_allclose(
@@ -335,19 +331,18 @@ def test_plans_of_few_moves_keep_their_clearance(name):
             for _ in range(2)
         )
         walls, scene = simulated(room).walls, replay.Scene(describe(room), replay.Turned())
-        wide, few = clear * room.size, directions(2, 24)
+        wide, trials = clear * room.size, shooting.Trials(directions(2, 24), shares)
         nudges = wide * np.vstack([np.eye(2), -np.eye(2)])
+        shot = shooting.Shot(start, goal, walls, wide, nudges)
         plan = np.zeros((count, 2))
         if count == 3:
-            records = shooting.search(start, goal, few, shares, nudges, 100, walls, wide, plan)
+            records = shooting.search(shot, trials, 100, plan)
         else:
             picks = rng.integers(0, 2**31, (60, 5, count - 2, 2))
-            records = shooting.search_guided(
-                start, goal, few, shares, picks, nudges, 4, walls, wide, plan
-            )
+            records = shooting.search_guided(shot, trials, picks, 4, plan)
         trial = rng.normal(size=(count, 2)) * 0.4 * room.size
         before = trial.copy()
-        left = shooting.repair(start, goal, walls, wide, trial)
+        left = shooting.repair(shot, trial)
         short = min(
             plain_shortage(scene, played(room, start, trial[:-2]).tolist(), goal.tolist(), t)[2]
             for t in (0, 1)
@@ -369,7 +364,7 @@ def test_plans_of_few_moves_keep_their_clearance(name):
         for changed in (False, True):
             if changed:
                 longer = sum(hypot(*move) for move in plan)
-                length = shooting.improve(start, goal, count - 2, 0.05, nudges, walls, wide, plan)
+                length = shooting.improve(shot, 0.05, plan)
                 assert np.isclose(length, sum(hypot(*move) for move in plan))
                 assert length <= longer + 1e-12
             for nudge in (np.zeros(2), *nudges):

@@ -13,10 +13,9 @@ from tests.steering import steer
 
 from shoal.steering import ContactWorld, disk
 from shoal.steering.contact.friction import friction_limit, turn_on_the_way
-from shoal.steering.kernels.cycles import CycleModel
-from shoal.steering.kernels.roadmap import fewest_cycles, linked
+from shoal.steering.kernels.cycles import CycleModel, fewest_cycles, find_cycle
 from shoal.steering.planners.chain_search import backward_nodes
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 
 
 @pytest.mark.parametrize("kind", ["polygon", "disk"])
@@ -98,7 +97,7 @@ def test_links_are_those_of_sampled_contacts(kind):
         before = points[1] - points[0]
         after = before + (points[3] - points[2] - before) * rng.random()
         room = best_room(walls, before, after, friction)
-        found = linked(before, after, ground_of(walls, friction), step)
+        found = find_cycle(before, after, ground_of(walls, friction), step)
         if room > 1e-6:
             assert found
         if found:
@@ -121,7 +120,7 @@ def test_fewest_cycles_are_those_of_plain_layers():
                 b
                 for a in layer
                 for b in range(40)
-                if b not in seen and linked(nodes[a], nodes[b], ground, step)
+                if b not in seen and find_cycle(nodes[a], nodes[b], ground, step)
             }
             seen |= layer
             depth += 1
@@ -129,7 +128,7 @@ def test_fewest_cycles_are_those_of_plain_layers():
         if reached:
             node, cycles = 1, 0
             while node:
-                assert linked(nodes[parents[node]], nodes[node], ground, step)
+                assert find_cycle(nodes[parents[node]], nodes[node], ground, step)
                 node, cycles = parents[node], cycles + 1
             assert cycles == depth
 
@@ -209,7 +208,7 @@ def test_rungs_of_a_ladder_lead_up():
     for way in np.split(nodes, 4):
         for lower, upper in zip(way, [after, *way[:-1]], strict=True):
             assert np.hypot(*lower) < np.hypot(*upper)
-            assert linked(lower, upper, ground_of(walls, 1.0), step)
+            assert find_cycle(lower, upper, ground_of(walls, 1.0), step)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

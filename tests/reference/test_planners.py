@@ -23,16 +23,12 @@ from shoal.steering import (
     reached_in_two_moves,
     regular_polygon,
 )
-from shoal.steering.kernels.chain import Kind, chain_length, new_work
+from shoal.steering.kernels.chain import ChainKind, chain_length, new_work, objective
 from shoal.steering.planners.chain_search import nearest_cycles, roadmap_chain, shortest_chain
 from shoal.steering.planners.chains import ChainQuery, way_over_circle
-from shoal.steering.planners.shortest import (
-    Shortest,
-    planar_task,
-    shooting_plan,
-    with_vertical_moves,
-)
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.planners.fewest_moves import shooting_plan
+from shoal.steering.planners.shortest import Shortest, planar_task, with_vertical_moves
+from shoal.steering.workspaces.walls import normalize_walls
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 SHAPES = {
@@ -204,7 +200,7 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
             rng.integers(0, len(walls.normals), size=cycles),
         )
         guess = query.guess(cycles)
-        length = query.settle(guess, touchers, on)
+        length = query.optimize(guess, touchers, on)
         value = partial(plain_length, query, touchers, on)
         inside = LinearConstraint(*limits_of(value, len(guess)), np.inf)
         if length == np.inf:
@@ -219,7 +215,7 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
         )
         assert length == pytest.approx(value(guess)[0], abs=1e-9)
         assert value(guess)[1].min() >= -1e-12
-        kind = Kind(
+        kind = ChainKind(
             touchers,
             on,
             query.start,
@@ -232,6 +228,68 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
         assert chain_length(guess, kind, new_work(cycles, 2)) == pytest.approx(length)
         assert length <= found.fun + 1e-5 or value(found.x)[1].min() < -1e-9
         compared += 1
+
+
+@pytest.mark.parametrize("friction", [3.0, np.inf])
+@pytest.mark.parametrize(
+    "space", [regular_polygon(6), disk(0.5), prism(regular_polygon(5), 0.7), cylinder(0.5, 0.8)]
+)
+def test_gradients_and_hessians_of_chains_are_those_of_differences(space, friction):
+    """Of the length with its barriers, and of the slack with its barriers, near a chain inside its
+    limits.
+    """
+    rng, compared = np.random.default_rng(39), 0
+    step = 1e-8
+    for _ in range(400):
+        if compared == 3:
+            break
+        points = np.array([random_point(rng, space.base) for _ in range(4)])
+        if space.dimensions == 3:
+            points = np.column_stack([points, 0.1 + 0.5 * rng.random(4)])
+        task = SteeringTask(
+            ContactWorld(space, friction=friction),
+            points[:2],
+            points[2:],
+            1e-6,
+        )
+        query, cycles = task.chain_query(), 3
+        on = rng.integers(0, len(query.walls.normals) + query.walls.round, cycles)
+        touchers = rng.integers(0, 2, cycles)
+        x = query.guess(cycles)
+        if query.optimize(x, touchers, on, enough=1e-3, rounds=np.array([20.0])) == np.inf:
+            continue
+        compared += 1
+        work = new_work(cycles, query.walls.dimensions)
+        kind = ChainKind(
+            touchers,
+            on,
+            query.start,
+            query.goal,
+            query.walls.shape,
+            query.friction,
+            query.margin,
+            query.push,
+        )
+        for phase in (False, True):
+            at = np.append(x, 0.02) if phase else x
+
+            def value(at, order=0, phase=phase, kind=kind, work=work):
+                slack = at[-1] if phase else np.nan
+                return objective(at, slack, 50.0, 1e-3, kind, work, order)
+
+            def gradient(at, value=value, work=work):
+                value(at, 1)
+                return work.derivatives[-1, : len(at)].copy()
+
+            slopes = gradient(at)
+            hessian = work.derivatives[: len(at), : len(at)].copy()
+            around = [(at + step * unit, at - step * unit) for unit in np.eye(len(at))]
+            plain = [(value(up) - value(down)) / (2 * step) for up, down in around]
+            size = max(np.abs(slopes).max(), 1.0)
+            np.testing.assert_allclose(slopes, plain, atol=1e-4 * size)
+            bends = [(gradient(up) - gradient(down)) / (2 * step) for up, down in around]
+            np.testing.assert_allclose(hessian, bends, atol=1e-4 * max(np.abs(hessian).max(), 1.0))
+    assert compared
 
 
 @pytest.mark.parametrize("shape", ["7-gon", "disk"])
@@ -343,7 +401,7 @@ def test_chains_over_a_circle_beat_random_ones():
             cycles = int(rng.integers(1, 4))
             guess = query.guess(cycles)
             guess[:cycles] = rng.random(cycles) * 2 * np.pi * walls.circle[2]
-            tried = query.settle(
+            tried = query.optimize(
                 guess,
                 rng.integers(0, 2, size=cycles),
                 np.zeros(cycles, dtype=np.int64),

@@ -75,16 +75,16 @@ STEERING = """
 import numpy as np
 from shoal.steering import SteeringProblem, SteeringTask, cylinder, disk, polygon_reach, prism, regular_polygon
 from shoal.steering.run import run
-from shoal.steering.planners import shortest as shooting
+from shoal.steering.planners import fewest_moves
 from shoal.steering.planners import improvement
 from shoal.steering.contact import friction as friction_limits
-from shoal.steering.planners import chain_search as roadmap
+from shoal.steering.planners import chain_search
 friction_limits._ANGLES = 30
 improvement.TRIES = 2
-roadmap.MAPS = ((8, 14, 1.05, 8),)
-shooting.DIRECTIONS = {2: 8, 3: 8}
-shooting.DENSE = 1
-shooting.REPAIRS = {4: (2, 3), 5: (1, 2), 6: (1, 2)}
+chain_search.MAPS = ((8, 14, 1.05, 8),)
+fewest_moves.DIRECTIONS = {2: 8, 3: 8}
+fewest_moves.DENSE = 1
+fewest_moves.REPAIRS = {4: (2, 3), 5: (1, 2), 6: (1, 2)}
 pair = [(-0.1, 0.0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)]
 high = [(-0.1, 0.0, 0.2), (0.1, 0.1, 0.5)], [(0.3, 0.1, 0.4), (-0.2, -0.3, 0.1)]
 for space in (regular_polygon(3, radius=0.8), disk(0.5), prism(regular_polygon(4), 0.7), cylinder(0.5, 0.7)):
@@ -96,7 +96,7 @@ for space, goal in ((regular_polygon(3, radius=0.8), pair[1]), (disk(0.5), pair[
     start = (pair if space.dimensions == 2 else high)[0]
     task = SteeringTask(SteeringProblem(space, start, goal).world(), np.array(start), np.array(goal), 1e-6)
     for count in (3, 4, 5):
-        plan = shooting.shooting_plan(task, count)
+        plan = fewest_moves.shooting_plan(task, count)
         print(space.kind, count, None if plan is None else np.round(plan, 5).tolist())
 noise = dict(execution=1e-3, measurement=1e-3, gain=0.2)
 e = run(SteeringProblem(regular_polygon(5), *pair, 0.01, planner="robust", max_moves=6, **noise))
@@ -106,7 +106,7 @@ e = run(SteeringProblem(regular_polygon(5), *near, planner="greedy", friction=3.
 print(e.status, e.moves, np.round(e.final, 5).tolist())
 for space in (regular_polygon(5), disk(0.5)):
     task = SteeringTask(SteeringProblem(space, *pair, friction=1.0).world(), np.array(pair[0]), np.array(pair[1]), 1e-6)
-    chain = roadmap.roadmap_chain(task.chain_query(), maps=roadmap.MAPS)
+    chain = chain_search.roadmap_chain(task.chain_query(), maps=chain_search.MAPS)
     print(None if chain is None else (chain.touchers.tolist(), chain.walls.tolist(), np.round(chain.unknowns, 5).tolist()))
     print(friction_limits.friction_limit(space, 0.2, task.before, task.after))
 print([round(r.fraction(), 3) for r in polygon_reach(regular_polygon(3), (0.2, 0.1), moves=4, contacts=5)])
@@ -118,8 +118,8 @@ from math import inf
 import numpy as np
 from shoal.steering import ContactWorld, disk, region, regular_polygon
 from shoal.steering.contact.world import RegionWorld
-from shoal.steering.kernels import shortening
-from shoal.steering.kernels import roadmap as sampling
+from shoal.steering.kernels import annealing
+from shoal.steering.kernels import sampling
 from shoal.steering.planners.sampling import world_of
 from shoal.steering.planners.task import SteeringTask
 rng = np.random.default_rng(9)
@@ -134,7 +134,7 @@ for world in (RegionWorld(yard), ContactWorld(regular_polygon(3)), ContactWorld(
         state, made = world.final(task.start, moves), np.zeros((8, 2))
         print(np.round(state, 9).tolist(), sampling.keeps_clear(task.start.copy(), moves, 4, wide))
         print(sampling.is_blocked(state, *moves[0], wide), sampling.passes_corner(*points[0], *state[0], wide))
-        count = sampling.translate(state, *moves[0], wide, 1.0, made, 0)
+        count = sampling.translate(state, *moves[0], wide, made, 0)
         print(count, np.round(state, 9).tolist(), np.round(made, 9).tolist())
         steps = shortening.Steps(np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2)))
         steps.targets[:2] = points[:2] + moves[:2]

@@ -467,10 +467,10 @@ def test_archives_hold_what_every_kind_of_command_calls():
         "line_samples.trials",
     }
     called |= {
-        "friction_barrier.kept_out",
-        "roadmap.widen",
+        "cycles.is_kept_out",
+        "cycles.grow_extreme_nodes",
         "shooting.search_guided",
         "region_contact.advance",
-        "cycles.deeper",
+        "cycles.deepen",
     }
     assert called <= held

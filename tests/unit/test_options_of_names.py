@@ -16,13 +16,12 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
 from shoal.search import problem
 from shoal.search.tours import TOURS
-from shoal.steering.planners import PLANNERS
-from shoal.steering.problem import PLANNER_NAMES
+from shoal.steering.planners import PLANNERS, make_planner
 
 MODULE = """
 from shoal.search.allocation.allocate import hop, stay
 from shoal.search.tours import TOURS
-from shoal.steering.planners import PLANNERS
+from shoal.steering.planners import PLANNERS, make_planner
 from shoal.swarm.grid.tasks import left_wall, uniform
 from shoal.swarm.grid.tasks import TASKS
 from shoal.swarm.policies import POLICIES
@@ -192,7 +191,10 @@ def test_functions_take_options_only_where_the_objects_are_functions():
 
 def test_help_names_all_that_is_registered():
     assert set(problem.TOURS) == set(TOURS)
-    assert set(PLANNER_NAMES) == set(PLANNERS)
+    page = (Path(__file__).parents[2] / "docs/concepts/steering/planners.md").read_text()
+    for name in PLANNERS:
+        assert make_planner(name).name == name
+        assert f"| `{name}` |" in page
 
 
 def test_where_things_are():

@@ -107,24 +107,24 @@ def reach(
     """
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
 
-    room = problem.place
-    if not isinstance(room, ConvexWorkspace) or room.dimensions == 3:
+    workspace = problem.place
+    if not isinstance(workspace, ConvexWorkspace) or workspace.dimensions == 3:
         raise InvalidInputError(
-            f"workspace: expected a convex polygon or a disk, got a {room.kind}"
+            f"workspace: expected a convex polygon or a disk, got a {workspace.kind}"
         )
-    points = room.check_inside(problem.endpoints(seed)[0], what="--start")
+    points = workspace.check_inside(problem.endpoints(seed)[0], what="--start")
     if len(points) != 2:
         raise InvalidInputError(f"--start: expected two points, got {len(points)}")
     delta = points[1] - points[0]
     if out is not None:
         check_folder(out)
-    if room.round:
-        sets: Any = disk_reach(float((delta @ delta) ** 0.5), moves=moves, radius=room.radius)
+    if workspace.round:
+        sets: Any = disk_reach(float((delta @ delta) ** 0.5), moves=moves, radius=workspace.radius)
     else:
-        sets = polygon_reach(room, delta, moves=moves)
+        sets = polygon_reach(workspace, delta, moves=moves)
     fractions = [one.fraction() for one in sets]
     result = {
-        "workspace": room.kind,
+        "workspace": workspace.kind,
         "start": points.tolist(),
         "delta": delta.tolist(),
         "moves": [one.moves for one in sets],
@@ -148,7 +148,7 @@ def reach(
     ]
     print_table(
         rows,
-        title=f"differences reached from ({delta[0]:.6g}, {delta[1]:.6g}) in a {room.kind}",
+        title=f"differences reached from ({delta[0]:.6g}, {delta[1]:.6g}) in a {workspace.kind}",
         written=written,
     )
 

@@ -22,8 +22,8 @@ from .delta_space import (
 )
 from .episode import SteeringEpisode as SteeringEpisode
 from .planners import PLANNERS as PLANNERS
-from .planners import Planner as Planner
 from .planners import make_planner as make_planner
+from .planners.task import Planner as Planner
 from .planners.task import SteeringTask as SteeringTask
 from .problem import SteeringProblem as SteeringProblem
 from .workspaces.convex import (

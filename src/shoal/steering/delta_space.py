@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.kernels.cycles import deeper
+from shoal.steering.kernels.cycles import WallSamples, deepen
 from shoal.steering.planners.chains import ChainQuery, kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, clipped, disk, hull
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,8 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
         target = sign * (workspace.normals @ after)
         low, high = toucher_shares(workspace, (sign * before, sign * after))
         lengths = np.hypot(*(ends - corners).T)
-        room = np.minimum(np.minimum(target, depth - target), (high - low) * lengths)
-        for wall in np.flatnonzero((depth > 0) & (room >= 0)):
+        slack = np.minimum(np.minimum(target, depth - target), (high - low) * lengths)
+        for wall in np.flatnonzero((depth > 0) & (slack >= 0)):
             first, last = (
                 corners[wall] + share * (ends[wall] - corners[wall])
                 for share in (low[wall], high[wall])
@@ -147,7 +147,7 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
                     first,
                     last,
                     (first + last) / 2,
-                    float(room[wall]) / workspace.size,
+                    float(slack[wall]) / workspace.size,
                 )
             )
     return crossings
@@ -165,9 +165,8 @@ def toucher_shares(
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
     low, high = np.zeros(len(corners)), np.ones(len(corners))
-    rates = (
-        along @ workspace.normals.T
-    )  # (side, wall): change of the distance to each wall along the side
+    # (side, wall): change of the distance to each wall along the side
+    rates = along @ workspace.normals.T
     flat = np.abs(rates) <= 1e-14 * workspace.size
     for shift in shifts:
         clear = workspace.wall_distances(corners + shift)
@@ -409,9 +408,8 @@ def disk_reach(
     check_integer(directions, what="directions", least=16)
     ahead = _ahead(directions // 2)
     half = np.arccos(min(1.0, distance / size))
-    contacts = np.linspace(
-        -half, half, directions
-    )  # rotated by π: contacts lie on the side opposite to Δ
+    # rotated by π: contacts lie on the side opposite to Δ
+    contacts = np.linspace(-half, half, directions)
     depths = distance / size * np.cos(contacts)
     sets: list[DiskReach] = []
     for done in range(2, moves + 1, 2):
@@ -438,9 +436,8 @@ def _furthest(
     For each contact, ``depths`` holds the largest depth of the other particle below the wall's
     tangent at the contact.
     """
-    slope = np.cos(
-        ahead[:, None] - contacts
-    )  # length of each chord, and its inward component per unit of length
+    # length of each chord, and its inward component per unit of length
+    slope = np.cos(ahead[:, None] - contacts)
     with np.errstate(divide="ignore", invalid="ignore"):
         allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
     reached = np.where(slope > _LEVEL, np.minimum(slope, allowed), 0.0)
@@ -547,7 +544,7 @@ class PolygonReach:
         for cycles in range(1, self.moves // 2 + 1):
             touchers, on, _ = kinds_of(start, end, walls, cycles=cycles, push=0.0)
             if any(
-                query.settle(query.guess(cycles), *kind, enough=1e-12) < np.inf
+                query.optimize(query.guess(cycles), *kind, enough=1e-12) < np.inf
                 for kind in zip(touchers, on, strict=True)
             ):
                 return True
@@ -639,10 +636,6 @@ def polygon_reach(
     contacts : int
         Number of sample points on each side of the polygon.
 
-    Raises
-    ------
-    InvalidInputError
-
     Notes
     -----
     Source: paper W, section IV.C and figure 4, corrected.
@@ -686,19 +679,16 @@ def polygon_reach(
         fits = workspace.contains(points + sign * start) & (depth > _CLOSE * workspace.size)
         depths[row] = np.where(fits, depth, -1.0)
     sets = [PolygonReach(workspace, start, 2, points, walls, depths)]
-    normals, offsets = np.ascontiguousarray(workspace.normals), workspace.offsets
+    samples = WallSamples(
+        np.ascontiguousarray(corners),
+        np.ascontiguousarray(workspace.normals),
+        workspace.offsets,
+        points,
+        walls,
+    )
     spare = [np.empty((4 * len(corners) + 8, 2)) for _ in range(3)]
     for done in range(4, moves + 1, 2):
-        before_that, depths = depths, np.empty_like(depths)
-        deeper(
-            np.ascontiguousarray(corners),
-            normals,
-            offsets,
-            points,
-            walls,
-            before_that,
-            depths,
-            *spare,
-        )
+        earlier, depths = depths, np.empty_like(depths)
+        deepen(samples, earlier, depths, *spare)
         sets.append(PolygonReach(workspace, start, done, points, walls, depths))
     return sets

@@ -272,12 +272,7 @@ class SteeringEpisode(Episode):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SteeringEpisode:
-        """Read an episode from a JSON file, without a new run of its planner.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Read an episode from a JSON file, without a new run of its planner."""
         where = os.fspath(path)
         data = parse_json(read_text(Path(path), what="steering episode"), where=where)
         if not isinstance(data, dict) or set(data) != set(_STORED) or data["kind"] != cls.part:

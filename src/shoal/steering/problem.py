@@ -14,17 +14,17 @@ from shoal.core.checks import check_integer, check_number, check_points, shorten
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
+from shoal.steering.planners import PLANNERS, make_planner
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.formats import describe, open_workspace, workspace_of
 from shoal.steering.workspaces.region import Region
 
-# Worlds and planners call kernels, whose compiler takes a second to load. They are imported when a
-# problem is checked, so that commands, which only read the declarations below, start fast.
+# Worlds call kernels, whose compiler takes a second to load. They are imported when a problem is
+# checked, so that commands, which only read the declarations below, start fast.
 
 DRAWS = 10_000  # draws of a random point before the workspace counts as too small
 FINEST = 1e-8  # relative to the size: contacts are not more accurate
 RANDOM = "random"
-PLANNER_NAMES = ("shortest", "greedy", "fewest-moves", "robust", "sampling")
 
 
 def _check_workspace(given: Any) -> Any:
@@ -64,9 +64,8 @@ def _parse_places(text: str) -> Any:
     if text == RANDOM:
         return RANDOM
     numbers = re.split(r"[\s,;]+", text.strip(" ()[]"))
-    count = next(
-        (word.count(",") + 1 for word in text.split() if "," in word), 2
-    )  # numbers per point
+    # numbers per point
+    count = next((word.count(",") + 1 for word in text.split() if "," in word), 2)
     try:
         return [
             [float(number) for number in numbers[k : k + count]]
@@ -85,8 +84,6 @@ def _dump_places(given: Any) -> Any:
 def _check_planner(given: Any) -> Any:
     if given == "auto":
         return given
-    from shoal.steering.planners import PLANNERS, make_planner
-
     if isinstance(given, str) and ":" in given and given.partition(":")[0] not in PLANNERS:
         return given  # objects in third-party modules are not imported yet
     make_planner(given)
@@ -96,8 +93,6 @@ def _check_planner(given: Any) -> Any:
 def _dump_planner(given: Any) -> str:
     if isinstance(given, str):
         return given
-    from shoal.steering.planners import PLANNERS
-
     return (
         str(given.name)
         if given.name in PLANNERS
@@ -191,13 +186,13 @@ class SteeringProblem(Problem):
     planner: Any = option(
         "auto",
         help=(
-            f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means the planner"
+            f"Planner: auto, {', '.join(PLANNERS)} or MODULE:ATTRIBUTE. auto means the planner"
             " robust for two particles with noise or an uneven field, the planner shortest for two"
             " particles in a convex workspace, and the planner sampling in all other cases."
         ),
         check=_check_planner,
         dump=_dump_planner,
-        names=PLANNER_NAMES,
+        names=tuple(PLANNERS),
     )
     time: float | None = option(
         None,
@@ -315,8 +310,6 @@ class SteeringProblem(Problem):
         InvalidInputError, UnknownNameError
             If the planner is unknown or does not support the task.
         """
-        from shoal.steering.planners import make_planner
-
         two, obstacles = self.n_particles == 2, isinstance(self.place, Region)
         if isinstance(self.planner, str) and self.planner == "auto":
             simple = "robust" if self.noisy else "sampling" if obstacles else "shortest"
@@ -342,10 +335,6 @@ class SteeringProblem(Problem):
 
         A relative path of a workspace file is relative to the folder of the problem file if the
         workspace file exists there. Otherwise, the path is relative to the working directory.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
         """
         problem = super().from_file(data, path, trust=trust)
         if isinstance(problem.workspace, str):
@@ -376,10 +365,6 @@ class SteeringProblem(Problem):
         """Raise an error if the tolerance, a point or the planner does not suit the workspace.
 
         The method also raises an error if particles with different goals start at the same point.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
         """
         workspace = self.place
         least = FINEST * workspace.size
@@ -406,10 +391,6 @@ class SteeringProblem(Problem):
     def world(self, *, seed: int = 0, gain: float | None = None) -> Any:
         """Return the simulated world of the problem; ``seed`` determines the direction in which the
         gain grows.
-
-        Raises
-        ------
-        InvalidInputError
         """
         from shoal.steering.contact.world import make_world
 
@@ -441,12 +422,12 @@ class SteeringProblem(Problem):
         """Return one random point of the workspace for each particle; particles with a radius do
         not overlap at these points.
         """
-        workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
+        workspace, space, apart = self.place, self.world().free_space, 2 * self.particle_radius
         low, high = workspace.bounds
         points: list[Points] = []
         for _ in range(DRAWS):
             point = rng.uniform(low, high)
-            if room.contains(point) and all(
+            if space.contains(point) and all(
                 np.linalg.norm(point - other) >= apart for other in points
             ):
                 points.append(point)
@@ -461,10 +442,6 @@ class SteeringProblem(Problem):
 def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
     """Raise an error if particles with different goals start at the same point, because no shared
     move separates such particles.
-
-    Raises
-    ------
-    InvalidInputError
     """
     for one in range(len(start)):
         for other in range(one):

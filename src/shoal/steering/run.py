@@ -16,7 +16,7 @@ from shoal.jit import Stopwatch, working_time
 from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners.greedy import plan_with_clearance
+from shoal.steering.planners.clearance import plan_with_clearance
 from shoal.steering.planners.task import (
     SteeringTask,
     path_length,
@@ -30,12 +30,7 @@ from shoal.steering.workspaces.convex import Points
 
 
 def check(problem: SteeringProblem) -> None:
-    """Refuse a problem that cannot run, without planning it.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
-    """
+    """Refuse a problem that cannot run, without planning it."""
     problem.check_at_place()
     problem.endpoints(0)
 
@@ -56,10 +51,6 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     -------
     SteeringEpisode
         The record of the run. ``bool(episode)`` is true only if the run has solved the problem.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
 
     Examples
     --------
@@ -95,7 +86,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
         if problem.time is not None:  # the remaining planning time is shared
             now = working_time()
             task = replace(task, deadline=now + (begun + problem.time - now) / left)
-        attempts.append(_attempted(problem, planner, task, order))
+        attempts.append(_attempt(problem, planner, task, order))
     best = _best_of(
         attempts, problem.tolerance, by_moves=getattr(planner, "prefers", "length") == "moves"
     )
@@ -146,7 +137,7 @@ def _best_of(attempts: list[_Attempt], tolerance: float, *, by_moves: bool) -> _
     return arrived[worthwhile(sizes, by_moves=by_moves)]
 
 
-def _attempted(
+def _attempt(
     problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]
 ) -> _Attempt:
     """Plan and simulate the problem with one assignment of goals to particles, and return the

@@ -152,10 +152,6 @@ class SteeringBatch:
         ``truncated``: the world has made the maximum number of moves, but not all of its particles
         are at their goals.
 
-    Raises
-    ------
-    InvalidInputError
-
     Notes
     -----
     A world behaves exactly like a `shoal.steering.simulation.Apparatus` with the same seed.

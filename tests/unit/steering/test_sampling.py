@@ -20,8 +20,7 @@ from shoal.steering import (
     regular_polygon,
 )
 from shoal.steering.contact.world import RegionWorld
-from shoal.steering.planners import sampling
-from shoal.steering.planners import shortest as shortening
+from shoal.steering.planners import annealing, sampling
 from shoal.steering.planners.sampling import Sampling
 from shoal.steering.planners.sampling import _sees as sees
 
@@ -43,7 +42,7 @@ POSTS = region(
 def few_trees(monkeypatch):
     """Plans that only have to arrive are made short for a moment only."""
     monkeypatch.setattr(sampling, "MORE_TREES", 2)
-    monkeypatch.setattr(shortening, "STAGES", ((1, 1000),))
+    monkeypatch.setattr(annealing, "STAGES", ((1, 1000),))
 
 
 quick = pytest.mark.usefixtures("few_trees")

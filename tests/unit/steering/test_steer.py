@@ -31,7 +31,7 @@ from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import stop_at_others
 from shoal.steering.planners.chain_search import antipodal_chain
 from shoal.steering.planners.chains import ChainQuery
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 from shoal.views.steering.figures import plan_figure, reach_figure
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])

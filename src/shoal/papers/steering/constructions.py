@@ -167,13 +167,13 @@ def _draw_crossing(
     along = place.vertices[(wall + 1) % len(place.vertices)] - corner
     shares = np.linspace(0, 1, 201)
     points = corner + shares[:, None] * along
-    room = points[place.contains(points + start[0] - start[1])]
+    section = points[place.contains(points + start[0] - start[1])]
     depth = float(normal @ (start[0] - start[1]))
     heights = place.vertices @ normal - float(normal @ corner)
     slab = Polygon(place.vertices).intersection(_below(place, corner, normal, depth))
     axes.fill(*slab.exterior.xy, color="#c9ced6", alpha=0.75, lw=0, zorder=1)
-    axes.plot(*room[[0, -1]].T, color=GREEN, lw=5, solid_capstyle="butt", zorder=4)
-    contact = room[len(room) // 2]
+    axes.plot(*section[[0, -1]].T, color=GREEN, lw=5, solid_capstyle="butt", zorder=4)
+    contact = section[len(section) // 2]
     for particle in (0, 1):
         arrow_between(
             axes,

@@ -20,7 +20,7 @@ from shoal.steering.delta_space import DIRECTIONS, PolygonReach, disk_reach, pol
 from shoal.steering.planners.chain_search import nearest_cycles
 from shoal.steering.planners.chains import ChainQuery
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, disk
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 from shoal.views.drawing.charts import (
     BLUE,
     INK,
@@ -127,10 +127,6 @@ def swap_antipodes(
         Angle, in radians, between the initial position difference and the line through the goals.
         With the angle 0, the particles exchange sides.
 
-    Raises
-    ------
-    InvalidInputError
-
     Notes
     -----
     Source: figure 15 in section VI of paper W.
@@ -218,10 +214,6 @@ def disk_fractions(
         Initial distances of the particles in diameters of the disk, above 0 and at most 1.
     moves, directions : int
         Number of moves and number of sampled directions, as in `disk_reach`.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------
@@ -317,10 +309,6 @@ def polygon_fractions(
     workspace, before, moves, contacts
         The polygon, the position difference at the start, the number of moves, and the number of
         sample points per side, as in `polygon_reach`.
-
-    Raises
-    ------
-    InvalidInputError
 
     Notes
     -----

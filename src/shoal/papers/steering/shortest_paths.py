@@ -55,10 +55,8 @@ if TYPE_CHECKING:
 
 
 SQUARE: ConvexWorkspace = open_workspace("square")  # type: ignore[assignment]  # it is convex
-START, FIXED = (
-    np.array([(0.3, 0.55), (0.6, 0.7)]),
-    np.array((0.55, 0.3)),
-)  # starts, and the goal of particle 2
+# starts, and the goal of particle 2
+START, FIXED = (np.array([(0.3, 0.55), (0.6, 0.7)]), np.array((0.55, 0.3)))
 WORST = sqrt(2) + 2
 INSETS = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 EXAMPLE = (0.6, 0.75, 2.0)  # s, e and β of Fig. 12

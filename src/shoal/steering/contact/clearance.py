@@ -19,13 +19,10 @@ from shoal.steering.workspaces.region import Region
 CLEARANCE = 1e-6  # relative to the size: default of the option ``clearance``
 PLANNED = 2.5  # in clearances: distance that planners keep from all that must not be touched
 STEPS = 0.03, 0.3, 1.0  # in clearances: contact tolerances with which a plan is replayed
-ROUNDING, PATTERNS = (
-    1e-12,
-    6,
-)  # relative to the size: errors of starts and moves, and number of patterns of such errors
-FORGIVEN = (
-    1e-10  # relative to the size: effect of such errors on the end of a plan that amplifies nothing
-)
+# relative to the size: errors of starts and moves, and number of patterns of such errors
+ROUNDING, PATTERNS = (1e-12, 6)
+# relative to the size: effect of such errors on the end of a plan that amplifies nothing
+FORGIVEN = 1e-10
 # relative to a move: slope below which a particle hardly leaves a wall; on a round wall, it meets
 # the wall again
 GRAZING = 1e-7
@@ -155,17 +152,19 @@ def _least_slope(world: Any, start: Points, moves: Points) -> float:
     The slope is the component of the move along the inward normal of the wall, divided by the
     length of the move. The result is infinite if no particle leaves a wall.
     """
-    room = world.room
+    workspace = world.free_space
     state, least = np.array(start, dtype=np.float64, order="C"), float("inf")
     for move in np.ascontiguousarray(moves, dtype=np.float64):
-        slopes = np.tile(room.normals @ move, (len(state), 1))
-        near = room.wall_distances(state) <= TOUCH * room.size
-        if room.round:
-            flat = room.center - state[:, :2]
+        slopes = np.tile(workspace.normals @ move, (len(state), 1))
+        near = workspace.wall_distances(state) <= TOUCH * workspace.size
+        if workspace.round:
+            flat = workspace.center - state[:, :2]
             slopes = np.column_stack(
                 [slopes, flat @ move[:2] / np.maximum(np.hypot(*flat.T), 1e-300)]
             )
-            near = np.column_stack([near, room.circle_distance(state) <= TOUCH * room.size])
+            near = np.column_stack(
+                [near, workspace.circle_distance(state) <= TOUCH * workspace.size]
+            )
         slopes = slopes / max(float(np.linalg.norm(move)), 1e-300)
         if near.any():
             lowest = np.where(near, slopes, np.inf).min(axis=1)

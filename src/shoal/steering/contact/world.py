@@ -35,7 +35,7 @@ class SteeringWorld(ABC):
     friction: float
 
     @property
-    def room(self) -> Any:
+    def free_space(self) -> Any:
         """The set of possible positions of the particles' centres, as a workspace."""
         return self.workspace
 
@@ -54,7 +54,7 @@ class SteeringWorld(ABC):
         """Return valid particle positions as float64, shape (n, dimensions), or raise
         InvalidInputError for invalid positions.
         """
-        state: Points = self.room.check_inside(points, what=what)
+        state: Points = self.free_space.check_inside(points, what=what)
         return state
 
     def step(self, points: ArrayLike, move: ArrayLike) -> Points:
@@ -189,10 +189,10 @@ class ContactWorld(SteeringWorld):
                 "particle radius: expected no friction coefficient and no gain, which only"
                 " particles without a radius allow"
             )
-        _ = self.room, self.gain  # raises an error if a particle does not fit
+        _ = self.free_space, self.gain  # raises an error if a particle does not fit
 
     @cached_property
-    def room(self) -> ConvexWorkspace:
+    def free_space(self) -> ConvexWorkspace:
         """The set of possible positions of the particles' centres, as a workspace."""
         return self.workspace.inset(self.radius) if self.radius else self.workspace
 
@@ -234,10 +234,13 @@ class ContactWorld(SteeringWorld):
     @cached_property
     def walls(self) -> kernels.Walls:
         """The walls of the workspace, as arrays for the compiled functions."""
-        room = self.room
-        normals, circle = np.ascontiguousarray(room.normals), np.array([*room.center, room.radius])
+        space = self.free_space
+        normals, circle = (
+            np.ascontiguousarray(space.normals),
+            np.array([*space.center, space.radius]),
+        )
         near = float(self.workspace.size) * self.touch / kernels.TOUCH
-        return kernels.Walls(normals, room.offsets, circle, near, float(self.friction), self.gain)
+        return kernels.Walls(normals, space.offsets, circle, near, float(self.friction), self.gain)
 
     def is_held(self, point: Points, move: Points) -> bool:
         """Return whether a wall holds a particle at ``point`` at the start of the displacement
@@ -367,7 +370,7 @@ class RegionWorld(SteeringWorld):
         """Return whether an edge holds a particle at ``point`` at the start of the displacement
         ``move``.
         """
-        return bool(region_kernels.is_held(point, move, *self.edges))
+        return bool(region_kernels.is_held(point, move, self.edges))
 
     def final(self, points: Points, moves: Points) -> Points:
         """Return the positions of the particles after all moves, float64, shape (n, dimensions),
@@ -477,21 +480,25 @@ def _lift_off(
 
     The move also has a positive component along each row of ``others``.
     """
-    if least > PLANNED * clearance > 0:
+
+    def direction_off(length: float) -> tuple[Points, Points | None]:
+        """Return the normals of the walls that a lift of this length must leave, and its
+        direction.
+        """
         rows = np.vstack(
-            [touched_normals(workspace, point, within=1.5 * least) for point in points]
+            [touched_normals(workspace, point, within=1.5 * length) for point in points]
         )
-        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        return rows, direction_away_from(rows if others is None else np.vstack([rows, others]))
+
+    if least > PLANNED * clearance > 0:
+        rows, away = direction_off(least)
         if away is not None and (
             not len(rows) or least * float((rows @ away).min()) >= PLANNED * clearance
         ):
             return np.asarray(least * workspace.size * away)
     length = PLANNED * clearance
     for _longer in range(4 if clearance else 0):
-        rows = np.vstack(
-            [touched_normals(workspace, point, within=1.5 * length) for point in points]
-        )
-        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        rows, away = direction_off(length)
         if away is None:
             break
         needed = PLANNED * clearance / float((rows @ away).min()) if len(rows) else length
@@ -499,10 +506,7 @@ def _lift_off(
             return np.asarray(length * workspace.size * away)
         length = needed
     for length in RELEASE_LENGTHS:
-        rows = np.vstack(
-            [touched_normals(workspace, point, within=1.5 * length) for point in points]
-        )
-        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        _, away = direction_off(length)
         if away is not None:
             return np.asarray(length * workspace.size * away)
     return None
@@ -571,10 +575,6 @@ def make_world(
         particle is its displacement divided by the input. The gain grows along a random direction,
         which ``seed`` determines.
     seed : int
-
-    Raises
-    ------
-    InvalidInputError
     """
     if isinstance(workspace, Region):
         if friction < inf or gain or radius:

@@ -1,29 +1,37 @@
 """Motion of one particle between walls for one straight move of the shared input.
 
-The tuple `Walls` describes flat walls and a circle. A point p is on the inner side of the flat wall
-w if ``normals[w] @ p >= offsets[w]``. The circle (x, y, radius) bounds the first two coordinates of
-a particle. The radius of the circle is 0 if the workspace has no round wall. If ``gain`` is (g, gx,
-gy, ...), a particle at the position p moves by ``g + (gx, gy, ...) @ p`` times the input.
+Walls are flat, or a circle around the first two coordinates.
 """
 
 from __future__ import annotations
 
-from collections import namedtuple
 from math import expm1, inf, log1p, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 
 TOUCH = 1e-9  # fraction of the workspace size: a particle closer to a wall touches the wall
 # fraction of the length of a move: if a move leads off a wall by less, the wall holds the particle
 PUSHED = 1e-9
-EVENTS = (
-    4096  # maximum number of events in one move: wall contacts and short steps along the circle
-)
+EVENTS = 4096  # most events in one move: wall contacts and short steps along the circle
 SLOW = 1e-14  # the kernels ignore smaller relative changes of the gain along a path
 ARC = 1 / 400  # fraction of the radius: length of one step of a slide along the circle
 
-Walls = namedtuple("Walls", "normals offsets circle size friction gain")
-"""The walls between which particles move."""
+
+class Walls(NamedTuple):
+    """The walls between which particles move, and how far an input moves them."""
+
+    normals: NDArray[np.float64]  # (walls, d): inward
+    offsets: NDArray[np.float64]  # (walls,): a point p is inside if normals @ p >= offsets
+    circle: NDArray[np.float64]  # (3,): x, y, radius; the radius is 0 without a round wall
+    size: float  # of the workspace; a particle touches a wall within TOUCH times the size
+    friction: float
+    gain: NDArray[np.float64]
+    """(d + 1,): (g, gx, gy, ...), if a particle at p moves by g + (gx, gy, ...)·p times the
+    input."""
 
 
 @in_place_kernel

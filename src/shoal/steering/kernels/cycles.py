@@ -1,26 +1,37 @@
-"""Cycles of contacts in compiled code, with and without friction."""
+"""Position differences that cycles of contacts reach, in compiled code: one cycle, roadmaps of cycles,
+sets that many cycles reach, and barriers of friction.
+"""
 
 from __future__ import annotations
 
-from collections import namedtuple
 from math import acos, atan2, cos, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel, kernel
 from shoal.steering.kernels.contact import dot
 
-CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
-"""The walls, and the constants that define which cycles are possible.
 
-The walls have the form of `NormalizedWalls`. ``friction`` is the friction coefficient. ``margin``
-is the least distance of the other particle (not the toucher) from walls. ``push`` is the least
-component of an adjustment into the wall that holds the toucher.
-"""
+class CycleModel(NamedTuple):
+    """The walls, as in `NormalizedWalls`, and the constants that define which cycles are
+    possible.
+    """
+
+    frames: NDArray[np.float64]  # (walls, d, d)
+    reaches: NDArray[np.float64]  # (walls,)
+    normals: NDArray[np.float64]  # (walls, d)
+    offsets: NDArray[np.float64]  # (walls,)
+    circle: NDArray[np.float64]  # (3,)
+    friction: float
+    margin: float  # least distance of the other particle (not the toucher) from walls
+    push: float  # least component of an adjustment into the wall that holds the toucher
+
 
 ANGLES = 96
 FLAT = 1e-14
-DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deeper` cuts polygons
+DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deepen` cuts polygons
 
 
 @in_place_kernel
@@ -286,8 +297,18 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
     return best, at
 
 
+class WallSamples(NamedTuple):
+    """A polygon, and sample points on its sides."""
+
+    corners: NDArray[np.float64]  # (sides, 2)
+    normals: NDArray[np.float64]  # (sides, 2): inward
+    offsets: NDArray[np.float64]  # (sides,)
+    contacts: NDArray[np.float64]  # (contacts, 2)
+    walls: NDArray[np.int64]  # (contacts,): the side of each contact
+
+
 @in_place_kernel
-def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
+def deepen(samples, depths, best, one, other, spare):
     """Write to ``best``, shape (2, contacts), the largest depth for each toucher and contact after
     one more cycle.
 
@@ -299,6 +320,7 @@ def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other,
     touch the wall must be inside the polygon. The points that satisfy both conditions form a convex
     polygon, so the largest depth occurs at one of its corners.
     """
+    contacts, walls, normals = samples.contacts, samples.walls, samples.normals
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):
         for d in range(n):
@@ -309,15 +331,15 @@ def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other,
             if depths[s, c] < 0:
                 continue
             wall = walls[c]
-            copy_rows(corners, sides, other)
-            least = -(offsets[wall] + depths[s, c]) - DEPTH_SLACK
+            copy_rows(samples.corners, sides, other)
+            least = -(samples.offsets[wall] + depths[s, c]) - DEPTH_SLACK
             slab = clip(other, sides, -normals[wall, 0], -normals[wall, 1], least, spare)
             for t in range(2):
                 turn = sign * (1.0 if t == 0 else -1.0)
                 for d in range(n):
                     copy_rows(other, slab, one)
                     count = inside_shifted(
-                        one, slab, contacts[c], contacts[d], turn, normals, offsets, spare
+                        one, slab, contacts[c], contacts[d], turn, samples, spare
                     )
                     across, up = normals[walls[d], 0], normals[walls[d], 1]
                     for k in range(count):
@@ -329,14 +351,17 @@ def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other,
 
 
 @in_place_kernel
-def inside_shifted(corners, count, used, following, turn, normals, offsets, spare):
+def inside_shifted(corners, count, used, following, turn, samples, spare):
     """Cut a polygon in place: keep its points q for which the point ``following + turn (q - used)``
     is inside the workspace.
 
     Return the number of corners left.
     """
+    normals = samples.normals
     for wall in range(normals.shape[0]):
-        least = offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
+        least = (
+            samples.offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
+        )
         count = clip(
             corners,
             count,
@@ -350,14 +375,190 @@ def inside_shifted(corners, count, used, following, turn, normals, offsets, spar
     return count
 
 
-SWEEPS = 12
+# number of adjustments tried in each direction: the longest adjustment, 1/2 of its length, 1/4, ...
+SHARES = 4
+
+
+@kernel
+def find_cycle(before, after, model, step):
+    """Return whether one cycle (contact and adjustment) can change the position difference
+    ``before`` into ``after``.
+
+    If such a cycle exists, write to ``step`` the index of the toucher (the particle that the wall
+    holds), the index of the wall, and the position of the contact along the wall.
+    """
+    if model.circle[2] > 0:
+        return find_cycle_on_circle(before, after, model, step)
+    normals, frames, reaches, margin = model.normals, model.frames, model.reaches, model.margin
+    change = np.empty(2)
+    change[0], change[1] = after[0] - before[0], after[1] - before[1]
+    for wall in range(normals.shape[0]):
+        pushed, height, end = (
+            dot(normals[wall], change),
+            dot(normals[wall], before),
+            dot(normals[wall], after),
+        )
+        along = abs(dot(frames[wall, 1], change))
+        sign = 1.0 if pushed < 0 else -1.0
+        if (
+            abs(pushed) < model.push
+            or along > model.friction * abs(pushed)
+            or sign * height < margin
+            or sign * end < 0
+        ):
+            continue
+        # The particle that is not held may touch the toucher's wall only at the end of the whole
+        # path.
+        reach = reaches[wall] - margin
+        low, high = contact_range(before, sign, wall, model, -reach, reach, margin)
+        if low > high:
+            continue
+        low, high = contact_range(after, sign, wall, model, low, high, margin)
+        if low <= high:
+            step[0], step[1], step[2] = 0.0 if sign > 0 else 1.0, float(wall), (low + high) / 2
+            return True
+    return False
+
+
+@kernel
+def find_cycle_on_circle(before, after, model, step):
+    """Return whether one cycle on a disk can change the position difference ``before`` into
+    ``after``. See `find_cycle`.
+
+    The toucher (the particle that the wall holds) is always the first particle. A cycle exists if
+    three arcs of the circle intersect. The first arc contains the contacts at which the other
+    particle is inside the disk before its move. The second arc contains the contacts at which the
+    other particle is inside the disk after its move. The third arc contains the contacts at which
+    the wall holds the toucher.
+    """
+    radius, inner = model.circle[2], model.circle[2] - model.margin
+    x, y = after[0] - before[0], after[1] - before[1]
+    way = np.sqrt(x * x + y * y)
+    if way <= model.push:
+        return False
+    middle = np.arctan2(y, x)
+    half = min(
+        np.arctan(model.friction) if model.friction < np.inf else np.pi / 2,
+        np.arccos(model.push / way),
+    )
+    low, high = -half, half
+    for end in (before, after):
+        size = np.sqrt(dot(end, end))
+        cosine = (radius**2 + size**2 - inner**2) / (2 * radius * size) if size > 0 else 2.0
+        if cosine > 1:
+            return False
+        half = np.arccos(cosine)
+        turn = np.arctan2(-end[1], -end[0]) - middle
+        turn = (turn + np.pi) % (2 * np.pi) - np.pi
+        low, high = max(low, turn - half), min(high, turn + half)
+    if low > high:
+        return False
+    step[0], step[1], step[2] = 0.0, 0.0, (middle + (low + high) / 2) * radius
+    return True
+
+
+@kernel
+def longest_change(delta, direction, back, most, model, tried, step):
+    """Return the largest change of a position difference that one cycle can make in a direction, or
+    0 if no cycle is possible.
+
+    The cycle starts with the position difference ``delta`` or, if ``back`` is true, ends with
+    ``delta``.
+    """
+    inner, outer = 0.0, most
+    for halving in range(HALVINGS):
+        middle = outer if halving == 0 else (inner + outer) / 2
+        for i in range(2):
+            tried[i] = delta[i] + (-middle if back else middle) * direction[i]
+        good = (
+            find_cycle(tried, delta, model, step) if back else find_cycle(delta, tried, model, step)
+        )
+        if good:
+            inner = middle
+        else:
+            outer = middle
+        if inner == outer:
+            break
+    return inner
+
+
+@kernel
+def grow_extreme_nodes(delta, back, directions, most, model, gain, records, nodes, count):
+    """Find position differences that cycles can reach from ``delta``, and append the extreme ones
+    to ``nodes``.
+
+    ``delta`` is a position difference, too. The result is the new number of nodes. A position
+    difference is extreme if it is longer than all earlier nodes in about the same direction. If
+    ``back`` is true, the kernel instead adds position differences from which cycles can reach
+    ``delta``. In this case, a position difference is extreme if it is shorter than all earlier
+    nodes in about the same direction. ``records`` holds the most extreme length in each range of
+    directions.
+    """
+    step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
+    size = np.sqrt(dot(delta, delta))
+    records[int((np.arctan2(delta[1], delta[0]) / (2 * np.pi) + 1) * bins) % bins] = size
+    nodes[count] = delta
+    done, count = count, count + 1
+    while done < count < nodes.shape[0]:
+        here = nodes[done].copy()
+        done += 1
+        size = np.sqrt(dot(here, here))
+        place = int((np.arctan2(here[1], here[0]) / (2 * np.pi) + 1) * bins) % bins
+        if done > 1 and size != records[place]:
+            # the search has meanwhile found a more extreme difference in the same range of
+            # directions
+            continue
+        for d in range(directions.shape[0]):
+            length = longest_change(here, directions[d], back, most, model, tried, step)
+            if length <= 2 * model.push:
+                continue
+            for share in range(SHARES):
+                part = length * 0.5**share * (1 - 1e-6)
+                for i in range(2):
+                    tried[i] = here[i] + (-part if back else part) * directions[d, i]
+                size = np.sqrt(dot(tried, tried))
+                place = int((np.arctan2(tried[1], tried[0]) / (2 * np.pi) + 1) * bins) % bins
+                better = size * gain < records[place] if back else size > records[place] * gain
+                if better and size > 1e-4 and count < nodes.shape[0]:
+                    records[place] = size
+                    nodes[count] = tried
+                    count += 1
+    return count
+
+
+@kernel
+def fewest_cycles(nodes, model, parents, order):
+    """Search breadth-first for the path with the fewest cycles from node 0 to node 1. Return
+    whether a path exists.
+
+    Write the parent of each node to ``parents``, and -1 for each node that the search has not
+    reached. The array ``order`` is working memory.
+    """
+    count, step = nodes.shape[0], np.empty(3)
+    parents[:] = -1
+    order[0], parents[0] = 0, 0
+    done, found = 0, 1
+    while done < found:
+        here = order[done]
+        done += 1
+        for node in range(1, count):
+            if parents[node] < 0 and find_cycle(nodes[here], nodes[node], model, step):
+                parents[node] = here
+                if node == 1:
+                    return True
+                order[found] = node
+                found += 1
+    return False
+
+
+ROUNDS = 12  # of the propagation around the circle, before it counts as not converging
 HALVINGS = 24
 SAME = 1e-9
 FLAT_BARRIER = 1e-9  # in radians: wall reactions that leave a half-plane by less count as inside
 
 
 @kernel
-def touchable(angle, step, most, model, ends, turns):
+def touching_lengths(angle, step, most, model, ends, turns):
     """Compute, for each wall and particle, up to which length of the position difference Δ the
     particle can touch the wall.
 
@@ -378,9 +579,8 @@ def touchable(angle, step, most, model, ends, turns):
             ends[row] = 0.0
             if sign * height <= 0:
                 continue
-            turns[row] = np.arctan2(
-                sign * across, sign * height
-            )  # angle from -Δ to -sign N, or from Δ to sign N
+            # angle from -Δ to -sign N, or from Δ to sign N
+            turns[row] = np.arctan2(sign * across, sign * height)
             inner, outer = 0.0, most
             for halving in range(HALVINGS):
                 middle = outer if halving == 0 else (inner + outer) / 2
@@ -399,7 +599,7 @@ def touchable(angle, step, most, model, ends, turns):
 
 
 @kernel
-def carried(radius, side, step, most, ends, turns, cone):
+def radius_after_turn(radius, side, step, most, ends, turns, cone):
     """Return the largest length of the position difference Δ after wall reactions turn Δ by one
     step, and before this turn.
 
@@ -410,7 +610,7 @@ def carried(radius, side, step, most, ends, turns, cone):
     before = radius
     for row in range(rows):
         if ends[row] > before:
-            low, high = spread_at(ends[row], ends, turns, cone)
+            low, high = reaction_angles(ends[row], ends, turns, cone)
             if high - low > np.pi + FLAT_BARRIER:
                 before = min(ends[row], most)
     after = 0.0
@@ -420,7 +620,7 @@ def carried(radius, side, step, most, ends, turns, cone):
         place = before if row == rows else ends[row]
         if not 0 < place <= before:
             continue
-        low, high = spread_at(place, ends, turns, cone)
+        low, high = reaction_angles(place, ends, turns, cone)
         way = -low if side > 0 else high  # a reaction on one side of -Δ turns Δ to the other side
         if way > 0:
             after = max(
@@ -430,7 +630,7 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 
 @kernel
-def spread_at(place, ends, turns, cone):
+def reaction_angles(place, ends, turns, cone):
     """Return the smallest and the largest angle of the wall reactions on a position difference of
     length ``place``.
     """
@@ -442,7 +642,7 @@ def spread_at(place, ends, turns, cone):
 
 
 @kernel
-def kept_out(start, radius, angles, farthest, model, first, last, goal):
+def is_kept_out(start, radius, angles, farthest, model, first, last, goal):
     """Return whether wall reactions can never bring the position difference to the length ``goal``
     at any of the given angles.
 
@@ -458,10 +658,10 @@ def kept_out(start, radius, angles, farthest, model, first, last, goal):
     for k in range(count):
         steps[k] = (angles[(k + 1) % count] - angles[k]) % (2 * np.pi)
         most = max(farthest[k], farthest[(k + 1) % count])
-        touchable(angles[k] + steps[k] / 2, steps[k], most, model, ends[k], turns[k])
+        touching_lengths(angles[k] + steps[k] / 2, steps[k], most, model, ends[k], turns[k])
     radii = np.zeros(count)
     radii[start] = radius
-    for _sweep in range(SWEEPS):
+    for _round in range(ROUNDS):
         settled = True
         for side in (1, -1):
             for turn in range(count):
@@ -470,7 +670,7 @@ def kept_out(start, radius, angles, farthest, model, first, last, goal):
                     continue
                 following = (k + side) % count
                 cell = k if side > 0 else following
-                after, before = carried(
+                after, before = radius_after_turn(
                     radii[k], side, steps[cell], farthest[k], ends[cell], turns[cell], cone
                 )
                 after = min(after, farthest[following])

@@ -2,79 +2,92 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
 from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import PUSHED, TOUCH
-
-Edges = namedtuple("Edges", "ends normals lengths links reflex size boxes")
-"""The boundary of a region. Every field except ``size`` and ``boxes`` has one entry for each edge
-of the boundary.
-
-``ends``: x and y of both ends of each edge, with the free side on the left of the edge.
-``normals``: inward unit normals of the edges. ``lengths``: lengths of the edges. ``links``: indices
-of the previous and the next edge. ``reflex``: whether the corner at the beginning of an edge has
-more than 180 degrees of free space. ``size``: size of the region. ``boxes``: bounding boxes of
-groups of consecutive edges, as smallest x, largest x, smallest y and largest y. If a path is far
-from a box, the edges in the box need no test.
-"""
 
 # fraction of the region's size: extension of edges, so that no particle passes between two edges
 GAP = 1e-12
 
 
+class Edges(NamedTuple):
+    """The boundary of a region."""
+
+    ends: NDArray[np.float64]  # (edges, 4): x and y of both ends, the free side on the left
+    normals: NDArray[np.float64]  # (edges, 2): inward
+    lengths: NDArray[np.float64]  # (edges,)
+    links: NDArray[np.int64]  # (edges, 2): the edge before and the edge after
+    reflex: NDArray[np.bool_]  # (edges,): whether the corner at the beginning bends inward
+    size: float  # of the region; a particle touches an edge within TOUCH times the size
+    boxes: NDArray[np.float64]
+    """(groups, 4): smallest x, largest x, smallest y and largest y of consecutive edges. If a path
+    is far from a box, the edges in the box need no test."""
+
+
 @in_place_kernel
-def signed_distance(x, y, edge, ends, normals):
+def signed_distance(x, y, edge, edges):
     """Return the signed distance of a point from the line of an edge, positive on the free side."""
+    ends, normals = edges.ends, edges.normals
     return normals[edge, 0] * (x - ends[edge, 0]) + normals[edge, 1] * (y - ends[edge, 1])
 
 
 @in_place_kernel
-def place_along(x, y, edge, ends, normals):
+def place_along(x, y, edge, edges):
     """Return the position of a point along an edge, measured from the beginning of the edge."""
+    ends, normals = edges.ends, edges.normals
     return normals[edge, 1] * (x - ends[edge, 0]) - normals[edge, 0] * (y - ends[edge, 1])
 
 
 @in_place_kernel
-def is_on(x, y, edge, ends, normals, lengths, touch):
+def is_on(x, y, edge, edges, touch):
     """Return whether the distance of a point from an edge is at most ``touch``."""
-    away = signed_distance(x, y, edge, ends, normals)
+    away = signed_distance(x, y, edge, edges)
     if abs(away) > touch:
         return False
-    place = place_along(x, y, edge, ends, normals)
-    beyond = max(-place, place - lengths[edge], 0.0)
+    place = place_along(x, y, edge, edges)
+    beyond = max(-place, place - edges.lengths[edge], 0.0)
     return away * away + beyond * beyond <= touch * touch
 
 
 @in_place_kernel
-def pushes(move, edge, normals, length):
+def pushes(move, edge, edges, length):
     """Return whether a move leads towards an edge or along the edge."""
+    normals = edges.normals
     return normals[edge, 0] * move[0] + normals[edge, 1] * move[1] <= PUSHED * length
 
 
 @in_place_kernel
-def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
+def is_excused(x, y, move, length, edge, end, edges, touch):
     """Return whether the other edge of a reflex corner releases a particle that the edge ``edge``
-    would hold.
+    would hold. The corner is at the beginning of the edge if ``end`` is 0, else at its end.
 
-    A reflex corner has more than 180 degrees of free space. At the corner, the edge ``other``
-    releases the particle if the move leads away from the edge ``other``. Near the corner, the wall
-    between the two edges may be thinner than ``touch``, and only the edge on the particle's side
-    can hold the particle.
+    A reflex corner has more than 180 degrees of free space. At the corner, the other edge releases
+    the particle if the move leads away from the other edge. Near the corner, the wall between the
+    two edges may be thinner than ``touch``, and only the edge on the particle's side can hold the
+    particle.
     """
-    if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
-        return not pushes(move, other, normals, length)
-    if not is_on(x, y, other, ends, normals, lengths, touch):
+    other = edges.links[edge, end]
+    if not edges.reflex[edge if end == 0 else other]:
         return False
-    return signed_distance(x, y, other, ends, normals) > signed_distance(x, y, edge, ends, normals)
+    corner_x, corner_y = edges.ends[edge, 2 * end], edges.ends[edge, 2 * end + 1]
+    if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
+        return not pushes(move, other, edges, length)
+    if not is_on(x, y, other, edges, touch):
+        return False
+    return signed_distance(x, y, other, edges) > signed_distance(x, y, edge, edges)
 
 
 @in_place_kernel
-def run_near(run, x, y, x_after, y_after, near, boxes, count):
+def edges_near(run, x, y, x_after, y_after, near, edges):
     """Return the index range (first, last + 1) of a group of edges, or (0, 0) if a path is farther
     than ``near`` from the group.
     """
+    boxes, count = edges.boxes, edges.ends.shape[0]
     size = -(-count // boxes.shape[0])
     if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
         return 0, 0
@@ -84,33 +97,25 @@ def run_near(run, x, y, x_after, y_after, near, boxes, count):
 
 
 @in_place_kernel
-def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
+def is_held(point, move, edges):
     """Return whether an edge that a particle touches prevents a move."""
-    x, y, touch = point[0], point[1], TOUCH * size
+    x, y, touch = point[0], point[1], TOUCH * edges.size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
-    for run in range(boxes.shape[0]):
-        first, last = run_near(run, x, y, x, y, touch, boxes, ends.shape[0])
+    for run in range(edges.boxes.shape[0]):
+        first, last = edges_near(run, x, y, x, y, touch, edges)
         for edge in range(first, last):
-            if not pushes(move, edge, normals, length) or not is_on(
-                x, y, edge, ends, normals, lengths, touch
-            ):
+            if not pushes(move, edge, edges, length) or not is_on(x, y, edge, edges, touch):
                 continue
-            before, after = links[edge, 0], links[edge, 1]
-            x0, y0, x1, y1 = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
-            if reflex[edge] and is_excused(
-                x, y, move, length, edge, before, x0, y0, ends, normals, lengths, touch
+            if not (
+                is_excused(x, y, move, length, edge, 0, edges, touch)
+                or is_excused(x, y, move, length, edge, 1, edges, touch)
             ):
-                continue
-            if reflex[after] and is_excused(
-                x, y, move, length, edge, after, x1, y1, ends, normals, lengths, touch
-            ):
-                continue
-            return True
+                return True
     return False
 
 
 @in_place_kernel
-def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
+def first_edge(point, move, edges):
     """Return how much of a move a free particle makes before it meets an edge, the edge's index,
     and the position along the edge.
 
@@ -118,38 +123,37 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
     does not stop the particle. A reflex corner (more than 180 degrees of free space) on the path
     does not stop the particle if one of the corner's two edges lets the particle continue.
     """
-    x, y, touch = point[0], point[1], TOUCH * size
+    lengths, links, reflex = edges.lengths, edges.links, edges.reflex
+    x, y, touch = point[0], point[1], TOUCH * edges.size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
     share, met, along = 1.0, -1, 0.0
-    for run in range(boxes.shape[0]):
-        first, last = run_near(
-            run, x, y, x + share * move[0], y + share * move[1], touch, boxes, ends.shape[0]
-        )
+    for run in range(edges.boxes.shape[0]):
+        first, last = edges_near(run, x, y, x + share * move[0], y + share * move[1], touch, edges)
         for edge in range(first, last):
-            speed = normals[edge, 0] * move[0] + normals[edge, 1] * move[1]
-            away = signed_distance(x, y, edge, ends, normals)
+            speed = edges.normals[edge, 0] * move[0] + edges.normals[edge, 1] * move[1]
+            away = signed_distance(x, y, edge, edges)
             # A particle behind the line of an edge cannot meet the edge's free side; ``touch``
             # allows for rounding.
             if (
                 speed >= 0
                 or away > -speed * share
                 or away < -touch
-                or is_on(x, y, edge, ends, normals, lengths, touch)
+                or is_on(x, y, edge, edges, touch)
             ):
                 continue
-            found = max(away / -speed, 0.0)
-            place = place_along(x + found * move[0], y + found * move[1], edge, ends, normals)
-            if place < -GAP * size or place > lengths[edge] + GAP * size:
+            reached = max(away / -speed, 0.0)
+            place = place_along(x + reached * move[0], y + reached * move[1], edge, edges)
+            if place < -GAP * edges.size or place > lengths[edge] + GAP * edges.size:
                 continue
-            if reflex[edge] and place < touch and not pushes(move, links[edge, 0], normals, length):
+            if reflex[edge] and place < touch and not pushes(move, links[edge, 0], edges, length):
                 continue
             if (
                 reflex[links[edge, 1]]
                 and place > lengths[edge] - touch
-                and not pushes(move, links[edge, 1], normals, length)
+                and not pushes(move, links[edge, 1], edges, length)
             ):
                 continue
-            share, met, along = found, edge, min(max(place, 0.0), lengths[edge])
+            share, met, along = reached, edge, min(max(place, 0.0), lengths[edge])
     return share, met, along
 
 
@@ -160,10 +164,10 @@ def advance(point, move, edges):
     """
     if move[0] == 0 and move[1] == 0:
         return 1.0
-    ends, normals, lengths, links, reflex, size, boxes = edges
-    if is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
+    ends, normals = edges.ends, edges.normals
+    if is_held(point, move, edges):
         return 0.0
-    share, met, along = first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes)
+    share, met, along = first_edge(point, move, edges)
     if met < 0:
         point[0] += move[0]
         point[1] += move[1]

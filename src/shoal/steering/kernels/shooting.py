@@ -17,20 +17,39 @@ plans with the smallest shortage by small changes of their moves.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import kernel
-from shoal.steering.kernels.contact import advance_all, copy, first_contact, is_held, norm
+from shoal.steering.kernels.contact import Walls, advance_all, copy, first_contact, is_held, norm
 
 # fraction of the workspace size: maximum distance of a particle from its goal at the end of a plan
 EXACT = 1e-9
 WIDEST = 0.1  # fraction of the workspace size: first change of a move in `repair`
 FINEST = 1e-5
-HOPELESS = (
-    10.0  # largest shortage that `repair` tries to remove, as a multiple of the change of a move
-)
+# largest shortage that `repair` tries to remove, as a multiple of the change of a move
+HOPELESS = 10.0
 # smallest improvement of the shortage that `repair` accepts, as a multiple of the change of a move
 WORTH = 0.01
+
+
+class Shot(NamedTuple):
+    """A task of shooting."""
+
+    start: NDArray[np.float64]  # (2, d)
+    goal: NDArray[np.float64]  # (2, d)
+    walls: Walls
+    clear: float  # distance of the other particle from walls during the second-last move
+    nudges: NDArray[np.float64]  # (nudges, d): changes of the third-last move that a plan stands
+
+
+class Trials(NamedTuple):
+    """The moves that a search tries."""
+
+    directions: NDArray[np.float64]  # (directions, d)
+    shares: NDArray[np.float64]  # (lengths,): of the lengths from one contact to the other
 
 
 @kernel
@@ -80,29 +99,29 @@ def shortage(points, goal, toucher, walls, direction):
         return 0.0, 0.0
     for i in range(d):
         direction[i] /= change
-    before, room = 0.0, 0.0
+    before, free = 0.0, 0.0
     if not is_held(points[toucher], direction, walls):
         before, _ = first_contact(points[toucher], direction, walls, -1)
     if not is_held(points[1 - toucher], direction, walls):
-        room, _ = first_contact(points[1 - toucher], direction, walls, -1)
+        free, _ = first_contact(points[1 - toucher], direction, walls, -1)
     if not before < np.inf:
         return np.inf, change
-    return before + change - room, before + change
+    return before + change - free, before + change
 
 
 @kernel
-def finish(points, goal, toucher, walls, clear, moves):
+def finish(points, shot, toucher, moves):
     """Write to ``moves`` the last two moves of a plan with the given toucher (the particle that a
     wall holds).
 
-    During the second-last move, the other particle stays farther from the walls than ``clear``.
-    Return the largest remaining distance of a particle from its goal, or infinity if no feasible
-    moves exist.
+    During the second-last move, the other particle stays farther from the walls than
+    ``shot.clear``. Return the largest remaining distance of a particle from its goal, or infinity
+    if no feasible moves exist.
     """
-    d = points.shape[1]
+    d, goal, walls = points.shape[1], shot.goal, shot.walls
     direction = np.empty(d)
     short, length = shortage(points, goal, toucher, walls, direction)
-    if short > -clear and length > 0:
+    if short > -shot.clear and length > 0:
         return np.inf
     for i in range(d):
         moves[0, i] = direction[i] * length
@@ -129,138 +148,138 @@ def total_length(moves):
 
 
 @kernel
-def holds_nearby(start, goal, toucher, trial, nudges, walls, clear):
+def holds_nearby(shot, toucher, trial):
     """Return whether a plan still ends at the goals after small changes of its third-last move.
 
     After each change, the kernel computes the last two moves anew. The test rejects plans that
     depend on rounding errors.
     """
-    tried = trial.shape[0] - 2
-    moves = np.empty((2, start.shape[1]))
-    state, move, spare = start.copy(), np.empty(start.shape[1]), np.empty(start.shape[1])
-    for nudge in nudges:
-        copy(start, state)
-        for m in range(tried):
-            for i in range(move.shape[0]):
-                move[i] = trial[m, i] + (nudge[i] if m == tried - 1 else 0.0)
-            advance_all(state, move, walls, spare)
-        if finish(state, goal, toucher, walls, clear, moves) > EXACT * walls.size:
+    early, d = trial.shape[0] - 2, shot.start.shape[1]
+    moves, state, move, velocity = np.empty((2, d)), shot.start.copy(), np.empty(d), np.empty(d)
+    for nudge in shot.nudges:
+        copy(shot.start, state)
+        for m in range(early):
+            for i in range(d):
+                move[i] = trial[m, i] + (nudge[i] if m == early - 1 else 0.0)
+            advance_all(state, move, shot.walls, velocity)
+        if finish(state, shot, toucher, moves) > EXACT * shot.walls.size:
             return False
     return True
 
 
 @kernel
-def search(start, goal, directions, shares, nudges, enough, walls, clear, best_moves):
-    """Search for plans of three moves: try many first moves, and compute the last two moves for
-    each first move.
+def complete(state, shot, trial, most, plan):
+    """Add the last two moves to a plan whose other moves lead to ``state``; write the shorter of
+    the two results (one for each toucher) to ``plan``.
 
-    Write the shortest plan to ``best_moves``. Return the number of records. A record is a plan that
-    is shorter than all plans found before it. The search ends when the number of records is
-    ``enough``.
+    Return the length of the plan, or infinity if no plan is shorter than ``most``.
     """
-    d = start.shape[1]
-    best, found = np.inf, 0
-    lengths, trial, spare = np.empty(shares.shape[0]), np.empty((3, d)), np.empty(d)
-    moves, state = np.empty((2, d)), np.empty((2, d))
-    for direction in directions:
-        for number in range(lengths_along(start, direction, shares, walls, lengths)):
-            for i in range(d):
-                trial[0, i] = direction[i] * lengths[number]
-            copy(start, state)
-            advance_all(state, trial[0], walls, spare)
-            for toucher in range(2):
-                error = finish(state, goal, toucher, walls, clear, moves)
-                length = norm(trial[0]) + norm(moves[0]) + norm(moves[1])
-                if error > EXACT * walls.size or length >= best:
-                    continue
-                copy(moves, trial[1:])
-                if holds_nearby(start, goal, toucher, trial, nudges, walls, clear):
-                    best = length
-                    found += 1
-                    copy(trial, best_moves)
-                    if found >= enough:
-                        return found
-    return found
+    moves, best = np.empty((2, state.shape[1])), np.inf
+    for toucher in range(2):
+        if finish(state, shot, toucher, moves) > EXACT * shot.walls.size:
+            continue
+        copy(moves, trial[trial.shape[0] - 2 :])
+        length = total_length(trial)
+        if length < min(most, best) and holds_nearby(shot, toucher, trial):
+            best = length
+            copy(trial, plan)
+    return best
 
 
 @kernel
-def improve(start, goal, tried, step, nudges, walls, clear, best_moves):
+def search(shot, trials, enough, plan):
+    """Search for plans of three moves: try many first moves, and compute the last two moves for
+    each first move.
+
+    Write the shortest plan to ``plan``. Return the number of records. A record is a plan that is
+    shorter than all plans found before it. The search ends when the number of records is
+    ``enough``.
+    """
+    d = shot.start.shape[1]
+    best, records = np.inf, 0
+    lengths, trial, velocity = np.empty(trials.shares.shape[0]), np.empty((3, d)), np.empty(d)
+    state = np.empty((2, d))
+    for direction in trials.directions:
+        for number in range(
+            lengths_along(shot.start, direction, trials.shares, shot.walls, lengths)
+        ):
+            for i in range(d):
+                trial[0, i] = direction[i] * lengths[number]
+            copy(shot.start, state)
+            advance_all(state, trial[0], shot.walls, velocity)
+            length = complete(state, shot, trial, best, plan)
+            if length < best:
+                best, records = length, records + 1
+                if records >= enough:
+                    return records
+    return records
+
+
+@kernel
+def improve(shot, step, plan):
     """Shorten a plan in place by small changes of all moves except the last two moves. Return the
     length of the plan.
 
     After each change, the kernel computes the last two moves anew.
     """
-    d = start.shape[1]
-    trial, moves, state, spare = best_moves.copy(), np.empty((2, d)), np.empty((2, d)), np.empty(d)
-    best = total_length(best_moves)
-    while step > 1e-6 * walls.size:
-        moved = False
-        for m in range(tried):
+    d, early, size = shot.start.shape[1], plan.shape[0] - 2, shot.walls.size
+    trial, state, velocity = plan.copy(), np.empty((2, d)), np.empty(d)
+    best = total_length(plan)
+    while step > 1e-6 * size:
+        better = False
+        for m in range(early):
             for i in range(d):
                 for side in (-1.0, 1.0):
-                    copy(best_moves, trial)
+                    copy(plan, trial)
                     trial[m, i] += side * step
-                    copy(start, state)
-                    for k in range(tried):
-                        advance_all(state, trial[k], walls, spare)
-                    for toucher in range(2):
-                        if finish(state, goal, toucher, walls, clear, moves) > EXACT * walls.size:
-                            continue
-                        copy(moves, trial[tried:])
-                        length = total_length(trial)
-                        if length < best - 1e-9 * walls.size and holds_nearby(
-                            start, goal, toucher, trial, nudges, walls, clear
-                        ):
-                            best, moved = length, True
-                            copy(trial, best_moves)
-        if not moved:
+                    copy(shot.start, state)
+                    for k in range(early):
+                        advance_all(state, trial[k], shot.walls, velocity)
+                    length = complete(state, shot, trial, best - 1e-9 * size, plan)
+                    if length < best:
+                        best, better = length, True
+        if not better:
             step *= 0.5
     return best
 
 
 @kernel
-def least_shortage(start, goal, trial, walls, state, direction):
+def least_shortage(shot, trial, state, direction):
     """Simulate all moves of a plan except the last two. Return the smaller of the shortages for the
     two possible touchers.
 
-    The shortage is the length of the second-last move, minus the distance that the other particle
-    (not the toucher) can move before it meets a wall. Write the positions of the particles before
-    the second-last move to ``state``.
+    Write the positions of the particles before the second-last move to ``state``.
     """
-    copy(start, state)
+    copy(shot.start, state)
     for m in range(trial.shape[0] - 2):
-        advance_all(state, trial[m], walls, direction)
-    one, _ = shortage(state, goal, 0, walls, direction)
-    other, _ = shortage(state, goal, 1, walls, direction)
+        advance_all(state, trial[m], shot.walls, direction)
+    one, _ = shortage(state, shot.goal, 0, shot.walls, direction)
+    other, _ = shortage(state, shot.goal, 1, shot.walls, direction)
     return min(one, other)
 
 
 @kernel
-def repair(start, goal, walls, clear, trial):
+def repair(shot, trial):
     """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the
-    remaining shortage.
-
-    The shortage is the length of the second-last move, minus the distance that the other particle
-    (not the toucher) can move before it meets a wall. If the shortage is negative, the last two
-    moves of the plan are feasible.
+    remaining shortage. If it is negative, the last two moves of the plan are feasible.
     """
-    d = start.shape[1]
+    d = shot.start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)
-    best = least_shortage(start, goal, trial, walls, state, direction)
-    step = WIDEST * walls.size
-    while step > FINEST * walls.size and best > -3 * clear:
-        moved = False
+    best = least_shortage(shot, trial, state, direction)
+    step = WIDEST * shot.walls.size
+    while step > FINEST * shot.walls.size and best > -3 * shot.clear:
+        better = False
         for m in range(trial.shape[0] - 2):
             for i in range(d):
                 for side in (-1.0, 1.0):
-                    kept = trial[m, i]
-                    trial[m, i] = kept + side * step
-                    left = least_shortage(start, goal, trial, walls, state, direction)
+                    before = trial[m, i]
+                    trial[m, i] = before + side * step
+                    left = least_shortage(shot, trial, state, direction)
                     if left < best - WORTH * step:
-                        best, moved = left, True
+                        best, better = left, True
                     else:
-                        trial[m, i] = kept
-        if not moved:
+                        trial[m, i] = before
+        if not better:
             step *= 0.5
             if best > HOPELESS * step:
                 break
@@ -268,26 +287,26 @@ def repair(start, goal, walls, clear, trial):
 
 
 @kernel
-def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
+def draw(shot, trials, picks, lengths, state, trial, velocity):
     """Write to ``trial`` a random move for each row of ``picks``.
 
     The two random numbers in a row of ``picks`` choose the direction and the length of the move.
     Return whether a move exists for every row of ``picks``.
     """
-    copy(start, state)
+    copy(shot.start, state)
     for m in range(picks.shape[0]):
-        direction = directions[picks[m, 0] % directions.shape[0]]
-        count = lengths_along(state, direction, shares, walls, lengths)
+        direction = trials.directions[picks[m, 0] % trials.directions.shape[0]]
+        count = lengths_along(state, direction, trials.shares, shot.walls, lengths)
         if count == 0:
             return False
         for i in range(direction.shape[0]):
             trial[m, i] = direction[i] * lengths[picks[m, 1] % count]
-        advance_all(state, trial[m], walls, spare)
+        advance_all(state, trial[m], shot.walls, velocity)
     return True
 
 
 @kernel
-def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, clear, plan):
+def search_guided(shot, trials, picks, enough, plan):
     """Search for plans with as many moves as ``plan`` has rows, and write the shortest plan to
     ``plan``.
 
@@ -296,33 +315,25 @@ def search_guided(start, goal, directions, shares, picks, nudges, enough, walls,
     try, the search draws ``wide`` random plans, and repairs the plan with the smallest shortage
     (see `shortage`). The search ends when the number of records is ``enough``.
     """
-    d = start.shape[1]
-    lengths, state, direction = np.empty(shares.shape[0]), np.empty((2, d)), np.empty(d)
-    trial, nearest, moves = np.zeros(plan.shape), np.zeros(plan.shape), np.empty((2, d))
-    shortest, found = np.inf, 0
-    for tried in range(picks.shape[0]):
+    d = shot.start.shape[1]
+    lengths, state, direction = np.empty(trials.shares.shape[0]), np.empty((2, d)), np.empty(d)
+    trial, nearest = np.zeros(plan.shape), np.zeros(plan.shape)
+    shortest, records = np.inf, 0
+    for number in range(picks.shape[0]):
         best = np.inf
-        for row in picks[tried]:
-            if not draw(start, directions, shares, row, walls, lengths, state, trial, direction):
+        for row in picks[number]:
+            if not draw(shot, trials, row, lengths, state, trial, direction):
                 continue
-            left = least_shortage(start, goal, trial, walls, state, direction)
+            left = least_shortage(shot, trial, state, direction)
             if left < best:
                 best = left
                 copy(trial, nearest)
-        if best == np.inf or repair(start, goal, walls, clear, nearest) > -1.5 * clear:
+        if best == np.inf or repair(shot, nearest) > -1.5 * shot.clear:
             continue
-        least_shortage(start, goal, nearest, walls, state, direction)
-        for toucher in range(2):
-            if finish(state, goal, toucher, walls, clear, moves) > EXACT * walls.size:
-                continue
-            copy(moves, nearest[nearest.shape[0] - 2 :])
-            length = total_length(nearest)
-            if length < shortest and holds_nearby(
-                start, goal, toucher, nearest, nudges, walls, clear
-            ):
-                shortest = length
-                found += 1
-                copy(nearest, plan)
-                if found >= enough:
-                    return found
-    return found
+        least_shortage(shot, nearest, state, direction)
+        length = complete(state, shot, nearest, shortest, plan)
+        if length < shortest:
+            shortest, records = length, records + 1
+            if records >= enough:
+                return records
+    return records

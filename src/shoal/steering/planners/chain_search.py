@@ -1,4 +1,6 @@
-"""The search for chains of contacts, with and without friction."""
+"""Searches for chains of contacts: branch and bound over kinds of chains, roadmaps of position
+differences, the nearest cycle, and chains to antipodal goals planned backwards.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +15,26 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
 from shoal.steering.contact.friction import turn_on_the_way
-from shoal.steering.kernels.cycles import CycleModel, nearest_on_circle, nearest_on_polygon
-from shoal.steering.kernels.roadmap import fewest_cycles, linked, widen
+from shoal.steering.kernels.cycles import (
+    CycleModel,
+    fewest_cycles,
+    find_cycle,
+    grow_extreme_nodes,
+    nearest_on_circle,
+    nearest_on_polygon,
+)
 from shoal.steering.planners.chains import (
     REFINING,
     ROOM,
     Chain,
     ChainQuery,
-    between_few_sides,
     kinds_of,
-    on_all_sides,
-    slid,
+    reduce_sides,
+    restore_sides,
+    slide_contacts,
 )
 from shoal.steering.workspaces.convex import Points
-from shoal.steering.workspaces.region import NormalizedWalls
-
-_POLISHED = 8  # number of rough chains over a circle that are refined
+from shoal.steering.workspaces.walls import NormalizedWalls
 
 
 def shortest_chain(
@@ -53,8 +59,8 @@ def shortest_chain(
     """
     best: Chain | None = None
     for number in cycles:
-        for found in chains_of(query, number, inf if best is None else best.length):
-            best = found
+        for chain in chains_of(query, number, inf if best is None else best.length):
+            best = chain
         if first_found and best is not None:
             break
     return best
@@ -65,33 +71,37 @@ def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     ``bound``.
     """
     if not query.walls.round:
-        few = between_few_sides(query)
+        few = reduce_sides(query)
         yield from (
-            _flat(query, cycles, bound) if few is query else _many_sided(query, few, cycles, bound)
+            _chains_on_flat_walls(query, cycles, bound)
+            if few is query
+            else _chains_on_many_sides(query, few, cycles, bound)
         )
         return
-    for found in _round(query, cycles, bound):
-        bound = found.length
-        yield found
+    for chain in _chains_on_round_wall(query, cycles, bound):
+        bound = chain.length
+        yield chain
     if len(query.walls.normals) and (cycles <= 2 or bound == inf):  # the end caps of a cylinder
-        yield from _capped(query, cycles, bound)
+        yield from _chains_on_end_caps(query, cycles, bound)
 
 
-def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+def _chains_on_many_sides(
+    query: ChainQuery, few: ChainQuery, cycles: int, bound: float
+) -> Iterator[Chain]:
     """Yield increasingly short chains on the flat walls of a polygon, made from chains on a few of
     these walls.
     """
-    for rough in _flat(few, cycles, 1.1 * bound):
-        guess = on_all_sides(query, few, rough)
-        length = query.settle(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
+    for rough in _chains_on_flat_walls(few, cycles, 1.1 * bound):
+        guess = restore_sides(query, few, rough)
+        length = query.optimize(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
         if length < inf:
-            found = slid(query, replace(guess, length=length))
-            if found.length < bound:
-                bound = found.length
-                yield found
+            chain = slide_contacts(query, replace(guess, length=length))
+            if chain.length < bound:
+                bound = chain.length
+                yield chain
 
 
-def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+def _chains_on_flat_walls(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield increasingly short chains with contacts on flat walls only."""
     touchers, on, bounds = kinds_of(
         query.start, query.goal, query.walls, cycles=cycles, push=query.push, bound=bound
@@ -100,19 +110,19 @@ def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
         if least >= bound - 1e-9 or query.late:
             break
         guess = query.guess(cycles)
-        length = query.settle(guess, touchers[kind], on[kind], bound=bound)
+        length = query.optimize(guess, touchers[kind], on[kind], bound=bound)
         if length < bound:
             bound = length
             yield Chain(touchers[kind], on[kind], guess, length)
 
 
-def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains with contacts on a round wall."""
+def _chains_on_round_wall(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+    """Yield the shortest chain that starts from many guesses find, with contacts on a round wall."""
     firsts = list(_guesses(query, cycles))
-    rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
     met: set[tuple[float, ...]] = set()
     on = np.full(cycles, len(query.walls.normals))
     d = query.walls.dimensions
+    shortest, best = inf, None
     for kind in product((0, 1), repeat=cycles):
         touchers = np.array(kind, dtype=np.int64)
         if query.late or query.bounds_of(touchers[None], on[None])[0] >= bound:
@@ -122,26 +132,21 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
             # Every effect of a contact of particle 1 can also be achieved by particle 2 on the
             # opposite side.
             guess[: cycles * (d - 1) : d - 1] += pi * query.walls.circle[2] * touchers
-            length = query.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[:1])
+            length = query.optimize(guess, touchers, on, enough=ROOM, rounds=REFINING[:1])
             place = (*kind, *np.round(guess, 2).tolist())
             if length < inf and place not in met:
                 met.add(place)
-                length = query.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[1:2])
-                rough.append((length, len(rough), touchers, guess))
-    last, polished = -1.0, 0
-    for length, _, touchers, guess in sorted(rough, key=lambda entry: entry[:2]):
-        if length == inf or polished == _POLISHED:
-            break
-        if length - last < 1e-5:  # the same chain again
-            continue
-        last, polished = length, polished + 1
-        found = query.settle(guess, touchers, on, enough=ROOM)
-        if found < bound:
-            bound = found
-            yield Chain(touchers, on, guess, found)
+                length = query.optimize(guess, touchers, on, enough=ROOM, rounds=REFINING[1:2])
+                if length < shortest:
+                    shortest, best = length, (touchers, guess)
+    if best is not None:
+        touchers, guess = best
+        length = query.optimize(guess, touchers, on, enough=ROOM)
+        if length < bound:
+            yield Chain(touchers, on, guess, length)
 
 
-def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+def _chains_on_end_caps(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield increasingly short chains in a cylinder, each with a contact on at least
     one end cap.
     """
@@ -162,7 +167,7 @@ def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
                         radius * angle,
                         query.walls.height / 2,
                     )
-                length = query.settle(guess, touchers, walls, enough=ROOM, rounds=REFINING[:4])
+                length = query.optimize(guess, touchers, walls, enough=ROOM, rounds=REFINING[:4])
                 if length < bound:
                     bound = length
                     yield Chain(touchers, walls, guess, length)
@@ -186,7 +191,7 @@ def _guesses(query: ChainQuery, cycles: int) -> Iterator[NDArray[np.float64]]:
         guess[: cycles * (d - 1) : d - 1] = radius * np.array(angles)
         if d == 3:
             guess[1 : cycles * (d - 1) : d - 1] = walls.height / 2
-        if query.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[:0]) < inf:
+        if query.optimize(guess, touchers, on, enough=ROOM, rounds=REFINING[:0]) < inf:
             yield guess
 
 
@@ -232,15 +237,13 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
     inner = radius - margin
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
-    way = contact + cone * np.linspace(-1, 1, TILTS)
-    x, y = (
-        radius * np.cos(contact) + size,
-        radius * np.sin(contact),
-    )  # depth of the other particle at the end
-    along = x * np.cos(way) + y * np.sin(way)
-    room = along + np.sqrt(np.maximum(along**2 - (x**2 + y**2 - inner**2), 0.0))
-    back = np.clip(size * np.cos(way), 0.0, np.maximum(room, 0.0))
-    before_x, before_y = size - back * np.cos(way), -back * np.sin(way)
+    tilted = contact + cone * np.linspace(-1, 1, TILTS)
+    # depth of the other particle at the end
+    x, y = (radius * np.cos(contact) + size, radius * np.sin(contact))
+    along = x * np.cos(tilted) + y * np.sin(tilted)
+    reach = along + np.sqrt(np.maximum(along**2 - (x**2 + y**2 - inner**2), 0.0))
+    back = np.clip(size * np.cos(tilted), 0.0, np.maximum(reach, 0.0))
+    before_x, before_y = size - back * np.cos(tilted), -back * np.sin(tilted)
     sizes = np.hypot(before_x, before_y)
     best = np.unravel_index(int(np.argmin(sizes)), sizes.shape)
     return float(sizes[best]), float(np.arctan2(before_y[best], before_x[best]))
@@ -285,9 +288,8 @@ which a position difference must be more extreme than earlier ones in the same r
 of random position differences.
 """
 
-_INSIDE = (
-    1 + 1e-2
-)  # factor for margin and push, so that a chain of links satisfies the limits of `chains`
+# factor for margin and push, so that a chain of links satisfies the limits of `chains`
+_INSIDE = 1 + 1e-2
 _DIRECTIONS = 48  # on a disk
 
 
@@ -307,14 +309,14 @@ def roadmap_chain(
     friction, every path from the start to the goals may have to follow these extreme position
     differences. In a polygon with many corners, the roadmap uses only a few sides of the polygon.
     """
-    few = between_few_sides(query)
+    few = reduce_sides(query)
     if few is not query:
         rough = roadmap_chain(few, maps=maps, seed=seed)
         if rough is None:
             return None
-        found = on_all_sides(query, few, rough)
-        length = query.settle(found.unknowns, found.touchers, found.walls, rounds=REFINING[:3])
-        return replace(found, length=length) if length < inf else None
+        guess = restore_sides(query, few, rough)
+        length = query.optimize(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
+        return replace(guess, length=length) if length < inf else None
     model = replace(query, friction=query.friction * (1 - 1e-9)).model(_INSIDE)
     rng = np.random.default_rng(seed)
     for extreme, bins, gain, spread in maps:
@@ -322,16 +324,18 @@ def roadmap_chain(
             return None
         nodes = [
             np.stack([query.before, query.after]),
-            _extreme(query, model, extreme, bins, gain),
-            _spread(query, rng, spread),
+            _extreme_nodes(query, model, extreme, bins, gain),
+            _random_nodes(query, rng, spread),
         ]
-        chain = _over(np.concatenate(nodes), model)
+        chain = _chain_over_nodes(np.concatenate(nodes), model)
         if chain is not None:
             return chain
     return None
 
 
-def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float) -> Points:
+def _extreme_nodes(
+    query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float
+) -> Points:
     """Return extreme position differences as nodes of the roadmap; float64, shape (nodes, 2).
 
     For each narrow range of directions, the nodes are the longest position difference that cycles
@@ -354,7 +358,9 @@ def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: 
     found = []
     for delta, back in ((query.before, False), (query.after, True)):
         nodes, records = np.empty((count, 2)), np.full(bins, inf if back else 0.0)
-        found.append(nodes[1 : widen(delta, back, rays, 2.0, model, gain, records, nodes, 0)])
+        found.append(
+            nodes[1 : grow_extreme_nodes(delta, back, rays, 2.0, model, gain, records, nodes, 0)]
+        )
     return np.concatenate(found)
 
 
@@ -371,7 +377,7 @@ def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
     return np.concatenate([straight, straight - edge, straight + edge])
 
 
-def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
+def _random_nodes(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
     """Return random position differences with lengths of several orders of magnitude."""
     angles = 2 * np.pi * rng.random(count)
     sizes = np.where(rng.random(count) < 0.6, rng.random(count), 10 ** (-3 * rng.random(count)))
@@ -379,7 +385,7 @@ def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
     return np.asarray(far * sizes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
 
-def _over(nodes: Points, model: CycleModel) -> Chain | None:
+def _chain_over_nodes(nodes: Points, model: CycleModel) -> Chain | None:
     """Return the chain from node 0 (the start) to node 1 (the goals) that takes the fewest cycles
     of moves, or None.
     """
@@ -392,7 +398,7 @@ def _over(nodes: Points, model: CycleModel) -> Chain | None:
     path.reverse()
     steps = np.empty((len(path) - 1, 3))
     for step, before, after in zip(steps, path, path[1:], strict=False):
-        linked(nodes[before], nodes[after], model, step)
+        find_cycle(nodes[before], nodes[after], model, step)
     unknowns = np.concatenate([steps[:, 2], nodes[path[1:-1]].ravel()])
     return Chain(steps[:, 0].astype(np.int64), steps[:, 1].astype(np.int64), unknowns, inf)
 
@@ -458,16 +464,16 @@ def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cyc
             if distance < inf
         ]
     walls = query.walls.sides
-    found, corners, spare = (
+    cycles, corners, spare = (
         np.empty((walls, 2, 5)),
         np.empty((2 * walls + 16, 2)),
         np.empty((2 * walls + 16, 2)),
     )
-    nearest_on_polygon(delta, target, query.model(), corners, spare, np.empty(2), found)
+    nearest_on_polygon(delta, target, query.model(), corners, spare, np.empty(2), cycles)
     return [
-        Cycle(distance, int(k), int(wall), low, high, found[wall, k, 3:])
-        for wall, k in np.argwhere(found[..., 0] < inf)
-        for distance, low, high in [found[wall, k, :3].tolist()]
+        Cycle(distance, int(k), int(wall), low, high, cycles[wall, k, 3:])
+        for wall, k in np.argwhere(cycles[..., 0] < inf)
+        for distance, low, high in [cycles[wall, k, :3].tolist()]
     ]
 
 
@@ -475,9 +481,7 @@ NEAR = 0.6  # relative to the diameter: longer differences are planned backwards
 TURN = 0.9  # fraction of the largest turn that a cycle allows
 
 
-def antipodal_chain(
-    query: ChainQuery, *, cycles: int, sides: tuple[float, float] = (1.0, -1.0)
-) -> Chain | None:
+def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
     """Return a chain of wall contacts on a disk to a position difference that is nearly as long as
     the diameter of the disk.
 
@@ -490,8 +494,7 @@ def antipodal_chain(
     and turns by the angle t starts at the distance E cos t. The algorithm adds such cycles until
     the position difference before the earliest cycle is at most 0.6 times as long as the diameter
     of the disk. A chain of at most three other cycles leads from the start to this position
-    difference. ``sides`` contains two signs, which the backward turns use alternately. A positive
-    sign means a counter-clockwise turn.
+    difference. The backward turns are counter-clockwise and clockwise, by turns.
 
     Notes
     -----
@@ -509,7 +512,7 @@ def antipodal_chain(
     while steps[-1][0] > NEAR * 2 * radius and len(steps) < cycles - 3:
         length, angle = steps[-1]
         turn = TURN * float(np.arccos(length / (2 * radius)))
-        angle += sides[len(contacts) % 2] * turn
+        angle += turn if len(contacts) % 2 == 0 else -turn
         contacts.append(angle + pi)
         shorter = length * float(np.cos(turn)) + 2 * query.push
         if shorter >= length:  # with such a push, no cycle reaches the difference
@@ -519,7 +522,7 @@ def antipodal_chain(
     if first[0] > NEAR * 2 * radius:
         return None
     bottom = first[0] * np.array([np.cos(first[1]), np.sin(first[1])])
-    way = ChainQuery(
+    approach = ChainQuery(
         query.walls,
         query.start,
         np.stack([-bottom / 2, bottom / 2]),
@@ -527,15 +530,15 @@ def antipodal_chain(
         margin=query.margin,
         push=query.push,
     )
-    begun = shortest_chain(way, first_found=True)
-    if begun is None:
+    chain = shortest_chain(approach, first_found=True)
+    if chain is None:
         return None
     deltas = [
-        *begun.differences(query.before, bottom)[1:],
+        *chain.differences(query.before, bottom)[1:],
         *(size * np.array([np.cos(a), np.sin(a)]) for size, a in steps[-2::-1]),
     ]
-    along = np.concatenate([begun.unknowns[: begun.cycles], radius * np.array(contacts[::-1])])
-    touchers = np.concatenate([begun.touchers, np.zeros(len(contacts), dtype=np.int64)])
+    along = np.concatenate([chain.unknowns[: chain.cycles], radius * np.array(contacts[::-1])])
+    touchers = np.concatenate([chain.touchers, np.zeros(len(contacts), dtype=np.int64)])
     return Chain(
         touchers,
         np.zeros(len(touchers), dtype=np.int64),

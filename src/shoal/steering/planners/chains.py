@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.jit import working_time
-from shoal.steering.kernels.chain import Kind, new_work, settle
+from shoal.steering.kernels.chain import ChainKind, new_work, shorten_chain
 from shoal.steering.kernels.cycles import CycleModel
 from shoal.steering.workspaces.convex import Points
-from shoal.steering.workspaces.region import NormalizedWalls, with_few_sides
+from shoal.steering.workspaces.walls import NormalizedWalls, with_few_sides
 
 _AROUND = np.exp(2j * np.pi * np.arange(48) / 48)
 
@@ -84,9 +84,8 @@ def bounds_of(
         The result of `lengths_over_walls`.
     """
     apart = float(np.linalg.norm((start[1] - start[0]) - (goal[1] - goal[0])))
-    normals = np.vstack(
-        [walls.normals, np.zeros((1, walls.dimensions))]
-    )  # no change for mirror images in the circle
+    # no change for mirror images in the circle
+    normals = np.vstack([walls.normals, np.zeros((1, walls.dimensions))])
     offsets = np.append(walls.offsets, 0.0)
     least, used = np.empty((2, len(on))), np.empty((2, len(on)), dtype=np.bool_)
     for p in (0, 1):
@@ -304,17 +303,7 @@ class ChainQuery(StartAndGoal):
         """Return the walls and constants for kernels that compute cycles, with ``margin`` and
         ``push`` multiplied by ``inside``.
         """
-        walls = self.walls
-        return CycleModel(
-            walls.frames,
-            walls.reaches,
-            walls.normals,
-            walls.offsets,
-            walls.circle,
-            self.friction,
-            self.margin * inside,
-            self.push * inside,
-        )
+        return self.walls.cycle_model(self.friction, self.margin * inside, self.push * inside)
 
     def flat(self) -> ChainQuery:
         """Return the query in the plane, without vertical coordinates."""
@@ -326,7 +315,7 @@ class ChainQuery(StartAndGoal):
             goal=self.goal[:, :2].copy(),
         )
 
-    def settle(
+    def optimize(
         self,
         guess: NDArray[np.float64],
         touchers: NDArray[np.int64],
@@ -343,7 +332,7 @@ class ChainQuery(StartAndGoal):
         returns the length of the resulting chain, or infinity if the optimization finds no feasible
         chain.
         """
-        kind = Kind(
+        kind = ChainKind(
             touchers,
             on,
             self.start,
@@ -355,7 +344,9 @@ class ChainQuery(StartAndGoal):
         )
         work = new_work(len(on), self.walls.dimensions)
         return float(
-            settle(guess, enough, self.rounds if rounds is None else rounds, bound, kind, work)
+            shorten_chain(
+                guess, enough, self.rounds if rounds is None else rounds, bound, kind, work
+            )
         )
 
     @cached_property
@@ -384,7 +375,7 @@ class ChainQuery(StartAndGoal):
         return np.concatenate((np.zeros(cycles * (self.walls.dimensions - 1)), between.ravel()))
 
 
-def refined(query: ChainQuery, chain: Chain) -> Chain:
+def refine_chain(query: ChainQuery, chain: Chain) -> Chain:
     """Return the shortest chain that has the same touching particles and walls as ``chain``.
 
     If ``chain`` has more than 12 cycles, or if the optimization fails, the result is ``chain``
@@ -396,7 +387,7 @@ def refined(query: ChainQuery, chain: Chain) -> Chain:
         off = (chain.last - query.after) / 2
         query = replace(query, goal=query.goal + np.stack([-off, off]))
     guess = chain.unknowns.copy()
-    length = query.settle(guess, chain.touchers, chain.walls)
+    length = query.optimize(guess, chain.touchers, chain.walls)
     return replace(chain, unknowns=guess, length=length) if length < inf else chain
 
 
@@ -406,7 +397,7 @@ _WORTH = 1e-4  # relative to the length: gain that justifies a change of sides
 _END = 0.98  # relative to a side: a contact farther out may move to the next side
 
 
-def between_few_sides(query: ChainQuery) -> ChainQuery:
+def reduce_sides(query: ChainQuery) -> ChainQuery:
     """Return a copy of the query in which the polygon has at most `FEW` of its sides.
 
     If the polygon has at most `MANY` sides, or if the chosen sides enclose no area, the function
@@ -416,7 +407,7 @@ def between_few_sides(query: ChainQuery) -> ChainQuery:
     return query if found is None else replace(query, walls=found)
 
 
-def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
+def restore_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
     """Return a chain whose contacts have moved from the walls of the query ``few`` to the nearest
     walls of the whole polygon.
 
@@ -467,7 +458,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
         yield replace(chain, walls=on, unknowns=unknowns)
 
 
-def slid(query: ChainQuery, chain: Chain) -> Chain:
+def slide_contacts(query: ChainQuery, chain: Chain) -> Chain:
     """Return the chain that results if contacts move to neighbouring sides of the polygon as long
     as this shortens the chain.
     """
@@ -475,7 +466,7 @@ def slid(query: ChainQuery, chain: Chain) -> Chain:
     while step > 0 and not query.late:
         shorter = None
         for other in _neighbours(query, chain, step):
-            length = query.settle(
+            length = query.optimize(
                 other.unknowns, other.touchers, other.walls, rounds=REFINING[:3], bound=chain.length
             )
             if length < chain.length * (1 - _WORTH):

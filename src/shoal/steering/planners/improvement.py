@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.steering.planners.chain_search import antipodal_chain, chains_of
+from shoal.steering.planners.chain_search import chains_of
 from shoal.steering.planners.chains import (
     ENOUGH,
     MANY,
@@ -26,8 +26,8 @@ from shoal.steering.planners.chains import (
     ROOM,
     Chain,
     ChainQuery,
-    refined,
-    slid,
+    refine_chain,
+    slide_contacts,
 )
 from shoal.steering.workspaces.convex import Points
 
@@ -37,22 +37,9 @@ CYCLES = (1, 2, 3)  # numbers of cycles of the chains of which all kinds are tri
 MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
-TRIES, ROUND_TRIES, FAR_TRIES = (
-    90,
-    90,
-    200,
-)  # number of chains tried: on flat walls, on a round wall, and for distant goals
-EARLY = 30  # of them before chains of three cycles
-SPIRALS = (
-    (1.0, -1.0),
-    (1.0, 1.0),
-    (-1.0, -1.0),
-)  # sides to which differences turn for distant goals
-_BACKWARD = 16  # cycles of a chain for distant goals
-REFINED = 3  # number of shortest rough chains that are used
-NEARLY = (
-    1.1  # relative to the shortest length: short chains up to this length are also starting points
-)
+TRIES = 90  # number of changed chains
+# relative to the shortest length: short chains up to this length are also starting points
+NEARLY = 1.1
 EACH = 30  # number of candidates made from one chain
 _WORTH = 1e-4  # relative to the length: gain that justifies one more cycle
 # relative to the length: among chains that differ by less, the one with fewer cycles is kept
@@ -68,9 +55,8 @@ class ChainPool:
     query: ChainQuery
     chains: list[Chain] = field(default_factory=list)
     _known: set[tuple[object, ...]] = field(default_factory=set)
-    _expanded: dict[int, Chain] = field(
-        default_factory=dict
-    )  # keep a reference, so that the id is not used again
+    # keep a reference, so that the id is not used again
+    _expanded: dict[int, Chain] = field(default_factory=dict)
 
     @property
     def best(self) -> Chain | None:
@@ -106,37 +92,41 @@ class ChainPool:
         self.chains = [
             other for other in self.chains if other not in alike or other.length < chain.length
         ] + [chain]
-        self.chains.sort(key=lambda one: one.length * (1 + _WORTH * one.cycles))
+        self.chains.sort(key=lambda chain: chain.length * (1 + _WORTH * chain.cycles))
         del self.chains[WIDTH:]
         return True
 
-    def begin(self, chain: Chain) -> None:
+    def add_seed(self, chain: Chain) -> None:
         """Make ``chain`` feasible and short, and add the resulting chain to the pool."""
         along = chain.unknowns[: chain.cycles * (self.query.walls.dimensions - 1)].reshape(
             chain.cycles, -1
         )
         deltas = list(chain.differences(self.query.before, self.query.after))
-        self.tried(
+        self.try_candidate(
             _Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas)
         )
 
-    def tried(self, one: _Candidate) -> int:
+    def try_candidate(self, candidate: _Candidate) -> int:
         """Make a candidate chain feasible and short, and add the resulting chain to the pool.
 
         The method returns 0 if it has tried an equal candidate before, and 1 for a new candidate.
         """
-        query, guess, round_ = self.query, one.guess, self.query.walls.round
-        kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
+        query, guess, round_ = self.query, candidate.guess, self.query.walls.round
+        kind = (
+            *candidate.touchers,
+            *candidate.walls,
+            np.round(guess, 2).tobytes() if round_ else b"",
+        )
         if kind in self._known:
             return 0
         self._known.add(kind)
-        touchers, walls = np.array(one.touchers), np.array(one.walls)
+        touchers, walls = np.array(candidate.touchers), np.array(candidate.walls)
         enough, rounds = (ROOM, _ROUGH_ROUND) if round_ else (ENOUGH, _ROUGH)
-        length = query.settle(
+        length = query.optimize(
             guess, touchers, walls, enough=enough, rounds=rounds, bound=self.bound
         )
         if length < inf:
-            self.add(slid(query, Chain(touchers, walls, guess, length)))
+            self.add(slide_contacts(query, Chain(touchers, walls, guess, length)))
         return 1
 
     def improve(self, tries: int) -> None:
@@ -146,11 +136,13 @@ class ChainPool:
             if parent is None:
                 return
             left = min(EACH, tries)
-            for one, least in with_bounds(self.query, candidates(self.query, parent)):
+            for candidate, least in bound_candidates(
+                self.query, propose_changes(self.query, parent)
+            ):
                 if left <= 0 or self.query.late:
                     break
                 if least < self.chains[0].length:
-                    done = self.tried(one)
+                    done = self.try_candidate(candidate)
                     tries, left = tries - done, left - done
             if tries > 0:
                 self._expanded[id(parent)] = parent
@@ -162,7 +154,7 @@ class _Candidate(NamedTuple):
 
     Attributes
     ----------
-    way : float
+    distance : float
         Distance from a particle to the wall of its new contact, or at most 0 if the candidate has
         no new contact. The search tries candidates in ascending order of this distance.
     touchers, walls : list of int
@@ -172,7 +164,7 @@ class _Candidate(NamedTuple):
         Position differences of the particles at the start, between the cycles, and at the end.
     """
 
-    way: float
+    distance: float
     touchers: list[int]
     walls: list[int]
     along: list[Points]
@@ -184,18 +176,21 @@ class _Candidate(NamedTuple):
         return np.concatenate([*self.along, *self.deltas[1:-1]])
 
 
-def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
-    """Return the candidate chains ``found``, each with a lower bound on its length."""
-    bounds = np.empty(len(found))
-    for cycles in {len(one.walls) for one in found}:
-        some = [k for k, one in enumerate(found) if len(one.walls) == cycles]
-        bounds[some] = query.bounds_of(
-            np.array([found[k].touchers for k in some]), np.array([found[k].walls for k in some])
+def bound_candidates(
+    query: ChainQuery, candidates: list[_Candidate]
+) -> list[tuple[_Candidate, float]]:
+    """Return the candidate chains, each with a lower bound on its length."""
+    bounds = np.empty(len(candidates))
+    for cycles in {len(candidate.walls) for candidate in candidates}:
+        same = [k for k, candidate in enumerate(candidates) if len(candidate.walls) == cycles]
+        bounds[same] = query.bounds_of(
+            np.array([candidates[k].touchers for k in same]),
+            np.array([candidates[k].walls for k in same]),
         )
-    return list(zip(found, bounds.tolist(), strict=True))
+    return list(zip(candidates, bounds.tolist(), strict=True))
 
 
-def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
+def propose_changes(query: ChainQuery, chain: Chain) -> list[_Candidate]:
     """Return chains that may be shorter than ``chain``, sorted by the distance of a particle from
     the wall of its new contact.
     """
@@ -204,11 +199,11 @@ def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
     deltas = list(chain.differences(query.before, query.after))
     touchers, walls = chain.touchers.tolist(), chain.walls.tolist()
     # every effect of one particle's contact can also be achieved by the other on the opposite side
-    opposite = [one + half * np.eye(d - 1)[0] for one in along]
-    found = []
+    opposite = [contact + half * np.eye(d - 1)[0] for contact in along]
+    proposed = []
     for place in range(chain.cycles if chain.cycles > 1 else 0):
         between = min(max(place, 1), chain.cycles - 1)
-        found.append(
+        proposed.append(
             _Candidate(
                 0.0,
                 _cut(touchers, place),
@@ -219,19 +214,21 @@ def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
         )
     for place in (place for place, wall in enumerate(walls) if wall == circle):
         other = _put(_cut(touchers, place), place, 1 - touchers[place])
-        found.append(
+        proposed.append(
             _Candidate(0.0, other, walls, _put(_cut(along, place), place, opposite[place]), deltas)
         )
     if all(wall == circle for wall in walls):
         nearest = _nearest_touchers(query, chain, np.array(deltas))
-        places = [opposite[k] if one != touchers[k] else along[k] for k, one in enumerate(nearest)]
-        found.append(_Candidate(-1.0, nearest, walls, places, deltas))
+        places = [
+            opposite[k] if toucher != touchers[k] else along[k] for k, toucher in enumerate(nearest)
+        ]
+        proposed.append(_Candidate(-1.0, nearest, walls, places, deltas))
     states = states_of(query, chain, np.array(deltas))
     for place in range(chain.cycles + 1 if chain.cycles < MOST_CYCLES else 0):
         aside = deltas[place + 1 if place < chain.cycles else place - 1] - deltas[place]
         after = min(place + 1, chain.cycles)
         for toucher in (0, 1):
-            for wall, contact, share, way in _new_contacts(
+            for wall, contact, share, distance in _new_contacts(
                 query, chain, along, place, toucher, states[place][toucher]
             ):
                 more = (
@@ -239,11 +236,11 @@ def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
                     _put(walls, place, wall),
                     _put(along, place, contact),
                 )
-                found.append(
-                    _Candidate(way, *more, _put(deltas, after, deltas[place] + share * aside))
+                proposed.append(
+                    _Candidate(distance, *more, _put(deltas, after, deltas[place] + share * aside))
                 )
-    found.sort(key=lambda one: one.way)
-    return found
+    proposed.sort(key=lambda candidate: candidate.distance)
+    return proposed
 
 
 def _put(items: list[_Item], place: int, item: _Item) -> list[_Item]:
@@ -342,27 +339,19 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
     """
     pool = ChainPool(query)
     for chain in seeds:
-        pool.begin(chain)
+        pool.add_seed(chain)
     for cycles in CYCLES:
         for chain in chains_of(
             query, cycles, inf if pool.best is None else NEARLY * pool.best.length
         ):
             pool.add(chain)
-        if cycles == 2:
-            pool.improve(EARLY)
-    tries = ROUND_TRIES if query.walls.round else TRIES
-    for sides in SPIRALS if query.walls.round and query.friction == inf else ():
-        far = antipodal_chain(query, cycles=_BACKWARD, sides=sides)
-        if far is not None:
-            tries = FAR_TRIES
-            pool.begin(far)
-    pool.improve(tries)
-    few: dict[int, Chain] = {}  # the shortest chain of each number of cycles
+    pool.improve(TRIES)
+    shortest: dict[int, Chain] = {}  # the shortest chain of each number of cycles
     for chain in sorted(pool.chains, key=lambda chain: chain.length):
-        few.setdefault(chain.cycles, chain)
-    useful = [chain for chain in few.values() if chain.length < 1.01 * pool.chains[0].length]
-    kept = [
-        *pool.chains[:REFINED],
-        *(chain for chain in useful if chain not in pool.chains[:REFINED]),
+        shortest.setdefault(chain.cycles, chain)
+    refined = [
+        refine_chain(query, chain)
+        for chain in shortest.values()
+        if chain.length < 1.01 * pool.chains[0].length
     ]
-    return sorted((refined(query, chain) for chain in kept), key=lambda chain: chain.length)
+    return sorted(refined, key=lambda chain: chain.length)

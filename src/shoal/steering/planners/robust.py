@@ -10,24 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.contact.friction import GainBelief
 from shoal.steering.contact.world import direction_away_from, touched_normals
-from shoal.steering.kernels import shortening as kernels
+from shoal.steering.kernels import annealing as kernels
 from shoal.steering.kernels.contact import first_contact
-from shoal.steering.kernels.roadmap import step
+from shoal.steering.kernels.sampling import step
+from shoal.steering.planners.annealing import MOST_STEPS, Annealing, Plan, copy_of, steps_of
 from shoal.steering.planners.chain_search import shortest_chain
 from shoal.steering.planners.chains import Chain, ChainQuery
-from shoal.steering.planners.greedy import any_chain, plan_with_clearance
+from shoal.steering.planners.clearance import plan_with_clearance
+from shoal.steering.planners.greedy import any_chain
 from shoal.steering.planners.sampling import MORE_ROUNDS, Sampling, Translations, Tree, world_of
-from shoal.steering.planners.shortest import (
-    MOST_STEPS,
-    Plan,
-    Shortening,
-    Shortest,
-    copy_of,
-    steps_of,
-)
-from shoal.steering.planners.task import PLANNERS, SteeringTask
+from shoal.steering.planners.shortest import Shortest
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
 
@@ -50,9 +44,11 @@ class Cycles:
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
         self.task, self.apparatus, self.noise = task, apparatus, noise
-        self.room = task.world.room
-        self.least = min(LEAST * self.room.size, max(task.tolerance / 2, 1e-8 * self.room.size))
-        self.field = GainBelief(self.room, self.noise)
+        self.workspace = task.world.free_space
+        self.least = min(
+            LEAST * self.workspace.size, max(task.tolerance / 2, 1e-8 * self.workspace.size)
+        )
+        self.field = GainBelief(self.workspace, self.noise)
         self.seen = self._inside(apparatus.look())
 
     @property
@@ -71,7 +67,7 @@ class Cycles:
                 continue
             if not self._cycle():
                 # No cycle is possible from this state. Move to the centre and observe again.
-                self._send((self.room.middle - self.seen.mean(axis=0)) * 0.5)
+                self._send((self.workspace.middle - self.seen.mean(axis=0)) * 0.5)
 
     def _arrived(self) -> bool:
         near: float = max(
@@ -93,23 +89,23 @@ class Cycles:
         chain was found.
         """
         spread = SURE * float(np.hypot(self.noise.execution, self.noise.measurement))
-        found: Chain | None = None
+        chain: Chain | None = None
         for share in (1.0, 0.5, 0.2, 0.05, 0.0):
             margin = max(share * 2 * spread, self.least)
             query = self._chain_query(margin)
-            found = shortest_chain(query, cycles=(1, 2, 3), first_found=True)
-            if found is not None:
+            chain = shortest_chain(query, cycles=(1, 2, 3), first_found=True)
+            if chain is not None:
                 break
-        if found is None:
-            query = self._chain_query(1e-6 * self.room.size)
-            found = any_chain(query)
-            if found is None:
+        if chain is None:
+            query = self._chain_query(1e-6 * self.workspace.size)
+            chain = any_chain(query)
+            if chain is None:
                 return False
         walls = query.walls
-        toucher = int(found.touchers[0])
-        contact = walls.restored(found.contacts(walls)[0])
-        target = found.differences(query.before, query.after)[1] * walls.scale
-        last = found.cycles == 1
+        toucher = int(chain.touchers[0])
+        contact = walls.restored(chain.contacts(walls)[0])
+        target = chain.differences(query.before, query.after)[1] * walls.scale
+        last = chain.cycles == 1
         if not self._touch(toucher, contact, spread):
             return True
         self._adjust(toucher, target, last=last, spread=spread)
@@ -149,19 +145,19 @@ class Cycles:
                 return False
             here = self.seen[toucher]
             inward = self._normal(contact)
-            way = contact - here
-            unsure = 2 * self.field.deviation(here, contact) * float(np.linalg.norm(way))
+            approach = contact - here
+            unsure = 2 * self.field.deviation(here, contact) * float(np.linalg.norm(approach))
             apart = float(inward @ (self.seen[1 - toucher] - here))
             if unsure > min(spread, 0.2 * apart) and attempt < 3:
-                way = way + inward * (unsure + spread)
-                self._translate(way / self.field.mean(here, contact))
+                approach = approach + inward * (unsure + spread)
+                self._translate(approach / self.field.mean(here, contact))
                 continue
             # Limit the overshoot so that the other particle does not reach the wall.
             over = max(min(spread + unsure, 0.45 * apart), self.least)
-            self._translate(way / self.field.mean(here, contact) - inward * over)
+            self._translate(approach / self.field.mean(here, contact) - inward * over)
             if (
                 self._distance(self.seen[toucher])
-                <= 3 * self.noise.measurement + 2e-9 * self.room.size
+                <= 3 * self.noise.measurement + 2e-9 * self.workspace.size
             ):
                 return True
             contact = self._foot(self.seen[toucher])
@@ -172,9 +168,11 @@ class Cycles:
 
         If a particle may touch a wall, the method first sends a small move off the wall.
         """
-        near = 3 * self.noise.measurement / self.room.size + 2e-9
-        normals = np.vstack([touched_normals(self.room, point, within=near) for point in self.seen])
-        least = SURE * self.noise.execution + 1e-8 * self.room.size
+        near = 3 * self.noise.measurement / self.workspace.size + 2e-9
+        normals = np.vstack(
+            [touched_normals(self.workspace, point, within=near) for point in self.seen]
+        )
+        least = SURE * self.noise.execution + 1e-8 * self.workspace.size
         if len(normals) and float((normals @ move).min()) < least:
             lift = direction_away_from(normals)
             if lift is not None:
@@ -218,12 +216,12 @@ class Cycles:
                 if push < -least:
                     return
                 move = move - inward * (least - push)
-            room = self._room_along(here[other], move) - spread
+            free = self._room_along(here[other], move) - spread
             length = float(np.linalg.norm(move))
-            if room < length:
-                if room < 0.2 * length:
+            if free < length:
+                if free < 0.2 * length:
                     return  # no progress: another contact will be better
-                move = move * (room / length)
+                move = move * (free / length)
             self._send(move)
             left = float(np.linalg.norm(target - (self.seen[1] - self.seen[0])))
             if left <= max(self._good_enough() / 2, spread if not last else 0.0):
@@ -271,12 +269,12 @@ class Cycles:
         self.seen = self._inside(self.apparatus.look())
         for here, there in zip(before, self.seen, strict=True):
             # A particle without wall contact gives information about the gain.
-            clear = 4 * self.noise.measurement + 1e-6 * self.room.size
+            clear = 4 * self.noise.measurement + 1e-6 * self.workspace.size
             if self._distance(here) > clear and self._distance(there) > clear:
                 self.field.learn(here, there, move)
 
     def _distance(self, point: Points) -> float:
-        return float(self.room.depth(point))
+        return float(self.workspace.depth(point))
 
     def _inside(self, points: Points) -> Points:
         """Return the given points, with points outside the workspace projected onto the wall."""
@@ -288,37 +286,113 @@ class Cycles:
         """Return the wall point nearest to ``point``, corrected near corners so that it lies inside
         the workspace.
         """
-        room = self.room
+        workspace = self.workspace
         for _round in range(4):
-            walls = room.wall_distances(point)
-            circle = float(room.circle_distance(point))
+            walls = workspace.wall_distances(point)
+            circle = float(workspace.circle_distance(point))
             if len(walls) and walls.min() <= circle:
-                point = point - walls.min() * room.normals[int(np.argmin(walls))]
+                point = point - walls.min() * workspace.normals[int(np.argmin(walls))]
             else:
-                outward = point[:2] - room.center
+                outward = point[:2] - workspace.center
                 point = np.concatenate(
-                    [room.center + outward * (room.radius / float(np.hypot(*outward))), point[2:]]
+                    [
+                        workspace.center + outward * (workspace.radius / float(np.hypot(*outward))),
+                        point[2:],
+                    ]
                 )
-            if self._distance(point) >= -1e-12 * room.size:
+            if self._distance(point) >= -1e-12 * workspace.size:
                 break
         return np.asarray(point)
 
     def _normal(self, contact: Points) -> Points:
-        room = self.room
-        walls = room.wall_distances(contact)
-        if len(walls) and walls.min() <= float(room.circle_distance(contact)):
-            return np.asarray(room.normals[int(np.argmin(walls))])
+        workspace = self.workspace
+        walls = workspace.wall_distances(contact)
+        if len(walls) and walls.min() <= float(workspace.circle_distance(contact)):
+            return np.asarray(workspace.normals[int(np.argmin(walls))])
         inward = np.zeros(len(contact))
-        inward[:2] = room.center - contact[:2]
+        inward[:2] = workspace.center - contact[:2]
         return inward / float(np.linalg.norm(inward))
+
+
+PRIOR = 0.3  # prior standard deviation of the gain's slope, in gains per size
+
+
+class GainBelief:
+    """Estimate of the gain at each point p with the model a + b · (p - c) / s.
+
+    The vector c is the centre of the workspace's base, and s is the size of the workspace. The
+    estimate of the coefficients a and b is a normal distribution. Each observed move without wall
+    contact improves the estimate.
+    """
+
+    def __init__(self, workspace: Any, noise: Any) -> None:
+        d = workspace.dimensions
+        self.size, self.noise = workspace.size, noise
+        self.center = np.zeros(d)
+        self.center[:2] = workspace.center
+        self.estimate: NDArray[np.float64] = np.eye(d + 1)[0]
+        self.spread = np.diag(np.r_[PRIOR / 3, np.full(d, PRIOR)]) ** 2 * (
+            1.0 if noise.gain else 1e-12
+        )
+
+    def _features(self, point: Points) -> NDArray[np.float64]:
+        return np.asarray(np.r_[1.0, (point - self.center) / self.size])
+
+    def at(self, point: Points) -> float:
+        """Return the expected gain (displacement of a particle divided by the input) at a point,
+        but at least 0.2.
+        """
+        return max(float(self._features(point) @ self.estimate), 0.2)
+
+    def mean(self, here: Points, there: Points) -> float:
+        """Return the expected mean gain on the straight path between two points."""
+        return self.at((here + there) / 2)
+
+    def deviation(self, here: Points, there: Points) -> float:
+        """Return the standard deviation of the estimated mean gain on the straight path between two
+        points.
+        """
+        features = self._features((here + there) / 2)
+        return float(np.sqrt(features @ self.spread @ features))
+
+    def ahead(self, point: Points, move: Points) -> Points:
+        """Return the expected end point of a particle that starts at ``point``, receives the input
+        ``move`` and touches no wall.
+        """
+        middle = point + self.at(point) * move / 2
+        return np.asarray(point + self.at(middle) * move)
+
+    def behind(self, point: Points, move: Points) -> Points:
+        """Return the expected start point of a particle that the input ``move`` brings to ``point``
+        without wall contact.
+        """
+        middle = point - self.at(point) * move / 2
+        return np.asarray(point - self.at(middle) * move)
+
+    def learn(self, here: Points, there: Points, move: Points) -> None:
+        """Update the estimate after the input ``move`` has moved a particle without wall contact
+        from ``here`` to ``there``.
+
+        The observed gain is the distance travelled in the direction of the input, divided by the
+        length of the input. The method uses the observed gain as the gain at the midpoint of the
+        path. The method ignores inputs that are short compared with the noise.
+        """
+        length = float(np.linalg.norm(move))
+        if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):
+            return
+        gain = float((there - here) @ move) / length**2
+        variance = (2 * self.noise.measurement**2 + self.noise.execution**2) / length**2 + 1e-6
+        features = self._features((here + there) / 2)
+        along = self.spread @ features
+        weight = along / (float(features @ along) + variance)
+        self.estimate = self.estimate + weight * (gain - float(features @ self.estimate))
+        self.spread = self.spread - np.outer(weight, along)
 
 
 STATES = 256
 LIKELY = 16  # effective states: with fewer what is seen counts alone
-ARRIVED_SHARE, SATISFIED = (
-    0.95,
-    0.5,
-)  # share of the states that have arrived: of a run that has just begun, and of one at its end
+# share of the states that have arrived: of a run that has just begun, and of one at its end
+ARRIVED_SHARE, SATISFIED = (0.95, 0.5)
 
 
 class PositionBelief:
@@ -333,9 +407,9 @@ class PositionBelief:
     """
 
     def __init__(
-        self, room: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator
+        self, workspace: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator
     ) -> None:
-        self.room, self.world, self.noise, self.rng = room, world, noise, rng
+        self.workspace, self.world, self.noise, self.rng = workspace, world, noise, rng
         self._settle(self._anew(seen))
 
     def update(self, move: Points, seen: Points) -> None:
@@ -378,8 +452,8 @@ class PositionBelief:
         if not self.noise.measurement:
             return np.repeat(seen[None], STATES, axis=0)
         states = seen + self.rng.normal(scale=self.noise.measurement, size=(STATES, 2, 2))
-        outside = ~self.room.contains(states)
-        states[outside] = _nearest(self.room, states[outside])
+        outside = ~self.workspace.contains(states)
+        states[outside] = _project_inside(self.workspace, states[outside])
         return states
 
     def _settle(self, states: NDArray[np.float64]) -> None:
@@ -389,31 +463,26 @@ class PositionBelief:
         ].copy()
 
 
-def _nearest(room: Any, points: Points) -> Points:
+def _project_inside(workspace: Any, points: Points) -> Points:
     """Return, for each point outside a plane workspace, the nearest point of the workspace;
     float64, shape (n, 2).
     """
     import shapely
 
-    if room.round:
-        away = points - room.center
+    if workspace.round:
+        away = points - workspace.center
         return np.asarray(
-            room.center + room.radius * away / np.linalg.norm(away, axis=1, keepdims=True)
+            workspace.center + workspace.radius * away / np.linalg.norm(away, axis=1, keepdims=True)
         )
-    lines = shapely.shortest_line(room.shape, shapely.points(points))
+    lines = shapely.shortest_line(workspace.shape, shapely.points(points))
     return np.asarray(shapely.get_coordinates(shapely.get_point(lines, 0)))
 
 
-FIRST_TREES, TREES = (
-    4,
-    2,
-)  # grown at the start, and where the plan so far has become worse than it was
+# grown at the start, and where the plan so far has become worse than it was
+FIRST_TREES, TREES = (4, 2)
 SHORTENED = 5_000  # changes of a new plan in a world without noise
-OVERSHOOTS = (
-    0.0,
-    1.5,
-    3.0,
-)  # standard deviations of noise: how far behind walls contacts of new plans aim
+# standard deviations of noise: how far behind walls contacts of new plans aim
+OVERSHOOTS = (0.0, 1.5, 3.0)
 MARGINS = (3.0, 1.5, 0.5)  # of these: how far from walls ways around obstacles keep
 SCENARIOS, JUDGED = 32, 256  # in which plans are changed, and in which they are judged
 REFINED, CHANGES = 3, 400  # of the best plans, so many changes each
@@ -442,18 +511,18 @@ class Replanning:
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
         self.task, self.apparatus = task, apparatus
-        self.world, self.room = world_of(task.world), task.world.room
+        self.world, self.workspace = world_of(task.world), task.world.free_space
         self.rng = np.random.default_rng([task.seed, 4])
-        self.belief = PositionBelief(self.room, self.world, noise, apparatus.look(), self.rng)
+        self.belief = PositionBelief(self.workspace, self.world, noise, apparatus.look(), self.rng)
         self.deviation = max(
-            float(np.hypot(noise.execution, noise.measurement)), 1e-9 * self.room.size
+            float(np.hypot(noise.execution, noise.measurement)), 1e-9 * self.workspace.size
         )
         near, far = (
             1 - np.exp(-0.5 * (share * task.tolerance / self.deviation) ** 2)
             for share in (1.0, 1.2)
         )
         self.cycle = float(min(1 / near + CYCLE / far, 1e3))
-        margins = tuple(share * self.deviation / self.room.size for share in MARGINS)
+        margins = tuple(share * self.deviation / self.workspace.size for share in MARGINS)
         self.translations = Translations(task, margins)
         self.exact = Translations(task)
 
@@ -485,27 +554,27 @@ class Replanning:
         few = kernels.Noise(
             self.belief.states[:SCENARIOS], errors[:SCENARIOS].copy(), self.deviation, cycle
         )
-        shortening = Shortening(task, self.world, self.rng)
+        annealing = Annealing(task, self.world, self.rng)
 
         def costs(plans: Iterable[Plan]) -> list[Plan]:
-            return [shortening.changed(plan, changes=0, noise=judged) for plan in plans]
+            return [annealing.anneal(plan, changes=0, noise=judged) for plan in plans]
 
-        found = costs(self._plans_at_hand(task, last))
-        useful = [plan for plan in found if self._moves_particles(plan, few)]
+        candidates = costs(self._plans_at_hand(task, last))
+        useful = [plan for plan in candidates if self._moves_particles(plan, few)]
         if last is None:
-            found += costs(self._new_plans(shortening, FIRST_TREES))
+            candidates += costs(self._new_plans(annealing, FIRST_TREES))
         elif (
             not task.late
             and min((plan.cost for plan in useful), default=inf) > last.cost - 1 + WORSE
         ):
-            found += costs(self._new_plans(shortening, TREES))
-        found.sort(key=lambda plan: plan.cost)
-        best = [plan for plan in found if self._moves_particles(plan, few)][:REFINED]
-        found += costs(
-            shortening.changed(plan, changes=CHANGES, noise=few) for plan in best if not task.late
+            candidates += costs(self._new_plans(annealing, TREES))
+        candidates.sort(key=lambda plan: plan.cost)
+        best = [plan for plan in candidates if self._moves_particles(plan, few)][:REFINED]
+        candidates += costs(
+            annealing.anneal(plan, changes=CHANGES, noise=few) for plan in best if not task.late
         )
-        useful = [plan for plan in found if self._moves_particles(plan, few)]
-        return min(useful or found, key=lambda plan: plan.cost)
+        useful = [plan for plan in candidates if self._moves_particles(plan, few)]
+        return min(useful or candidates, key=lambda plan: plan.cost)
 
     def _moves_particles(self, plan: Plan, noise: kernels.Noise) -> bool:
         """Return whether, in at least one noise scenario, the first move of a plan moves a particle
@@ -537,19 +606,19 @@ class Replanning:
                 copy_of(last, first) for first in (0, 1) if 0 < last.count - first <= task.max_moves
             )
 
-    def _new_plans(self, shortening: Shortening, trees: int) -> Iterator[Plan]:
+    def _new_plans(self, annealing: Annealing, trees: int) -> Iterator[Plan]:
         """Yield new plans for a world without noise, and copies of these plans whose moves to
         contacts aim behind the walls.
         """
-        task = shortening.task
-        whole = None if isinstance(self.room, Region) else Shortest().plan(task)
+        task = annealing.task
+        whole = None if isinstance(self.workspace, Region) else Shortest().plan(task)
         plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]
         for tree in range(trees if whole is None else 0):
             if tree and task.late:
                 break
             moves = Tree(task, self.world, self.rng, left=MORE_ROUNDS).search(self.exact)
             if moves is not None:
-                plans.append(shortening.changed(steps_of(task, moves), changes=SHORTENED))
+                plans.append(annealing.anneal(steps_of(task, moves), changes=SHORTENED))
         for plan in plans:
             for share in OVERSHOOTS if plan.count <= task.max_moves else ():
                 steps = copy_of(plan).steps
@@ -560,16 +629,12 @@ class Replanning:
 
 ASSUMED = 1 / 16  # relative to the tolerance: assumed noise if the problem has none
 QUIET_MOVES = 12  # maximum number of moves with assumed noise
-SLIGHT = (
-    1 / 12
-)  # relative to the tolerance: with stronger noise, plans are evaluated in simulated noise
-STOOD, STOOD_RUNS = (
-    (0.25, 0.0625),
-    3,
-)  # relative to the tolerance: noise levels to test, and number of runs for each
+# relative to the tolerance: with stronger noise, plans are evaluated in simulated noise
+SLIGHT = 1 / 12
+# relative to the tolerance: noise levels to test, and number of runs for each
+STOOD, STOOD_RUNS = ((0.25, 0.0625), 3)
 
 
-@PLANNERS.register("robust")
 class Robust:
     """A planner for worlds with noise, which works in a closed loop: make one move, observe the
     particles, and plan again.
@@ -589,7 +654,7 @@ class Robust:
 
     def plan(self, task: SteeringTask) -> Points | None:
         """Return a short plan for a world without noise, in which no closed loop is necessary."""
-        return (Sampling() if isinstance(task.world.room, Region) else Shortest()).plan(task)
+        return (Sampling() if isinstance(task.world.free_space, Region) else Shortest()).plan(task)
 
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
         """Run the closed loop, and return the moves that were sent and the resulting positions of
@@ -604,14 +669,15 @@ class Robust:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()
         else:
             short = replace(task, max_moves=min(task.max_moves, QUIET_MOVES))
-            for move in _moves_or_none(plan_with_clearance(task, self), task):
+            plan = plan_with_clearance(task, self)
+            for move in plan if plan is not None and len(plan) <= task.max_moves else ():
                 apparatus.send(move)
             if task.error(apparatus.states[-1]) > task.tolerance:
                 apparatus.restart()
                 _loop(
                     short, apparatus, apparatus.with_noise(ASSUMED * task.tolerance).problem
                 ).run()
-            apparatus.remark = _noise_stood(short, apparatus)
+            apparatus.remark = _describe_tolerated_noise(short, apparatus)
         d = task.start.shape[1]
         return np.array(apparatus.inputs).reshape(-1, d), np.array(apparatus.states)
 
@@ -624,23 +690,14 @@ def _loop(
     Noise is slight if its standard deviation is at most ``slight`` times the tolerance of the
     goals.
     """
-    convex = not isinstance(task.world.room, Region)
+    convex = not isinstance(task.world.free_space, Region)
     known = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance
-    return (Cycles if convex and (known or task.world.room.dimensions == 3) else Replanning)(
+    return (Cycles if convex and (known or task.world.free_space.dimensions == 3) else Replanning)(
         task, apparatus, noise
     )
 
 
-def _moves_or_none(moves: Points | None, task: SteeringTask) -> Points:
-    """Return the plan ``moves``, or an empty array if ``moves`` is None or has too many moves."""
-    return (
-        np.zeros((0, task.start.shape[1]))
-        if moves is None or len(moves) > task.max_moves
-        else moves
-    )
-
-
-def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
+def _describe_tolerated_noise(task: SteeringTask, apparatus: Any) -> str:
     """Return a sentence about the largest tested execution noise with which all runs of the closed
     loop succeed.
     """

@@ -15,16 +15,15 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.contact.world import ContactWorld, RegionWorld
-from shoal.steering.kernels import roadmap as kernels
+from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
-from shoal.steering.planners.shortest import Shortening
+from shoal.steering.planners.annealing import Annealing
 from shoal.steering.planners.task import (
-    PLANNERS,
     SteeringTask,
     choose,
     path_length,
-    with_fewer_moves,
+    remove_moves,
 )
 from shoal.steering.workspaces.convex import TOUCH, Points
 from shoal.steering.workspaces.region import Region
@@ -48,18 +47,13 @@ HITS = 200
 # added to the key of a state from which no translation leads to the goals, so that other states
 # grow, too
 USELESS = 2.0
-MARGINS = (
-    1e-3,
-    1e-4,
-    1e-5,
-    1e-6,
-)  # relative to the size: distance of translations from walls, if possible
+# relative to the size: distance of translations from walls, if possible
+MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)
 # relative to the size: distance by which a lift without a clearance moves particles off walls
 LIFT = 1e-6
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
 
 
-@PLANNERS.register("sampling")
 class Sampling:
     """A planner that grows a search tree of particle positions by random manoeuvres.
 
@@ -89,10 +83,10 @@ class Sampling:
         InvalidInputError
             If the workspace is three-dimensional.
         """
-        room = task.world.room
-        if room.dimensions != 2:
+        workspace = task.world.free_space
+        if workspace.dimensions != 2:
             raise InvalidInputError(
-                f"planner sampling: expected a plane workspace, got a {room.kind}"
+                f"planner sampling: expected a plane workspace, got a {workspace.kind}"
             )
         world, rng = world_of(task.world, task), np.random.default_rng(task.seed)
         simple = len(task.start) == 2 and task.world.friction == np.inf
@@ -101,24 +95,24 @@ class Sampling:
         close = (
             world if task.margin else world._replace(wide_edges=world.edges, wide_walls=world.walls)
         )
-        found, narrow = _grown(task, close, rng, simple=simple)
+        plans, sensitive = _grow_trees(task, close, rng, simple=simple)
         if (
             task.world.friction < np.inf and task.clearance
         ):  # nearer to walls, sliding particles often find much shorter plans
-            more, others = _grown(
+            more_plans, more_sensitive = _grow_trees(
                 task, world_of(task.world), np.random.default_rng(task.seed), simple=simple
             )
-            found, narrow = found + more, narrow + others
-        found = found + narrow if simple else found or narrow
-        if simple and found:
-            found = Shortening(task, world, rng).shortest(found)
-            found = sorted(found, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
+            plans, sensitive = plans + more_plans, sensitive + more_sensitive
+        plans = plans + sensitive if simple else plans or sensitive
+        if simple and plans:
+            plans = Annealing(task, world, rng).shorten(plans)
+            plans = sorted(plans, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
                 :BEST
             ]
-        return choose(task, [_shortened(task, moves) for moves in found])
+        return choose(task, [remove_moves(task, moves) for moves in plans])
 
 
-def _grown(
+def _grow_trees(
     task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: bool
 ) -> tuple[list[Points], list[Points]]:
     """Return the plans of several search trees: plans that stand all disturbances, and
@@ -127,29 +121,29 @@ def _grown(
     # Simulation takes many times as long for sliding particles.
     share = 1.0 if task.world.friction == np.inf else SLIDING
     translations = Translations(task)
-    found: list[Points] = []
-    narrow: list[Points] = []
+    plans: list[Points] = []
+    sensitive: list[Points] = []
     left = int(share * ALL_ROUNDS)
     for _tree in range(TREES):
-        if found or left <= 0 or task.late:
+        if plans or left <= 0 or task.late:
             break
         rounds = min(int(share * ROUNDS), left)
-        grown = Tree(task, world, rng, left=rounds)
-        moves = grown.search(translations)
-        left -= rounds - grown.left
+        tree = Tree(task, world, rng, left=rounds)
+        moves = tree.search(translations)
+        left -= rounds - tree.left
         if moves is not None:
-            (found if task.is_sure(moves) else narrow).append(moves)
-        elif grown.total == 1:
+            (plans if task.is_sure(moves) else sensitive).append(moves)
+        elif tree.total == 1:
             break  # no manoeuvre leads away from the start
     for _tree in range(
-        (MORE_TREES if simple else FEW_TREES) if found else 0
+        (MORE_TREES if simple else FEW_TREES) if plans else 0
     ):  # these trees are smaller
         if task.late:
             break
         moves = Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
         if moves is not None:
-            (found if task.is_sure(moves) else narrow).append(moves)
-    return found, narrow
+            (plans if task.is_sure(moves) else sensitive).append(moves)
+    return plans, sensitive
 
 
 def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
@@ -158,30 +152,29 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
 
     With ``task``, simulated plans keep the clearance of this task.
     """
-    room = world.room
-    size = float(room.size)
-    if room.round:
+    workspace = world.free_space
+    size = float(workspace.size)
+    if workspace.round:
         none = np.zeros((0, 2))
         ints, bools = none.astype(np.int64), np.zeros(0, dtype=np.bool_)
         edges = Edges(np.zeros((0, 4)), none, np.zeros(0), ints, bools, size, np.zeros((0, 4)))
     else:
-        region = room if isinstance(room, Region) else Region(room.vertices, ())
+        region = workspace if isinstance(workspace, Region) else Region(workspace.vertices, ())
         edges = RegionWorld(region).edges._replace(size=size)
     unused = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), size, np.inf, np.eye(3)[0])
     walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
     clearance = task.clearance if task is not None else 0.0
-    wide = (
-        max(1.25 * clearance / TOUCH, 1.0) * size
-    )  # the kernels multiply the size by the contact tolerance
+    # the kernels multiply the size by the contact tolerance
+    wide = max(1.25 * clearance / TOUCH, 1.0) * size
     corners = np.zeros((0, 2))
-    if clearance and task is not None and isinstance(room, Region):
+    if clearance and task is not None and isinstance(workspace, Region):
         corners = edges.ends[edges.reflex, :2]
         ends = np.concatenate([task.start, task.goal])
         far = np.linalg.norm(corners[:, None] - ends[None], axis=2) > clearance * size
         corners = np.ascontiguousarray(corners[far.all(axis=1)])
     lift = size * (PLANNED * clearance or LIFT)
     return kernels.World(
-        bool(not room.round and world.friction == np.inf),
+        bool(not workspace.round and world.friction == np.inf),
         edges,
         walls,
         edges._replace(size=wide),
@@ -220,34 +213,34 @@ class Tree:
         The method removes unnecessary moves from a long plan. If no plan keeps the clearance of the
         task, the method returns the first plan that reaches the goals.
         """
-        narrow: list[Points] = []
+        sensitive: list[Points] = []
         for _hit in range(HITS):
             moves = self._direct(translations)
             if moves is not None:
                 if len(moves) > min(LONG, self.task.max_moves):
-                    moves = _shortened(self.task, moves)
+                    moves = remove_moves(self.task, moves)
                 if len(moves) <= self.task.max_moves:
                     if self.task.is_sure(moves):
                         return moves
-                    narrow.append(moves)
+                    sensitive.append(moves)
             elif self.total > 1:
                 self.nodes.keys[self.total - 1] += USELESS
-            if len(narrow) == NARROW or not self.grow():
+            if len(sensitive) == NARROW or not self.grow():
                 break
-        return narrow[0] if narrow else None
+        return sensitive[0] if sensitive else None
 
     def grow(self) -> bool:
         """Grow the tree until a new state has the relative positions of the goals; return whether
         the search finds such a state.
         """
-        task, size = self.task, float(self.task.world.room.size)
+        task = self.task
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
         hit, before = False, (0, 0)
         while not hit and before != (self.total, self.left) and not task.late:
             before, rounds = (self.total, self.left), min(self.left, STRETCH)
             self.total, left, hit = grow(
-                self.nodes, self.total, rounds, *limits, self.world, size, self.rng
+                self.nodes, self.total, rounds, *limits, self.world, self.rng
             )
             self.left -= rounds - left
         return bool(hit)
@@ -260,10 +253,10 @@ class Tree:
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
             return None
-        size, room = float(self.task.world.room.size), np.zeros((kernels.STEPS, 2))
+        path = np.zeros((kernels.STEPS, 2))
         after = state.copy()
-        count = kernels.translate(after, x, y, self.world, size, room, 0)
-        ends: Iterable[Points] = [room[:count]]
+        count = kernels.translate(after, x, y, self.world, path, 0)
+        ends: Iterable[Points] = [path[:count]]
         if self.task.error(after) > self.task.tolerance:
             ends = translations.around(np.array([-x, -y]))
         for end in ends:
@@ -301,14 +294,14 @@ class Translations:
 
         In a convex workspace, the method yields no paths.
         """
-        room = self._task.world.room
+        workspace = self._task.world.free_space
         least = PLANNED * self._task.margin
-        for margin in self._margins if isinstance(room, Region) else ():
+        for margin in self._margins if isinstance(workspace, Region) else ():
             if margin < least:
                 break
             if margin not in self._offsets and not self._task.late:
                 self._offsets[margin] = free_offsets(
-                    room, self._task.goal, margin * float(room.size)
+                    workspace, self._task.goal, margin * float(workspace.size)
                 )
             free = self._offsets.get(margin)
             path = None if free is None else free.path(offset, self._task)
@@ -374,25 +367,25 @@ class FreeOffsets:
             waiting[shorter] = (through + left)[shorter]
         if end < 0:
             return None
-        way = [first, self.places[end]]
+        corners = [first, self.places[end]]
         while end != 0:
             end = int(before[end])
-            way.append(self.places[end])
-        return np.array(way)
+            corners.append(self.places[end])
+        return np.array(corners)
 
 
-def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
+def free_offsets(workspace: Region, goal: Points, margin: float) -> FreeOffsets | None:
     """Return the offsets from which a path leads to the goals at least ``margin`` from all walls,
     or None if none exist.
     """
     import shapely
     from shapely import affinity
 
-    near = room.shape.buffer(-margin, join_style="mitre")
+    near = workspace.shape.buffer(-margin, join_style="mitre")
     free = affinity.translate(near, *(-goal[0]))
     for place in goal[1:]:
         free = free.intersection(affinity.translate(near, *(-place)))
-    reach = min(20 * margin, 0.02 * float(room.size))
+    reach = min(20 * margin, 0.02 * float(workspace.size))
     for part in getattr(free, "geoms", [free]):
         inner = part.buffer(-0.1 * margin, join_style="mitre")
         last = _nearest(inner, np.zeros(2), reach) if inner.geom_type == "Polygon" else None
@@ -438,19 +431,3 @@ def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
     if line is None or not line.length <= reach:
         return None
     return np.array(line.coords[0])
-
-
-def _shortened(task: SteeringTask, moves: Points) -> Points:
-    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the
-    plan reaches the goals.
-
-    A plan that keeps the clearance of the task still keeps it afterwards.
-    """
-    changed, sure = True, task.is_sure(moves)
-    while changed:
-        changed = False
-        for fewer in with_fewer_moves(moves):
-            if task.reaches_goal(fewer) and (not sure or task.is_sure(fewer)):
-                moves, changed = fewer, True
-                break
-    return moves

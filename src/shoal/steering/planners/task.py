@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.dataclass import dataclass
-from shoal.core.registry import Registry
 from shoal.steering.contact.clearance import CLEARANCE, PLANNED, why_sensitive
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import (
@@ -27,10 +26,10 @@ from shoal.steering.planners.chains import (
     ChainQuery,
     StartAndGoal,
     lengths_over_walls,
-    refined,
+    refine_chain,
 )
 from shoal.steering.workspaces.convex import EXACT_TOUCH, TOUCH, Points
-from shoal.steering.workspaces.region import normalize_walls
+from shoal.steering.workspaces.walls import normalize_walls
 
 _SURE = 3e-9  # relative to the size: overshoot of a move to a wall, against rounding errors
 _PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
@@ -39,9 +38,9 @@ _ERROR = 0.05  # relative to the tolerance: error of an adjustment that a surer 
 # least height of a lift before a move to a wall, relative to this move, because flat contacts are
 # sensitive
 _STEEP = 2e-4
-_CONE = (
-    1 - 1e-4
-)  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
+# relative to the friction: distance of planned pushes from the edge of the cone, to allow for
+# rounding errors
+_CONE = 1 - 1e-4
 TINY = 2e-5  # relative to the size: shorter moves can be left out
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
 _WIDER = (1e-7, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3)  # margins of chains with sensitive moves
@@ -55,7 +54,7 @@ class SteeringTask(StartAndGoal):
     Parameters
     ----------
     world : ContactWorld
-        The simulated world, or another object with the attribute ``room`` and the methods ``step``
+        The simulated world, or another object with the attribute ``free_space`` and the methods ``step``
         and ``play``.
     start, goal : ndarray of float64, shape (n, d)
         Start positions of the particles, and the assigned goal of each particle.
@@ -92,19 +91,19 @@ class SteeringTask(StartAndGoal):
 
         A goal on a wall is shifted away from the wall by a part of the tolerance.
         """
-        room = self.world.room
+        workspace = self.world.free_space
         aim = self.goal.copy()
         for row, point in enumerate(self.goal):
-            away = float(np.linalg.norm(room.middle - point))
-            if float(room.depth(point)) < 0.2 * self.tolerance and away > 0:
-                aim[row] += min(0.45 * self.tolerance / away, 1.0) * (room.middle - point)
+            away = float(np.linalg.norm(workspace.middle - point))
+            if float(workspace.depth(point)) < 0.2 * self.tolerance and away > 0:
+                aim[row] += min(0.45 * self.tolerance / away, 1.0) * (workspace.middle - point)
         return aim
 
     def chain_query(self, start: Points | None = None, aim: Points | None = None) -> ChainQuery:
         """Return the task as a query for chains of wall contacts, in the units of
         `NormalizedWalls`.
         """
-        walls = normalize_walls(self.world.room)
+        walls = normalize_walls(self.world.free_space)
         margin = (
             PLANNED * self.margin
             if self.margin
@@ -135,22 +134,24 @@ class SteeringTask(StartAndGoal):
         if not isinstance(self.world, ContactWorld):
             return None  # around obstacles, a planner is necessary
         move = (self.goal - self.start).mean(axis=0)
-        moves = self._released(self.start, move)
+        moves = self._plan_translation(self.start, move)
         if moves is None or not self.reaches_goal(moves):
             return None
         return np.array(moves)
 
-    def _released(self, points: Points, move: Points, *, least: float = 0.0) -> list[Points] | None:
+    def _plan_translation(
+        self, points: Points, move: Points, *, least: float = 0.0
+    ) -> list[Points] | None:
         """Return one or two moves that translate the particles. If there is room, a lift is
         ``least`` times the size long.
 
         A plan without a margin may also translate particles that are nearer to walls than the
         clearance.
         """
-        room = self.world.room
-        steps = released_translation(room, points, move, clearance=self.clearance, least=least)
+        workspace = self.world.free_space
+        steps = released_translation(workspace, points, move, clearance=self.clearance, least=least)
         if steps is None and self.clearance and not self.margin:
-            steps = released_translation(room, points, move)
+            steps = released_translation(workspace, points, move)
         return steps
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
@@ -163,21 +164,21 @@ class SteeringTask(StartAndGoal):
         particle touches a wall close to a corner. In this case, the method optimizes the chain
         again with a larger distance from all walls.
         """
-        start, moves = query.walls.restored(query.start), self._played(chain, query)
+        start, moves = query.walls.restored(query.start), self._play_chain(chain, query)
         if moves is not None and self._stands(moves, start):
             return moves
         reaches = moves is not None and self.reaches_goal(moves, start)
         for margin in _WIDER:
             if reaches and margin > query.margin:
                 wider = replace(query, margin=margin)
-                surer = self._played(refined(wider, chain), wider)
+                surer = self._play_chain(refine_chain(wider, chain), wider)
                 if surer is not None and self._stands(surer, start):
                     return surer
         if self.margin:  # contacts without an overshoot, nearer to walls
             close = replace(
                 query, margin=max(min(MARGIN, 0.02 * self.tolerance / query.walls.scale), 2e-9)
             )
-            surer = replace(self, margin=0.0)._played(refined(close, chain), close)
+            surer = replace(self, margin=0.0)._play_chain(refine_chain(close, chain), close)
             if surer is not None and self._stands(surer, start):
                 return surer
         return moves
@@ -201,7 +202,7 @@ class SteeringTask(StartAndGoal):
         `shoal.steering.contact.clearance.why_sensitive` describes the disturbances.
         """
         begin = self.start if start is None else start
-        steps = _ROUNDINGS * self.world.room.size * np.eye(begin.shape[1])
+        steps = _ROUNDINGS * self.world.free_space.size * np.eye(begin.shape[1])
         if any(
             self.error(self.world.final(begin + step, moves)) > self.tolerance for step in steps
         ):
@@ -218,12 +219,12 @@ class SteeringTask(StartAndGoal):
             is None
         )
 
-    def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
+    def _play_chain(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, each planned from the simulated end of the previous move.
 
         The simulation of each move prevents an accumulation of rounding errors.
         """
-        room, walls = self.world.room, query.walls
+        workspace, walls = self.world.free_space, query.walls
         state = walls.restored(query.start)
         moves: list[Points] = []
         contacts = walls.restored(chain.contacts(walls))
@@ -231,36 +232,39 @@ class SteeringTask(StartAndGoal):
         for toucher, wall, contact, delta in zip(
             chain.touchers, chain.walls, contacts, deltas, strict=True
         ):
-            way = contact - state[toucher]
-            length = float(np.linalg.norm(way))
+            approach = contact - state[toucher]
+            length = float(np.linalg.norm(approach))
             sign = 1.0 if toucher == 0 else -1.0
-            there = length <= 2 * self.margin * room.size and self._touches(
+            there = length <= 2 * self.margin * workspace.size and self._touches(
                 state[toucher], int(wall)
             )
-            if length > 1e-12 * room.size and not there:
+            if length > 1e-12 * workspace.size and not there:
                 over = self._overshoot(
                     walls.inward(int(wall), contact),
-                    way / length,
+                    approach / length,
                     sign * (delta - (state[1] - state[0])),
                 )
-                steps = self._released(
-                    state, way * (1 + over / length), least=_STEEP * length / room.size
+                steps = self._plan_translation(
+                    state, approach * (1 + over / length), least=_STEEP * length / workspace.size
                 )
                 if steps is None:
                     return None
-                state = self._sent(steps, state, moves)
-            state = self._sent(
-                [self._held(state[toucher], sign * (delta - (state[1] - state[0])))], state, moves
+                state = self._simulate(steps, state, moves)
+            state = self._simulate(
+                [self._push_into_wall(state[toucher], sign * (delta - (state[1] - state[0])))],
+                state,
+                moves,
             )
-        steps = self._released(state, (walls.restored(query.goal) - state).mean(axis=0))
+        steps = self._plan_translation(state, (walls.restored(query.goal) - state).mean(axis=0))
         if steps is None:
             return None
-        self._sent(steps, state, moves)
-        return self.tidied(
-            self._ended(np.array(moves), len(steps), query), start=walls.restored(query.start)
+        self._simulate(steps, state, moves)
+        return self.without_tiny_moves(
+            self._without_last_moves(np.array(moves), len(steps), query),
+            start=walls.restored(query.start),
         )
 
-    def _ended(self, moves: Points, last: int, query: ChainQuery) -> Points:
+    def _without_last_moves(self, moves: Points, last: int, query: ChainQuery) -> Points:
         """Return a plan without the ``last`` moves if it ends within the tolerance without them and
         stands more disturbances.
 
@@ -280,10 +284,11 @@ class SteeringTask(StartAndGoal):
         """Return whether a particle touches the wall with an index of `NormalizedWalls`, in which
         the round wall comes last.
         """
-        room = self.world.room
-        flat = room.wall_distances(point)
+        workspace = self.world.free_space
+        flat = workspace.wall_distances(point)
         return bool(
-            (flat[wall] if wall < len(flat) else room.circle_distance(point)) <= TOUCH * room.size
+            (flat[wall] if wall < len(flat) else workspace.circle_distance(point))
+            <= TOUCH * workspace.size
         )
 
     def _overshoot(self, inward: Points, direction: Points, adjustment: Points) -> float:
@@ -293,30 +298,29 @@ class SteeringTask(StartAndGoal):
         The overshoot also moves the other particle, which must not become nearer to the wall than
         the adjustment may bring it.
         """
-        size, into = self.world.room.size, -float(inward @ direction)
-        share = (
-            0.5 if self.world.friction == inf else 1e-5
-        )  # with friction, the adjustment keeps its direction
+        size, into = self.world.free_space.size, -float(inward @ direction)
+        # with friction, the adjustment keeps its direction
+        share = 0.5 if self.world.friction == inf else 1e-5
         slight = (
             min(_ERROR * self.tolerance, self.margin * size) if self.world.friction == inf else 0.0
         )
-        room = max(share * -float(inward @ adjustment), slight) / max(into, 1e-9)
-        return float(max(_SURE * size, min(self.margin * size, room)))
+        most = max(share * -float(inward @ adjustment), slight) / max(into, 1e-9)
+        return float(max(_SURE * size, min(self.margin * size, most)))
 
-    def _held(self, point: Points, move: Points) -> Points:
+    def _push_into_wall(self, point: Points, move: Points) -> Points:
         """Return ``move`` with a minimum push into the wall, so that rounding errors do not release
         the held particle.
         """
-        normals = touched_normals(self.world.room, point)
+        normals = touched_normals(self.world.free_space, point)
         if not len(normals):
             return move
         wall = normals[int(np.argmin(normals @ move))]
-        size = self.world.room.size
+        size = self.world.free_space.size
         off = float(wall @ move) + min(_PUSH * size, 0.02 * self.tolerance)
         slight = max(_SLIGHT * size, 2 * _ERROR * self.tolerance)
         return np.asarray(move - off * wall) if 0 < off < slight else move
 
-    def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
+    def _simulate(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
         """Add the moves ``steps`` to the list ``moves``, and return the simulated state after
         ``steps``.
         """
@@ -325,13 +329,13 @@ class SteeringTask(StartAndGoal):
             state = self.world.step(state, step)
         return state
 
-    def tidied(self, moves: Points, *, start: Points) -> Points:
+    def without_tiny_moves(self, moves: Points, *, start: Points) -> Points:
         """Return a plan without the tiny moves that slightly longer previous moves can replace.
 
         In a chain, the particle that touches no wall keeps a small margin from the walls. If this
         particle touches the nearby wall in the next cycle, its move to the wall is tiny.
         """
-        size = self.world.room.size
+        size = self.world.free_space.size
         k = 1
         while k < len(moves):
             tiny = float(np.linalg.norm(moves[k]))
@@ -353,10 +357,10 @@ class SteeringTask(StartAndGoal):
         There are no initial moves if a translation can lead both particles off their walls.
         Otherwise, the initial move of each pair is a small move of one particle off its walls.
         """
-        room = self.world.room
-        if self._released(self.start, np.zeros(room.dimensions)) is not None:
+        workspace = self.world.free_space
+        if self._plan_translation(self.start, np.zeros(workspace.dimensions)) is not None:
             return [([], self.chain_query())]
-        apart = separations(room, self.start, clearance=self.clearance)
+        apart = separations(workspace, self.start, clearance=self.clearance)
         return [([move], self.chain_query(start=after)) for move, after in apart]
 
     def lower_bound(self) -> float:
@@ -367,7 +371,7 @@ class SteeringTask(StartAndGoal):
         apart = float(np.linalg.norm(self.after - self.before))
         if apart <= 2 * self.tolerance:
             return max(direct - self.tolerance, 0.0)
-        walls = normalize_walls(self.world.room)
+        walls = normalize_walls(self.world.free_space)
         start, goal = walls.normalized(self.start), walls.normalized(self.goal)
         lengths = lengths_over_walls(start, goal, walls).min(axis=1) * walls.scale
         if self.world.friction < inf:  # a sliding toucher moves and changes Δ at once
@@ -384,19 +388,19 @@ class SteeringTask(StartAndGoal):
 
 def why_unreachable(task: SteeringTask) -> str | None:
     """Return the reason why no plan for the task exists, or None if a plan may exist."""
-    room = task.world.room
+    workspace = task.world.free_space
     flat = float(np.hypot(*(task.before[:2])))
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
         return None
-    if flat > TOUCH * room.size:
+    if flat > TOUCH * workspace.size:
         # The difference of a final state within the tolerance may differ from the goal's by twice
         # the tolerance.
         return friction_limit(
-            room, float(task.world.friction), task.before, task.after, near=2 * task.tolerance
+            workspace, float(task.world.friction), task.before, task.after, near=2 * task.tolerance
         )
-    if room.dimensions == 2:
+    if workspace.dimensions == 2:
         return "the particles start at one point, and a shared input never separates them"
-    if room.open_ends:
+    if workspace.open_ends:
         return (
             "the particles start above each other in an open tube: side walls stop both at once,"
             " and there is no end cap"
@@ -408,26 +412,26 @@ def why_approachable(task: SteeringTask) -> str | None:
     """Return the reason why moves can approach the goals but never reach them, or None if moves may
     reach the goals.
     """
-    room = task.world.room
+    workspace = task.world.free_space
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
         return None
-    near = TOUCH * room.size
-    if room.round:
+    near = TOUCH * workspace.size
+    if workspace.round:
         across = float(np.hypot(*task.after[:2]))
         if (
-            across >= 2 * room.radius - near
-            and float(np.max(room.circle_distance(task.goal))) <= near
+            across >= 2 * workspace.radius - near
+            and float(np.max(workspace.circle_distance(task.goal))) <= near
         ):
             return (
                 "the goals lie opposite each other on the round wall, and their distance can only"
                 " be approached"
             )
-    on = [np.flatnonzero(room.wall_distances(point) <= near) for point in task.goal]
+    on = [np.flatnonzero(workspace.wall_distances(point) <= near) for point in task.goal]
     if (
         len(on[0]) == len(on[1]) == 1
-        and float(room.normals[on[0][0]] @ room.normals[on[1][0]]) <= -1 + 1e-12
+        and float(workspace.normals[on[0][0]] @ workspace.normals[on[1][0]]) <= -1 + 1e-12
     ):
-        circles = [float(room.circle_distance(point)) for point in task.goal]
+        circles = [float(workspace.circle_distance(point)) for point in task.goal]
         if min(circles) > near:
             return (
                 "the goals lie on opposite parallel walls, neither in a corner: "
@@ -471,9 +475,6 @@ class Planner(Protocol):
         The result is None if the planner finds no plan.
         """
         ...
-
-
-PLANNERS: Registry[type[Planner]] = Registry("planner")
 
 
 WORTH = 1e-3
@@ -540,7 +541,7 @@ def worthwhile(sizes: Sequence[tuple[int, float]], *, by_moves: bool = False) ->
 
 def _amplification(task: SteeringTask, moves: Points) -> float:
     """Return by how much a plan enlarges a small displacement of the start of one particle."""
-    step = _STEP * float(task.world.room.size)
+    step = _STEP * float(task.world.free_space.size)
     end, worst = task.world.final(task.start, moves), 0.0
     for particle, axis in np.ndindex(task.start.shape):
         for side in (-step, step):
@@ -553,7 +554,7 @@ def _amplification(task: SteeringTask, moves: Points) -> float:
     return worst
 
 
-def plans_of(
+def plan_chain(
     task: SteeringTask, first: Sequence[Points], chain: Chain, query: ChainQuery
 ) -> list[Points]:
     """Return the plans that make the moves ``first`` and then the moves of a chain, without useless
@@ -567,11 +568,11 @@ def plans_of(
     if (
         moves is not None
         and task.margin
-        and (np.linalg.norm(moves, axis=1) <= TINY * task.world.room.size).any()
+        and (np.linalg.norm(moves, axis=1) <= TINY * task.world.free_space.size).any()
     ):
         near = replace(task, margin=0.0)
         close = replace(query, margin=near.chain_query().margin)
-        found.append(near.moves_of(refined(close, chain), close))
+        found.append(near.moves_of(refine_chain(close, chain), close))
     plans = [
         without_useless_moves(task, np.array([*first, *moves]))
         for moves in found
@@ -588,14 +589,21 @@ def without_useless_moves(task: SteeringTask, moves: Points | None) -> Points | 
     """
     if moves is None or len(moves) > _MOST or misses(task, moves) or not task.is_sure(moves):
         return moves
-    changed = True
-    while changed:
-        changed = False
+    return remove_moves(task, moves)
+
+
+def remove_moves(task: SteeringTask, moves: Points) -> Points:
+    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the
+    plan reaches the goals. A plan that stands all disturbances still stands them afterwards.
+    """
+    sure = task.is_sure(moves)
+    while True:
         for fewer in with_fewer_moves(moves):
-            if task.reaches_goal(fewer) and task.is_sure(fewer):
-                moves, changed = fewer, True
+            if task.reaches_goal(fewer) and (not sure or task.is_sure(fewer)):
+                moves = fewer
                 break
-    return moves
+        else:
+            return moves
 
 
 def with_fewer_moves(moves: Points) -> Iterator[Points]:

@@ -475,10 +475,6 @@ def regular_polygon(sides: int, *, radius: float = 0.5) -> ConvexWorkspace:
         Number of sides of the polygon, at least 3.
     radius : float
         Radius of the circle through the corners of the polygon.
-
-    Raises
-    ------
-    InvalidInputError
     """
     check_integer(sides, what="sides", least=3, most=1000)
     angles = -pi / 2 + pi / sides + 2 * pi * np.arange(sides) / sides
@@ -496,10 +492,6 @@ def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorksp
     radius : float
         Radius of the disk, above 0.
     center : array_like of float, shape (2,)
-
-    Raises
-    ------
-    InvalidInputError
     """
     middle = check_points([center], what="center", dimensions=2, count=1)[0]
     return ConvexWorkspace(
@@ -519,10 +511,6 @@ def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> C
         Height of the prism, above 0.
     open_ends : bool
         Whether the prism is a tube without end caps.
-
-    Raises
-    ------
-    InvalidInputError
     """
     if base.dimensions != 2:
         raise InvalidInputError(f"prism: expected a polygon or a disk as base, got {base!r}")
@@ -546,9 +534,5 @@ def cylinder(radius: float, height: float, *, open_ends: bool = False) -> Convex
         Radius and height of the cylinder, above 0.
     open_ends : bool
         Whether the cylinder is a tube without end caps.
-
-    Raises
-    ------
-    InvalidInputError
     """
     return prism(disk(radius), height, open_ends=open_ends)

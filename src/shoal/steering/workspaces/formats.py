@@ -37,31 +37,20 @@ from shoal.steering.workspaces.region import Region, region
 
 LARGEST_DRAWING = 2_000_000  # characters
 DEEPEST, MOST_ELEMENTS, MOST_CORNERS = 100, 20_000, 20_000
-MOST_NUMBERS = (
-    8 * MOST_CORNERS
-)  # in paths: a corner needs two numbers at most, and strokes without an area need some more
+# in paths: a corner needs two numbers at most, and strokes without an area need some more
+MOST_NUMBERS = 8 * MOST_CORNERS
 
 _NUMBER = re.compile(r"[0-9]+\.?[0-9]*|\.[0-9]+")
 
 _CURVE = 48  # number of corners that approximate each curve
 _ROUND = 1e-9  # relative to a radius: an ellipse with a smaller deviation is a circle
-_FRAME = (
-    "width",
-    "height",
-    "viewBox",
-    "preserveAspectRatio",
-    "x",
-    "y",
-)  # attributes that change the display but not the shape
+# attributes that change the display but not the shape
+_FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")
 
 
 def rings_of_path(text: str, *, where: str) -> list[Points]:
     """Return the closed lines of an SVG path's ``d`` attribute, with 48 short sides for each curve;
     each float64, shape (n, 2).
-
-    Raises
-    ------
-    InvalidInputError
     """
     from svgelements import Path
 
@@ -84,10 +73,6 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
     and ellipses. It also reads groups, transforms and repeated elements (``use``), and skips
     elements that are not displayed. The returned lines have the units of the drawing and a y axis
     that points upwards.
-
-    Raises
-    ------
-    InvalidInputError
     """
     from svgelements import SVG, Circle, Ellipse, Shape
 
@@ -307,12 +292,7 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
 
 
 def workspace_of(data: Any, *, where: str) -> Workspace:
-    """Return the workspace that the parsed JSON or GeoJSON ``data`` describes.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the workspace that the parsed JSON or GeoJSON ``data`` describes."""
     if not isinstance(data, dict) or "type" not in data:
         raise InvalidInputError(f"{where}: expected an object with a type, got {shortened(data)}")
     kind = data["type"]

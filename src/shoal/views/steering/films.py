@@ -407,15 +407,15 @@ class SteeringFilm:
         self._unit = unit = max(height / 720, 0.72)  # texts and lines of small films stay readable
         self._canvas: Canvas = Canvas(self.width, self.height)
         top, foot, side = 86 * unit, 124 * unit, 40 * unit
-        room = Box(side, top, self.width - 2 * side, height - top - foot)
+        area = Box(side, top, self.width - 2 * side, height - top - foot)
         if pair:
-            half = (room.width - side) / 2
+            half = (area.width - side) / 2
             boxes = [
-                Box(side, top, half, room.height),
-                Box(2 * side + half, top, half, room.height),
+                Box(side, top, half, area.height),
+                Box(2 * side + half, top, half, area.height),
             ]
         else:
-            boxes = [room]
+            boxes = [area]
         view = SpacePanel if space else PlanePanel
         self._panels: list[Panel] = [view(episode, trajectories, self._canvas, boxes[0], unit)]
         if pair:

@@ -25,11 +25,8 @@ _LEAST = 2.0**-30  # shortest fraction of a move that is evaluated
 _TOUCH = 1e-6  # relative to the size: contact tolerance for drawing
 _PUSHED = 1e-9  # relative to the length of a move
 _SPEED = 0.62  # sizes per second
-_REST, _FIRST_REST, _LAST_REST = (
-    0.35,
-    0.7,
-    2.0,
-)  # seconds of pause after each move, before the first and after the last
+# seconds of pause after each move, before the first and after the last
+_REST, _FIRST_REST, _LAST_REST = (0.35, 0.7, 2.0)
 _QUICKEST = 0.25  # seconds for a short move
 _LONGEST = 36.0  # seconds: longer episodes are shown faster
 
@@ -217,11 +214,12 @@ class FilmSchedule:
         pace = min(1.0, _LONGEST / max(sum(lengths) + _REST * len(lengths), 1e-9))
         self.lasting = [pace * length for length in lengths]
         rests = [pace * _REST] * max(len(trajectories) - 1, 0) + [_LAST_REST]
+        # the last value is the end of the film
         self.starts = list(
             accumulate(
                 (a + b for a, b in zip(self.lasting, rests, strict=False)), initial=_FIRST_REST
             )
-        )  # the last value is the end of the film
+        )
         self.seconds = self.starts[-1] if trajectories else _FIRST_REST + _LAST_REST
 
     def at(self, seconds: float) -> FilmMoment:
@@ -240,9 +238,9 @@ class FilmSchedule:
         return [self.at(self.seconds * k / (count - 1)) for k in range(count)], count / self.seconds
 
 
-def room_of(episode: SteeringEpisode) -> Any:
+def free_space_of(episode: SteeringEpisode) -> Any:
     """Return the set of possible positions of the particles' centres, as a workspace."""
-    return episode.problem.world(seed=episode.seed).room
+    return episode.problem.world(seed=episode.seed).free_space
 
 
 def has_delta(episode: SteeringEpisode) -> bool:
@@ -262,7 +260,7 @@ def delta_outline(episode: SteeringEpisode) -> ConvexWorkspace:
     """Return the Δ configuration space of an episode (all position differences of the two
     particles), as a workspace.
     """
-    space: ConvexWorkspace = room_of(episode).differences
+    space: ConvexWorkspace = free_space_of(episode).differences
     return space
 
 
@@ -278,7 +276,7 @@ def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
 
     if episode.problem.friction < np.inf:
         return [[] for _ in episode.inputs]
-    room = room_of(episode)
+    space = free_space_of(episode)
     rings: list[list[Points]] = []
     states = episode.states[:-1] if episode.moves else episode.states[:1]
     for before, state in pairwise([None, *states]):
@@ -286,15 +284,17 @@ def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
         if (
             before is not None
             and np.abs((state[1] - state[0]) - (before[1] - before[0])).max()
-            < FINE * room.size / 10
+            < FINE * space.size / 10
         ):
             rings.append(rings[-1])
             continue
         pieces = [
-            Polygon(piece) for piece in two_move_pieces(room, state[1] - state[0]) if len(piece) > 2
+            Polygon(piece)
+            for piece in two_move_pieces(space, state[1] - state[0])
+            if len(piece) > 2
         ]
         whole = union_all([piece.buffer(0) for piece in pieces if piece.area > 0]).simplify(
-            room.size / 1000
+            space.size / 1000
         )
         rings.append([ring[:-1] for part in rings_of(whole) for ring in part])
     return rings

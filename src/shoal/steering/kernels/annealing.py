@@ -12,41 +12,51 @@ mean number of moves.
 
 from __future__ import annotations
 
-from collections import namedtuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import copy
-from shoal.steering.kernels.roadmap import passes_corner, step, step_wide, wall_point
-
-Steps = namedtuple("Steps", "kinds particles targets along moves")
-"""The steps of a plan. Each field of ``Steps`` has one entry for each step.
-
-``kinds``: CONTACT, ADJUSTMENT or TRANSLATION. ``particles``: for a contact, the particle that moves
-to a wall; for an adjustment, the particle that a wall holds. ``targets``: a point or a position
-difference. ``along``: for a contact, the direction of the wall. ``moves``: the move of each step in
-the last simulation.
-"""
-
-Noise = namedtuple("Noise", "starts errors deviation cycle")
-"""Scenarios of noise, with which simulations judge a plan.
-
-``starts``: possible start positions, float64, shape (scenarios, 2, 2). ``errors``: errors of moves,
-shape (scenarios, moves, 2). ``deviation``: standard deviation of the errors. ``cycle``: estimated
-number of moves that correct a wrong position difference and then reach the goals.
-"""
+from shoal.steering.kernels.sampling import passes_corner, step, step_wide, wall_point
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
-WIDEST, FINEST = (
-    0.3,
-    1e-6,
-)  # fractions of the workspace size: largest and smallest typical change of a target
+# fractions of the workspace size: largest and smallest typical change of a target
+WIDEST, FINEST = (0.3, 1e-6)
 WARMTH = 0.05  # fraction of the cost: typical increase that annealing accepts at the beginning
 # relative increase of ``Noise.cycle`` for a position difference with an error as large as the
 # workspace
 FAR = 4.0
 BLOCKED = 2.0  # number of additional moves after a wall has stopped the last move
+
+
+class Steps(NamedTuple):
+    """The steps of a plan."""
+
+    kinds: NDArray[np.int64]  # (steps,): CONTACT, ADJUSTMENT or TRANSLATION
+    particles: NDArray[np.int64]  # (steps,): that moves to a wall, or that a wall holds
+    targets: NDArray[np.float64]  # (steps, 2): a point or a position difference
+    along: NDArray[np.float64]  # (steps, 2): direction of the wall of a contact
+    moves: NDArray[np.float64]  # (steps, 2): made in the last simulation
+
+
+class Noise(NamedTuple):
+    """Scenarios of noise, with which simulations judge a plan."""
+
+    starts: NDArray[np.float64]  # (scenarios, 2, 2): possible start positions
+    errors: NDArray[np.float64]  # (scenarios, moves, 2): of the moves
+    deviation: float  # standard deviation of the errors
+    cycle: float  # estimated moves that correct a wrong difference and then reach the goals
+
+
+class PlanTask(NamedTuple):
+    """What a plan is for."""
+
+    start: NDArray[np.float64]  # (2, 2)
+    goal: NDArray[np.float64]  # (2, 2)
+    tolerance: float
+    most: int  # largest number of steps
 
 
 @kernel
@@ -76,7 +86,7 @@ def is_near(state, goal, tolerance):
 
 
 @kernel
-def play(steps, count, start, goal, tolerance, bound, world, state):
+def play(steps, count, task, bound, world, state):
     """Simulate a plan without noise. Return its length, or infinity if it misses the goals or is
     longer than ``bound``.
 
@@ -91,7 +101,8 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
         if steps.kinds[last] == CONTACT:
             return np.inf
         last -= 1
-    copy(start, state)
+    goal = task.goal
+    copy(task.start, state)
     length = 0.0
     for i in range(2):
         steps.targets[count - 1, i] = (goal[0, i] + goal[1, i]) / 2
@@ -111,22 +122,23 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
             step(state[q : q + 1], move, world)
             if passes_corner(x, y, state[q, 0], state[q, 1], world):
                 return np.inf
-    if not is_near(state, goal, tolerance):
+    if not is_near(state, goal, task.tolerance):
         return np.inf
     if world.clear > 0:
-        copy(start, state)
+        copy(task.start, state)
         for k in range(count):
             step_wide(state, steps.moves[k], world)
-        if not is_near(state, goal, tolerance):
+        if not is_near(state, goal, task.tolerance):
             return np.inf
     return length
 
 
 @kernel
-def moves_left(state, goal, tolerance, noise, world, move):
+def moves_left(state, task, noise, world, move):
     """Return an estimate of the number of further moves that bring both particles to their goals.
     Overwrite ``state``.
     """
+    goal, tolerance = task.goal, task.tolerance
     if is_near(state, goal, tolerance):
         return 0.0
     apart, way = 0.0, 0.0
@@ -134,10 +146,12 @@ def moves_left(state, goal, tolerance, noise, world, move):
         apart += (state[1, i] - state[0, i] - goal[1, i] + goal[0, i]) ** 2
         move[i] = (goal[0, i] + goal[1, i] - state[0, i] - state[1, i]) / 2
         way += move[i] ** 2
-    room = tolerance - np.sqrt(apart) / 2
+    margin = tolerance - np.sqrt(apart) / 2
     arrives = 0.0
-    if room > 0:
-        arrives = 1.0 if noise.deviation == 0 else 1 - np.exp(-0.5 * (room / noise.deviation) ** 2)
+    if margin > 0:
+        arrives = (
+            1.0 if noise.deviation == 0 else 1 - np.exp(-0.5 * (margin / noise.deviation) ** 2)
+        )
     if arrives * noise.cycle <= 1:
         return (
             noise.cycle * (1 + FAR * np.sqrt(apart) / world.walls.size)
@@ -150,7 +164,7 @@ def moves_left(state, goal, tolerance, noise, world, move):
 
 
 @kernel
-def expected_moves(steps, count, goal, tolerance, noise, world, state, move):
+def expected_moves(steps, count, task, noise, world, state, move):
     """Return the mean number of moves over all noise scenarios.
 
     In each scenario, the kernel counts the simulated moves of the plan, and adds an estimate of the
@@ -160,13 +174,13 @@ def expected_moves(steps, count, goal, tolerance, noise, world, state, move):
     for s in range(scenarios):
         copy(noise.starts[s], state)
         k = 0
-        while k < count and not is_near(state, goal, tolerance):
+        while k < count and not is_near(state, task.goal, task.tolerance):
             make_move(steps, k, state, move)
             for i in range(2):
                 move[i] += noise.errors[s, k, i]
             step(state, move, world)
             k += 1
-        total += k + moves_left(state, goal, tolerance, noise, world, move)
+        total += k + moves_left(state, task, noise, world, move)
     return total / scenarios
 
 
@@ -266,7 +280,7 @@ def aim_near(steps, k, width, rng, state):
 
 
 @kernel
-def change(steps, count, start, goal, world, rng, odds, over, state, move, normal):
+def change(steps, count, task, world, rng, odds, over):
     """Change a plan at random, in place. Return the new number of steps.
 
     The array ``odds`` contains the cumulative probabilities of six kinds of change. Change 1 alters
@@ -275,6 +289,8 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
     wall holds the other particle during the adjustment. Change 5 inserts a contact and an
     adjustment. Change 6 inserts a translation.
     """
+    state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
+    start, goal = task.start, task.goal
     choice, size = rng.random(), world.walls.size
     k = min(int(rng.random() * (count - 1)), count - 2)
     width = size * WIDEST * (max(FINEST, 0.1 * over / size) / WIDEST) ** rng.random()
@@ -337,43 +353,39 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
 
 
 @kernel
-def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move):
+def cost(steps, count, task, bound, noise, world, state, move):
     """Return the length of a plan, or infinity if the plan misses the goals or is longer than
     ``bound``.
 
     With noise, return the mean number of moves of the plan instead of its length.
     """
     if noise.starts.shape[0] == 0:
-        return play(steps, count, start, goal, tolerance, bound, world, state)
-    return expected_moves(steps, count, goal, tolerance, noise, world, state, move)
+        return play(steps, count, task, bound, world, state)
+    return expected_moves(steps, count, task, noise, world, state, move)
 
 
 @kernel
-def anneal(
-    steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best
-):
+def anneal(steps, count, task, changes, odds, noise, world, rng, trial, best):
     """Try ``changes`` random changes of a plan, in place. Write the best plan to ``best``.
 
     Return the number of steps and the cost of the best plan. Without noise, the cost is infinite if
-    the initial plan does not end at the goals. A changed plan has at most ``most`` steps.
+    the initial plan does not end at the goals. A changed plan has at most ``task.most`` steps.
     """
-    state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
-    length = cost(steps, count, start, goal, tolerance, np.inf, noise, world, state, move)
+    state, move = np.empty((2, 2)), np.empty(2)
+    length = cost(steps, count, task, np.inf, noise, world, state, move)
     copy_steps(steps, count, best)
     shortest, few = length, count
     if not length < np.inf:
         return few, length
     for done in range(changes):
         copy_steps(steps, count, trial)
-        number = change(
-            trial, count, start, goal, world, rng, odds, noise.deviation, state, move, normal
-        )
-        if number > most:
+        number = change(trial, count, task, world, rng, odds, noise.deviation)
+        if number > task.most:
             continue
         bound = length - WARMTH * length * (1.0 - done / changes) ** 3 * np.log(1.0 - rng.random())
-        found = cost(trial, number, start, goal, tolerance, bound, noise, world, state, move)
-        if found < bound:
-            length, count = found, number
+        changed = cost(trial, number, task, bound, noise, world, state, move)
+        if changed < bound:
+            length, count = changed, number
             copy_steps(trial, count, steps)
             if length < shortest:
                 shortest, few = length, count

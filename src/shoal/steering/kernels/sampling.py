@@ -1,216 +1,47 @@
-"""Roadmaps in compiled code: contacts of chains, and sampled states of regions."""
+"""The search tree of the planner ``sampling``: random manoeuvres, simulated between walls or in
+a region.
+"""
 
 from __future__ import annotations
 
-from collections import namedtuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import kernel
 from shoal.steering.kernels import contact, region_contact
-from shoal.steering.kernels.contact import copy, dot
-from shoal.steering.kernels.cycles import contact_range
-
-HALVINGS = 24
-# number of adjustments tried in each direction: the longest adjustment, 1/2 of its length, 1/4, ...
-SHARES = 4
+from shoal.steering.kernels.contact import copy
 
 
-@kernel
-def linked(before, after, model, step):
-    """Return whether one cycle (contact and adjustment) can change the position difference
-    ``before`` into ``after``.
+class World(NamedTuple):
+    """The walls for a simulation."""
 
-    If such a cycle exists, write to ``step`` the index of the toucher (the particle that the wall
-    holds), the index of the wall, and the position of the contact along the wall.
-    """
-    if model.circle[2] > 0:
-        return linked_on_circle(before, after, model, step)
-    normals, frames, reaches, margin = model.normals, model.frames, model.reaches, model.margin
-    change = np.empty(2)
-    change[0], change[1] = after[0] - before[0], after[1] - before[1]
-    for wall in range(normals.shape[0]):
-        pushed, height, end = (
-            dot(normals[wall], change),
-            dot(normals[wall], before),
-            dot(normals[wall], after),
-        )
-        along = abs(dot(frames[wall, 1], change))
-        sign = 1.0 if pushed < 0 else -1.0
-        if (
-            abs(pushed) < model.push
-            or along > model.friction * abs(pushed)
-            or sign * height < margin
-            or sign * end < 0
-        ):
-            continue
-        # The particle that is not held may touch the toucher's wall only at the end of the whole
-        # path.
-        reach = reaches[wall] - margin
-        low, high = contact_range(before, sign, wall, model, -reach, reach, margin)
-        if low > high:
-            continue
-        low, high = contact_range(after, sign, wall, model, low, high, margin)
-        if low <= high:
-            step[0], step[1], step[2] = 0.0 if sign > 0 else 1.0, float(wall), (low + high) / 2
-            return True
-    return False
+    flat: bool  # whether all walls are straight and hold without slip: then ``edges`` count
+    edges: region_contact.Edges
+    walls: contact.Walls
+    wide_edges: region_contact.Edges  # with the largest contact tolerance that plans must stand
+    wide_walls: contact.Walls
+    corners: NDArray[np.float64]  # (corners, 2): that bend inward
+    clear: float  # distance of particles from these corners
+    lift: float  # distance by which a lift moves particles off walls before a translation
 
 
-@kernel
-def linked_on_circle(before, after, model, step):
-    """Return whether one cycle on a disk can change the position difference ``before`` into
-    ``after``. See `linked`.
+class Tree(NamedTuple):
+    """The nodes of a search tree of n particles."""
 
-    The toucher (the particle that the wall holds) is always the first particle. A cycle exists if
-    three arcs of the circle intersect. The first arc contains the contacts at which the other
-    particle is inside the disk before its move. The second arc contains the contacts at which the
-    other particle is inside the disk after its move. The third arc contains the contacts at which
-    the wall holds the toucher.
-    """
-    radius, inner = model.circle[2], model.circle[2] - model.margin
-    x, y = after[0] - before[0], after[1] - before[1]
-    way = np.sqrt(x * x + y * y)
-    if way <= model.push:
-        return False
-    middle = np.arctan2(y, x)
-    half = min(
-        np.arctan(model.friction) if model.friction < np.inf else np.pi / 2,
-        np.arccos(model.push / way),
-    )
-    low, high = -half, half
-    for end in (before, after):
-        size = np.sqrt(dot(end, end))
-        cosine = (radius**2 + size**2 - inner**2) / (2 * radius * size) if size > 0 else 2.0
-        if cosine > 1:
-            return False
-        half = np.arccos(cosine)
-        turn = np.arctan2(-end[1], -end[0]) - middle
-        turn = (turn + np.pi) % (2 * np.pi) - np.pi
-        low, high = max(low, turn - half), min(high, turn + half)
-    if low > high:
-        return False
-    step[0], step[1], step[2] = 0.0, 0.0, (middle + (low + high) / 2) * radius
-    return True
+    states: NDArray[np.float64]  # (nodes, n, 2)
+    parents: NDArray[np.int64]  # (nodes,)
+    made: NDArray[np.float64]  # (nodes, STEPS, 2): moves from the parent to the node
+    counts: NDArray[np.int64]  # (nodes,): of these moves
+    depths: NDArray[np.int64]  # (nodes,): moves from the root
+    keys: NDArray[np.float64]  # (nodes,): estimates of the distance from the goals
+    tries: NDArray[np.int64]  # (nodes,): attempts to grow the tree from the node
 
-
-@kernel
-def farthest(delta, direction, back, most, model, tried, step):
-    """Return the largest change of a position difference that one cycle can make in a direction, or
-    0 if no cycle is possible.
-
-    The cycle starts with the position difference ``delta`` or, if ``back`` is true, ends with
-    ``delta``.
-    """
-    inner, outer = 0.0, most
-    for halving in range(HALVINGS):
-        middle = outer if halving == 0 else (inner + outer) / 2
-        for i in range(2):
-            tried[i] = delta[i] + (-middle if back else middle) * direction[i]
-        good = linked(tried, delta, model, step) if back else linked(delta, tried, model, step)
-        if good:
-            inner = middle
-        else:
-            outer = middle
-        if inner == outer:
-            break
-    return inner
-
-
-@kernel
-def widen(delta, back, directions, most, model, gain, records, nodes, count):
-    """Find position differences that cycles can reach from ``delta``, and append the extreme ones
-    to ``nodes``.
-
-    ``delta`` is a position difference, too. The result is the new number of nodes. A position
-    difference is extreme if it is longer than all earlier nodes in about the same direction. If
-    ``back`` is true, the kernel instead adds position differences from which cycles can reach
-    ``delta``. In this case, a position difference is extreme if it is shorter than all earlier
-    nodes in about the same direction. ``records`` holds the most extreme length in each range of
-    directions.
-    """
-    step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
-    size = np.sqrt(dot(delta, delta))
-    records[int((np.arctan2(delta[1], delta[0]) / (2 * np.pi) + 1) * bins) % bins] = size
-    nodes[count] = delta
-    done, count = count, count + 1
-    while done < count < nodes.shape[0]:
-        here = nodes[done].copy()
-        done += 1
-        size = np.sqrt(dot(here, here))
-        place = int((np.arctan2(here[1], here[0]) / (2 * np.pi) + 1) * bins) % bins
-        if done > 1 and size != records[place]:
-            # the search has meanwhile found a more extreme difference in the same range of
-            # directions
-            continue
-        for d in range(directions.shape[0]):
-            length = farthest(here, directions[d], back, most, model, tried, step)
-            if length <= 2 * model.push:
-                continue
-            for share in range(SHARES):
-                part = length * 0.5**share * (1 - 1e-6)
-                for i in range(2):
-                    tried[i] = here[i] + (-part if back else part) * directions[d, i]
-                size = np.sqrt(dot(tried, tried))
-                place = int((np.arctan2(tried[1], tried[0]) / (2 * np.pi) + 1) * bins) % bins
-                better = size * gain < records[place] if back else size > records[place] * gain
-                if better and size > 1e-4 and count < nodes.shape[0]:
-                    records[place] = size
-                    nodes[count] = tried
-                    count += 1
-    return count
-
-
-@kernel
-def fewest_cycles(nodes, model, parents, order):
-    """Search breadth-first for the path with the fewest cycles from node 0 to node 1. Return
-    whether a path exists.
-
-    Write the parent of each node to ``parents``, and -1 for each node that the search has not
-    reached. The array ``order`` is working memory.
-    """
-    count, step = nodes.shape[0], np.empty(3)
-    parents[:] = -1
-    order[0], parents[0] = 0, 0
-    done, found = 0, 1
-    while done < found:
-        here = order[done]
-        done += 1
-        for node in range(1, count):
-            if parents[node] < 0 and linked(nodes[here], nodes[node], model, step):
-                parents[node] = here
-                if node == 1:
-                    return True
-                order[found] = node
-                found += 1
-    return False
-
-
-World = namedtuple("World", "flat edges walls wide_edges wide_walls corners clear lift")
-"""The walls for a simulation: the flag ``flat``, ``edges`` (`region_contact.Edges`) and ``walls``
-(`contact.Walls`).
-
-The flag ``flat`` is true if all walls are straight and hold particles without slip. If ``flat`` is
-true, simulations use ``edges``. Otherwise, simulations use ``walls``. ``wide_edges`` and
-``wide_walls`` are the same walls with the largest contact tolerance with which plans must reach the
-goals. ``corners``: float64, shape (corners, 2), the corners with more than 180 degrees of free
-space, from which particles keep the distance ``clear``. ``lift``: distance by which a lift moves
-particles off walls before a translation.
-"""
-
-Tree = namedtuple("Tree", "states parents made counts depths keys tries")
-"""Arrays with one row for each node of the search tree.
-
-``states``: positions of all particles. ``parents``: parent nodes. ``made``: moves from the parent
-to the node. ``counts``: numbers of moves from the parent. ``depths``: numbers of moves from the
-root. ``keys``: estimates of the distance from the goals. ``tries``: numbers of attempts to grow the
-tree from the node.
-"""
 
 STEPS = 8  # maximum number of moves of one manoeuvre
-EQUAL = (
-    1e-11  # fraction of the workspace size: two offsets with a smaller difference count as equal
-)
+# fraction of the workspace size: two offsets with a smaller difference count as equal
+EQUAL = 1e-11
 # fraction of the workspace size: the search discards manoeuvres that move all particles by less
 CHANGED = 1e-7
 WORSE = 0.3  # probability of keeping a state that is not more promising than its parent
@@ -294,11 +125,9 @@ def add_normals(point, world, total):
     if world.flat:
         edges, x, y = world.edges, point[0], point[1]
         for run in range(edges.boxes.shape[0]):
-            first, last = region_contact.run_near(
-                run, x, y, x, y, near, edges.boxes, edges.ends.shape[0]
-            )
+            first, last = region_contact.edges_near(run, x, y, x, y, near, edges)
             for edge in range(first, last):
-                if region_contact.is_on(x, y, edge, edges.ends, edges.normals, edges.lengths, near):
+                if region_contact.is_on(x, y, edge, edges, near):
                     total[0] += edges.normals[edge, 0]
                     total[1] += edges.normals[edge, 1]
         return
@@ -343,7 +172,7 @@ def is_blocked(state, x, y, world):
 
 
 @kernel
-def translate(state, x, y, world, size, moves, count):
+def translate(state, x, y, world, moves, count):
     """Move all particles by (x, y), after a small move off the walls if a wall would hold a
     particle at the start.
 
@@ -414,7 +243,7 @@ def wall_point(point, world, rng, place, normal):
         if choice < 0.25:
             along = min(
                 max(
-                    region_contact.place_along(point[0], point[1], edge, edges.ends, edges.normals),
+                    region_contact.place_along(point[0], point[1], edge, edges),
                     0.0,
                 ),
                 edges.lengths[edge],
@@ -476,18 +305,18 @@ def adjustment(state, goal, held, normal, rng, size):
 
 
 @kernel
-def manoeuvre(state, goal, world, rng, size, moves):
+def manoeuvre(state, goal, world, rng, moves):
     """Make a random manoeuvre of one or a few moves, which changes ``state`` in place.
 
     Return the number of moves in the manoeuvre.
     """
-    choice = rng.random()
+    choice, size = rng.random(), world.walls.size
     if choice < 0.2:  # a move in any direction; half of these moves end before the first contact
         x, y = draw_move(rng, size)
         share = 1.0
         if choice < 0.1:
             share = free_share(state, x, y, world) * rng.random()
-        return translate(state, share * x, share * y, world, size, moves, 0)
+        return translate(state, share * x, share * y, world, moves, 0)
     count = 0
     held = min(int(rng.random() * state.shape[0]), state.shape[0] - 1)
     place, normal = np.empty(2), np.zeros(2)
@@ -496,7 +325,7 @@ def manoeuvre(state, goal, world, rng, size, moves):
     if normal[0] == 0 and normal[1] == 0:
         wall_point(state[held], world, rng, place, normal)
         count = translate(
-            state, place[0] - state[held, 0], place[1] - state[held, 1], world, size, moves, count
+            state, place[0] - state[held, 0], place[1] - state[held, 1], world, moves, count
         )
     legs = 1 if rng.random() < 0.6 else 2
     for _leg in range(legs):
@@ -530,20 +359,20 @@ def pick(total, tree, rng):
 
 
 @kernel
-def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
+def grow(tree, total, rounds, goal, tolerance, most, world, rng):
     """Grow a search tree in place by at most ``rounds`` manoeuvres.
 
     Return the number of nodes, the number of manoeuvres left, and whether one translation from the
     last node completes the task.
     """
-    states, depths, keys = tree.states, tree.depths, tree.keys
+    states, depths, keys, size = tree.states, tree.depths, tree.keys, world.walls.size
     moves, state, before = np.zeros((STEPS, 2)), np.zeros(goal.shape), np.zeros(goal.shape)
     while rounds > 0 and total < states.shape[0]:
         rounds -= 1
         node = pick(total, tree, rng)
         tree.tries[node] += 1
         copy(states[node], state)
-        count = manoeuvre(state, goal, world, rng, size, moves)
+        count = manoeuvre(state, goal, world, rng, moves)
         if (
             count == 0
             or depths[node] + count > most
