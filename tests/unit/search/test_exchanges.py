@@ -17,7 +17,7 @@ from shoal.search.cells.grid import cells_of
 from shoal.search.cells.routing import RegionPaths
 from shoal.search.cells.shortening.border_paths import along_border
 from shoal.search.cells.shortening.exchanging import beside_on_tour, exchanged
-from shoal.search.cells.visibility_graph import along_tour
+from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turns_of
 from shoal.search.kernels.shortening import cell_exchanges, path_changes
 from shoal.search.planning import orientation

@@ -22,7 +22,8 @@ from shoal.search import (
     open_region,
     plan_search,
 )
-from shoal.search.cells.grid import cells_of, rotated, rotated_shape
+from shoal.search.cells.clipping import rotated, rotated_shape
+from shoal.search.cells.grid import cells_of
 from shoal.search.flight.timing import turns_of
 from shoal.search.kernels import lanes as run_order
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour

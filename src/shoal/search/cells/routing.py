@@ -61,7 +61,7 @@ class PortalGraph:
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
-        """Number of the piece or whole cell of each node, as in `shoal.search.cells.grid.Portals`,
+        """Number of the piece or whole cell of each node, as in `shoal.search.cells.clipping.Portals`,
         in increasing order.
         """
         return np.concatenate(

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
-from shoal.search.cells.grid import CellGrid, cells_of, rotated_shape
+from shoal.search.cells.clipping import rotated_shape
+from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.layers import (
     Grid,
     LayeredGrid,
@@ -29,7 +30,7 @@ from shoal.search.cells.layers import (
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.shortening.border_paths import along_border
 from shoal.search.cells.shortening.exchanging import MOST, exchanged
-from shoal.search.cells.visibility_graph import along_tour
+from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turn_shares
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour

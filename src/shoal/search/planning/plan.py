@@ -21,7 +21,8 @@ from shoal.search.allocation.allocate import Allocation, Arc, in_passes, numbers
 from shoal.search.allocation.costs import TourCost
 from shoal.search.allocation.viewpoints import select_viewpoints
 from shoal.search.cells.distances import CellDistances, RegionDistances
-from shoal.search.cells.grid import CellGrid, RegionFootprint, cell_side, widths_of
+from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
+from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.layers import (
     Grid,
     LayeredDistances,

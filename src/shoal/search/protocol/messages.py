@@ -11,7 +11,7 @@ from zlib import crc32
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.cells.grid import WIDEST
+from shoal.search.cells.footprint import WIDEST
 from shoal.search.tours.masks import bits_of_intervals, intervals
 
 Status = Literal["listening", "searching", "waiting", "complete"]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances
-from shoal.search.cells.grid import check_widths
+from shoal.search.cells.footprint import check_widths
 from shoal.search.cells.layers import LayeredGrid, layers_of
 from shoal.search.flight.timing import climbing_seconds, working_seconds
 from shoal.search.planning.plan import SearchPlan

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.search import Arc, RobotLog, SearchEpisode
 from shoal.search.allocation.allocate import partition
-from shoal.search.cells.grid import CellGrid, rotated_shape
+from shoal.search.cells.clipping import rotated_shape
+from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.layers import layers_of
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar, Slow, WrongPosition

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.cells.grid import SPECK, CellGrid
+from shoal.search.cells.clipping import SPECK
+from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.visibility_graph import inside
 from shoal.search.regions.outline import Points
 
