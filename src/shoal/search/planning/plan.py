@@ -47,7 +47,6 @@ from shoal.search.planning.orientation import (
     Candidate,
     GridTour,
     best_grid_tour,
-    can_exchange,
     compared_allocations,
     in_layers,
 )
@@ -821,9 +820,6 @@ def _grid_tour(
         "stepwise": problem.stepwise,
     }
     tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)
-    given["exchange"] = len(tours) > 1 and can_exchange(
-        problem.place, sizes[0], problem.chosen_footprint
-    )
     given["along_rows"] = isinstance(problem.angle, float) or None
     first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **given)
     name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name
