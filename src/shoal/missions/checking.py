@@ -53,9 +53,10 @@ from shoal.search.flight.timing import leg_seconds
 from shoal.search.flight.vehicle import Vehicle, image_of, vehicle_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import CAPS
+from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.projection import LocalFrame
-from shoal.search.regions.region import AreaCoverage, SearchRegion, coverage_check, together
+from shoal.search.regions.region import SearchRegion
 
 _SAME_PLACE = 1e-7  # degrees
 _SAME_METRES = 0.01

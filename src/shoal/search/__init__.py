@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from shoal.search.planning.plan import SearchPlan, plan_search
     from shoal.search.problem import SearchProblem
     from shoal.search.regions.builder import open_region
+    from shoal.search.regions.coverage import AreaCoverage, coverage_check
     from shoal.search.regions.projection import LocalFrame
-    from shoal.search.regions.region import AreaCoverage, SearchRegion, coverage_check, region_of
+    from shoal.search.regions.region import SearchRegion, region_of
     from shoal.search.simulation.trace import RobotLog, SearchTrace
     from shoal.search.tours import Tour, TourMaker, TourMetrics, components, make_tour
     from shoal.search.tours.tour import hilbert_decode, hilbert_encode, moore_decode, moore_encode

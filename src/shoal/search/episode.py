@@ -34,17 +34,18 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, Sorties, end_of, plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.network import Liar
-from shoal.search.regions.region import AreaCoverage, together
+from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import (
+    Finding,
     RobotLog,
     SearchTrace,
     coverages,
+    merge_findings,
     planned_trace,
     searched_at,
     simulated_trace,
 )
-from shoal.search.simulation.world import Finding, merge_findings
 from shoal.search.tours.masks import bitset_of
 
 FORMAT: Literal[2] = 2

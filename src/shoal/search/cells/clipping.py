@@ -17,12 +17,9 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline import Points
 
 MAX_CELLS = 4_000_000
-
-
-_WHOLE = 1e-9  # relative to a block: area that rounding may remove
-
-
 SPECK = 1e-9  # relative to a cell's area: smaller pieces are rounding errors
+_WHOLE = 1e-9  # relative to a block: area that rounding may remove
+_ON_LINE = 1e-8  # relative to a cell: distance from a grid line that rounding may cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,9 +281,6 @@ class Portals:
     pairs: NDArray[np.int64]
     middles: Points
     widths: NDArray[np.float64]
-
-
-_ON_LINE = 1e-8  # relative to a cell: distance from a grid line that rounding may cause
 
 
 def portals_of(clipped: Clipped, lattice: Lattice) -> Portals:

@@ -16,8 +16,6 @@ from shoal.search.cells.clipping import (
 from shoal.search.regions.outline import Points
 
 _HAIR = 1e-9  # relative to a footprint
-
-
 # maximum number of viewpoints of a piece before the vehicle follows the border of the free area
 # instead
 _MOST = 3

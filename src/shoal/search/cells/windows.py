@@ -13,19 +13,11 @@ from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.visibility_graph import inside
 from shoal.search.regions.outline import Points
 
-_HAIR = 1e-9  # relative to a footprint: rounding error
-
-
-_COARSE = 0.02  # relative to a footprint: corners of a window at a smaller distance are merged
-
-
-_REACH = 24  # maximum number of windows that one link crosses
-
-
-_ROUNDS = 12
-
-
 Numbers = NDArray[np.int64]
+_HAIR = 1e-9  # relative to a footprint: rounding error
+_COARSE = 0.02  # relative to a footprint: corners of a window at a smaller distance are merged
+_REACH = 24  # maximum number of windows that one link crosses
+_ROUNDS = 12
 
 
 def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:

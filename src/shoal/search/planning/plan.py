@@ -52,9 +52,10 @@ from shoal.search.planning.orientation import (
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
+from shoal.search.regions.coverage import Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
-from shoal.search.regions.region import TOUCH, Image, SearchRegion, check_footprints, coverage_check
+from shoal.search.regions.region import TOUCH, SearchRegion
 from shoal.search.tours import Tour
 
 LAYOUTS = ("random", "clustered", "line")

@@ -12,7 +12,8 @@ import numpy as np
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
-from shoal.search.regions.region import SearchRegion, footprints_along, polygons_in
+from shoal.search.regions.coverage import footprints_along
+from shoal.search.regions.region import SearchRegion, polygons_in
 
 _SEGMENTS = 32  # segments of a quarter circle: arcs are within 0.03 % of the margin
 # maximum distance of a bend from a corner, divided by the margin; the bend replaces an arc around

@@ -18,8 +18,7 @@ from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.layers import layers_of
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar, Slow, WrongPosition
-from shoal.search.simulation.trace import cell_spans
-from shoal.search.simulation.world import Finding
+from shoal.search.simulation.trace import Finding, cell_spans
 from shoal.views.drawing.canvas import rings_of
 
 Floats = NDArray[np.float64]
