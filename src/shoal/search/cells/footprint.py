@@ -109,7 +109,7 @@ class RegionFootprint(MaskFootprint):
     def __init__(self, grid: CellGrid, tour: Tour) -> None:
         super().__init__(tour)
         self._grid = grid
-        self._half, self._room = 0.0, None
+        self._half, self._visible = 0.0, None
 
     # Computed for the first wide footprint, because most searches have none.
 
@@ -139,7 +139,7 @@ class RegionFootprint(MaskFootprint):
         return len(around) == block.size and bool(self._whole[around].all())
 
     def _look(self, cell: int, width: int) -> Numbers:
-        self._room = None
+        self._visible = None
         self._half = width * self._grid.size / 2
         return super()._look(cell, width)
 
@@ -159,11 +159,11 @@ class RegionFootprint(MaskFootprint):
         bounds = np.array(piece.bounds).reshape(2, 2)
         if (np.abs(bounds - place) > self._half + _FOOTPRINT_HAIR * self._grid.size).any():
             return False
-        if self._room is None:
-            self._room = self._room_around(place)
-        return bool(shapely.intersects(self._room, shapely.point_on_surface(piece)))
+        if self._visible is None:
+            self._visible = self._visible_area(place)
+        return bool(shapely.intersects(self._visible, shapely.point_on_surface(piece)))
 
-    def _room_around(self, place: NDArray[np.float64]) -> Any:
+    def _visible_area(self, place: NDArray[np.float64]) -> Any:
         """Return the part of the region inside the footprint that is connected to the robot's
         position.
         """

@@ -119,8 +119,8 @@ def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: 
     half = footprint / 2
     if free is None:
         return _within(piece, piece, center, half, speck)[0]
-    room = _around(free, piece, half)
-    places, left = _within(piece, room, center, half, speck, most=_MOST)
+    area = _around(free, piece, half)
+    places, left = _within(piece, area, center, half, speck, most=_MOST)
     if left.area <= speck:
         return places
     # A robot sees the rest while it follows the border of the free area. From single points on a
@@ -157,9 +157,9 @@ def _square(place: Points, half: float) -> Any:
 
 
 def _within(
-    piece: Any, room: Any, center: Points, half: float, speck: float, most: float = np.inf
+    piece: Any, area: Any, center: Points, half: float, speck: float, most: float = np.inf
 ) -> tuple[Points, Any]:
-    """Return at most ``most`` viewpoints in ``room`` for a piece, and the part of the piece that no
+    """Return at most ``most`` viewpoints in ``area`` for a piece, and the part of the piece that no
     viewpoint sees.
     """
     import shapely
@@ -167,21 +167,21 @@ def _within(
     chosen: list[Points] = []
     left, near = piece, center
     while left.area > speck and len(chosen) < most:
-        place = _from_one(room, left, near, half)
+        place = _from_one(area, left, near, half)
         if place is None:
             # A point of the remaining part sees at least its own surroundings, so the loop ends.
             part = max(shapely.get_parts(left), key=lambda shape: float(shape.area))
             low, high = np.reshape(left.bounds, (2, 2))
             place = _nearest(part if chosen else piece, near if not chosen else (low + high) / 2)
-            place = place if room is piece else _nearest(room, place)
+            place = place if area is piece else _nearest(area, place)
         chosen.append(place)
         left = left.difference(_square(place, half))
         near = place
     return np.array(chosen).reshape(-1, 2), left
 
 
-def _from_one(room: Any, left: Any, near: Points, half: float) -> Points | None:
-    """Return, among all points of ``room`` that see the whole part ``left`` of a piece, the point
+def _from_one(area: Any, left: Any, near: Points, half: float) -> Points | None:
+    """Return, among all points of ``area`` that see the whole part ``left`` of a piece, the point
     nearest to ``near``.
 
     If no point sees the whole part ``left``, the result is None.
@@ -192,7 +192,7 @@ def _from_one(room: Any, left: Any, near: Points, half: float) -> Points | None:
     least, most, hair = high - half, low + half, 2 * _HAIR * half
     if (least > most + hair).any():
         return None
-    among = room.intersection(
+    among = area.intersection(
         shapely.box(*(np.minimum(least, most) - hair), *(np.maximum(least, most) + hair))
     )
     return None if among.is_empty else _nearest(among, near)
@@ -248,21 +248,21 @@ def viewpoints_on_rows(
         return found
     least, most = least[asked], np.maximum(most[asked], least[asked] + _HAIR)
     x, y = lattice.centers(clipped.rows[asked], clipped.cols[asked]).T
-    rooms = np.stack(
+    surroundings = np.stack(
         [clipped.pieces[asked], *(_beside(clipped, lattice, own, asked, step) for step in (-1, 1))],
         axis=1,
     )
-    parts, of = shapely.get_parts(shapely.union_all(rooms, axis=1), return_index=True)
+    parts, of = shapely.get_parts(shapely.union_all(surroundings, axis=1), return_index=True)
     order = np.lexsort(
         (shapely.distance(parts, shapely.point_on_surface(clipped.pieces[asked])[of]), of)
     )
-    room = parts[order[np.searchsorted(of[order], np.arange(len(asked)))]]
+    area = parts[order[np.searchsorted(of[order], np.arange(len(asked)))]]
     ends = np.stack([np.stack([least, y], axis=1), np.stack([most, y], axis=1)], axis=1)
-    lines = shapely.intersection(room, shapely.linestrings(ends))
+    lines = shapely.intersection(area, shapely.linestrings(ends))
     lines = lines if free is None else shapely.intersection(lines, free)
     places, of = shapely.get_coordinates(lines, return_index=True)
     begins = np.searchsorted(of, np.arange(len(asked) + 1))
-    before, after = np.nan_to_num(shapely.area(rooms[:, 1:])).T
+    before, after = np.nan_to_num(shapely.area(surroundings[:, 1:])).T
     for k, number in enumerate(asked.tolist()):
         among = places[begins[k] : begins[k + 1], 0]
         if len(among):
@@ -293,7 +293,7 @@ def _beside(
     there = there[own[rows[there], cols[there]] >= 0]
     whole = clipped.whole[rows[there], cols[there]]
     full, cut = there[whole], there[~whole]
-    rooms = np.full(len(numbers), None, dtype=object)
-    rooms[full] = lattice.boxes(rows[full], cols[full])
-    rooms[cut] = clipped.pieces[own[rows[cut], cols[cut]]]
-    return rooms
+    surroundings = np.full(len(numbers), None, dtype=object)
+    surroundings[full] = lattice.boxes(rows[full], cols[full])
+    surroundings[cut] = clipped.pieces[own[rows[cut], cols[cut]]]
+    return surroundings

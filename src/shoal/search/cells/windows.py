@@ -79,12 +79,12 @@ def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
     bounds = shapely.bounds(pieces)
     hair = _HAIR * grid.footprint
     boxes = shapely.box(*(bounds[:, 2:] - half - hair).T, *(bounds[:, :2] + half + hair).T)
-    rooms = _around(grid, rows[free], cols[free])
-    parts, of = shapely.get_parts(shapely.union_all(rooms, axis=1), return_index=True)
+    surroundings = _around(grid, rows[free], cols[free])
+    parts, of = shapely.get_parts(shapely.union_all(surroundings, axis=1), return_index=True)
     away = shapely.distance(parts, shapely.point_on_surface(pieces)[of])
     order = np.lexsort((away, of))
-    room = parts[order[np.searchsorted(of[order], np.arange(len(free)))]]
-    shapes = shapely.intersection(room, boxes)
+    around = parts[order[np.searchsorted(of[order], np.arange(len(free)))]]
+    shapes = shapely.intersection(around, boxes)
     if grid.region.restricted:
         shapes = shapely.intersection(shapes, rotated_shape(grid.region.free, -grid.angle))
     return {
@@ -99,16 +99,16 @@ def _around(grid: CellGrid, rows: Numbers, cols: Numbers) -> Any:
     geometries or None, shape (n, 9).
     """
     clipped, own = grid.clipped, grid.own
-    rooms = np.full((len(rows), 9), None, dtype=object)
+    surroundings = np.full((len(rows), 9), None, dtype=object)
     for k in range(9):
         row, col = rows + k // 3 - 1, cols + k % 3 - 1
         there = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
         row, col = np.where(there, row, 0), np.where(there, col, 0)
         whole = there & clipped.whole[row, col]
         part = there & ~whole & (own[row, col] >= 0)
-        rooms[whole, k] = grid.lattice.boxes(row[whole], col[whole])
-        rooms[part, k] = clipped.pieces[own[row[part], col[part]]]
-    return rooms
+        surroundings[whole, k] = grid.lattice.boxes(row[whole], col[whole])
+        surroundings[part, k] = clipped.pieces[own[row[part], col[part]]]
+    return surroundings
 
 
 def _chains(free: Numbers, n: int) -> list[Numbers]:

@@ -77,18 +77,18 @@ def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None
     for back in range(1, len(parts) + 1):
         number = parts[offered[0] - back].robot
         if number == robot.number:
-            found = _best_run(robot, speed_of(robot, number, time), robot.cell, runs)
-            return None if found is None else (found[0].first + found[0].step * found[1]) % n
+            best = _best_run(robot, speed_of(robot, number, time), robot.cell, runs)
+            return None if best is None else (best[0].first + best[0].step * best[1]) % n
         if (
             number in others
             and robot.peers[number].heartbeat.status == "waiting"
             and not is_late(robot, number, time)
         ):
             speed = speed_of(robot, number, time)
-            found = _best_run(robot, speed, robot.peers[number].heartbeat.place % n, runs)
-            if found is not None:
-                runs.remove(found[0])
-                runs += found[0].halves(found[1], speed[1], n)
+            best = _best_run(robot, speed, robot.peers[number].heartbeat.place % n, runs)
+            if best is not None:
+                runs.remove(best[0])
+                runs += best[0].halves(best[1], speed[1], n)
     return None
 
 

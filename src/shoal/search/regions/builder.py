@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError, UnknownNameError, errors_at
-from shoal.search.regions.builder import builtin_region, is_builtin
 from shoal.search.regions.formats import read_outlines
 from shoal.search.regions.formats.reading import HIDDEN, Reading
 from shoal.search.regions.outline import (
@@ -36,6 +35,9 @@ INNER = ("no-go", "search")
 """Possible meanings of a polygon inside another polygon if the file does not mark the inner
 polygon.
 """
+
+
+_CORNERS = 360  # corners of the polygon that approximates a circle
 
 
 def open_region(
@@ -366,9 +368,6 @@ def list_of(polygons: Any) -> list[Any]:
         except (TypeError, ValueError, OverflowError):
             alone = False
     return [polygons] if alone else list(polygons)
-
-
-_CORNERS = 360  # corners of the polygon that approximates a circle
 
 
 Shape = Callable[[str, list[float]], list[Points]]

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.formats.features import read_positions, read_vertices
+from shoal.search.regions.formats.geodata import read_positions
+from shoal.search.regions.formats.tables import read_vertices
 from shoal.search.regions.outline import (
     Points,
     check_plane_points,
