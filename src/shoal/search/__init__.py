@@ -41,8 +41,8 @@ _HOMES = {
     "cells.routing": (
         "RegionPaths",
         "Route",
-        "merge_collinear",
     ),
+    "cells.visibility_graph": ("merge_collinear",),
     "episode": ("SearchEpisode",),
     "planning.plan": (
         "SearchPlan",
@@ -50,11 +50,13 @@ _HOMES = {
     ),
     "problem": ("SearchProblem",),
     "regions.builder": ("open_region",),
+    "regions.coverage": (
+        "AreaCoverage",
+        "coverage_check",
+    ),
     "regions.projection": ("LocalFrame",),
     "regions.region": (
-        "AreaCoverage",
         "SearchRegion",
-        "coverage_check",
         "region_of",
     ),
     "simulation.trace": (

@@ -42,6 +42,7 @@ from shoal.search.regions.outline import check_spikes
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.projection import ROUNDED
 from shoal.search.regions.region import SearchRegion
+from shoal.search.tours import TOURS
 
 AUTO_TOUR = "spanning-tree"
 """The tour that ``auto`` means for a single pass if Shoal does not compare tours. This tour is the
@@ -63,15 +64,6 @@ READING = ("layer", "inner", "hidden", "closed_lines")
 """Fields that decide how files of regions and no-go zones are read."""
 
 LIVE_FAULTS = ("crash", "slow")
-TOURS = (
-    "spanning-tree",
-    "boustrophedon",
-    "comb",
-    "hilbert-rectangle",
-    "hilbert",
-    "moore",
-    "open-hilbert",
-)
 ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 
 
@@ -224,7 +216,7 @@ class SearchProblem(Problem):
             " the faster tour of spanning-tree and boustrophedon. In any other search, auto means"
             " spanning-tree."
         ),
-        names=TOURS,
+        names=tuple(TOURS),
     )
     allocation: str = option(
         "auto",

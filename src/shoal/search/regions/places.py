@@ -105,6 +105,20 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
     return points
 
 
+def points_inside(given: str | ArrayLike, region: SearchRegion, *, what: str) -> Points:
+    """Return points inside a region in metres, which are given as an array in metres or as the path
+    of a file; float64, shape (k, 2).
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is invalid, or if a point lies outside the region.
+    """
+    if isinstance(given, str):
+        return region.check_inside(read_points(Path(given), region, what=what), what=given)
+    return region.check_inside(given, what=what)
+
+
 def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
     """Return the points in a file, converted to metres, and whether the points are the vertices of
     a line.

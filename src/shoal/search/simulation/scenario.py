@@ -6,7 +6,6 @@ from dataclasses import field
 from functools import cached_property
 from itertools import pairwise
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from shoal.search.problem.network import (
     network_of,
 )
 from shoal.search.protocol.state import Brief
-from shoal.search.regions.places import read_points
+from shoal.search.regions.places import points_inside
 from shoal.search.tours.masks import bitset_of
 
 TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
@@ -264,9 +263,7 @@ def _cells_of(
             return tuple(sorted(int(cell) for cell in chosen))
         inside = plan.positions(chosen)[:, :2]
     else:
-        region = plan.grid.region
-        points = read_points(Path(given), region, what=what) if isinstance(given, str) else given
-        inside = region.check_inside(points, what=given if isinstance(given, str) else what)
+        inside = points_inside(given, plan.grid.region, what=what)
     found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]
     if isinstance(plan.grid, LayeredGrid):
         found = [
