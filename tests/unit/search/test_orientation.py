@@ -26,7 +26,7 @@ from shoal.search import (
 from shoal.search.cells.clipping import rotated, rotated_shape
 from shoal.search.cells.grid import cells_of
 from shoal.search.flight.timing import turns_of
-from shoal.search.kernels import lanes as run_order
+from shoal.search.kernels import runs as run_order
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
 from shoal.search.problem import ALLOCATIONS
 from shoal.search.regions.projection import LocalFrame

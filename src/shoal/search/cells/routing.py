@@ -395,11 +395,6 @@ class RegionPaths:
         counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
         begins = np.cumsum(counts) - counts
         within = np.arange(int(counts.sum())) - np.repeat(begins, counts)
-        within = np.where(
-            np.repeat(self._backwards(index), counts),
-            np.repeat(counts, counts) - 1 - within,
-            within,
-        )
         visit = within + np.repeat(grid.viewpoint_starts[index], counts)
         # A leg between the centres of neighbouring whole cells stays inside the region, unless the
         # margin is wide.
@@ -429,28 +424,6 @@ class RegionPaths:
         return np.asarray(
             grid.clipped.whole[tuple(grid.cells.T)] & single & (away < _HAIR * grid.size)
         )
-
-    def _backwards(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return, for each cell, whether a vehicle visits the cell's viewpoints in reverse order.
-
-        If the first viewpoint of one cell is the last viewpoint of the next cell, the order is
-        reverse in these two cells.
-        """
-        grid = self.grid
-        first, last = (
-            grid.viewpoints[grid.viewpoint_starts[index]],
-            grid.viewpoints[grid.viewpoint_starts[index + 1] - 1],
-        )
-        many = (grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]) > 1
-        joined = (
-            many[:-1]
-            & many[1:]
-            & (np.abs(first[:-1] - last[1:]).max(axis=1, initial=0.0) < _HAIR * grid.size)
-        )
-        back = np.zeros(len(index), dtype=np.bool_)
-        back[:-1] |= joined
-        back[1:] |= joined
-        return back
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
         """Return the path through the stops. The array ``known`` tells for each leg whether the leg

@@ -177,7 +177,7 @@ def _way(
     """
     import shapely
 
-    from shoal.search.kernels.lanes import fewest_links
+    from shoal.search.kernels.windows import fewest_links
 
     stages = [fixed[:1], fixed[1:2], *places, fixed[2:3], fixed[3:]]
     points, starts = (

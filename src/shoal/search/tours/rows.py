@@ -34,12 +34,12 @@ class BoustrophedonTour(TourByOrder):
     name = "boustrophedon"
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        from shoal.search.kernels import lanes
+        from shoal.search.kernels.runs import runs_of, shorten, sweep_all
 
         region = np.ascontiguousarray(region)
         cells = np.empty((np.count_nonzero(region), 2), dtype=np.int64)
-        lanes.sweep_all(region, cells)
-        runs = lanes.runs_of(region)
+        sweep_all(region, cells)
+        runs = runs_of(region)
         if len(runs) > MOST_RUNS:
             return cells
         number = np.full(region.shape, -1)
@@ -52,7 +52,7 @@ class BoustrophedonTour(TourByOrder):
         backwards = np.empty(len(runs), dtype=np.int64)
         backwards[order] = cells[begins, 1] != runs[order, 1]
         ends = np.stack([runs[:, [0, 1]], runs[:, [0, 2]] - [0, 1]], axis=1).astype(np.float64)
-        lanes.shorten(ends, order, backwards, DISTURBANCES)
+        shorten(ends, order, backwards, DISTURBANCES)
         rows = [
             np.arange(begin, end)[:: -1 if back else 1]
             for (_, begin, end), back in zip(runs[order], backwards[order], strict=True)
@@ -136,7 +136,7 @@ def _sweeps(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Return two orders of the cells: a sweep along rows from the bottom up, and a sweep along
     columns from left to right.
     """
-    from shoal.search.kernels.lanes import sweep_all
+    from shoal.search.kernels.runs import sweep_all
 
     upward, across = np.empty((2, np.count_nonzero(region), 2), dtype=np.int64)
     sweep_all(np.ascontiguousarray(region[::-1]), upward)
