@@ -22,7 +22,7 @@ from shoal.search.cells.clipping import (
     rotated_shape,
     with_centers_free,
 )
-from shoal.search.cells.viewpoints import viewpoints_of, viewpoints_on_rows
+from shoal.search.cells.viewpoints import viewpoints_of
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.outline import Points, check_plane_points
 from shoal.search.regions.region import SearchRegion
@@ -252,7 +252,6 @@ def cells_of(
     size: float | None = None,
     angle: float = 0.0,
     offset: tuple[float, float] = (0.0, 0.0),
-    on_rows: bool = False,
 ) -> CellGrid:
     """Divide a region into square cells for robots with a square footprint.
 
@@ -271,9 +270,6 @@ def cells_of(
     offset : tuple of float
         Shift of the lattice in cell sides, from 0 to 1: along its rows, and upwards across its
         rows. A lattice without a shift is centred on the bounding box of the region.
-    on_rows : bool
-        Whether viewpoints of border cells lie on the centre lines of rows where possible.
-        Viewpoints on centre lines save bends on tours that follow the rows.
 
     Returns
     -------
@@ -317,10 +313,7 @@ def cells_of(
         )
     own = _own_pieces(clipped)
     centers = lattice.centers(clipped.rows, clipped.cols)
-    known = viewpoints_on_rows(clipped, lattice, own, footprint=side, free=free) if on_rows else ()
-    points, index = viewpoints_of(
-        clipped.pieces, centers, footprint=side, size=step, known=known, free=free
-    )
+    points, index = viewpoints_of(clipped.pieces, centers, footprint=side, size=step, free=free)
     adopted = _adopted(clipped, portals, own)
     viewpoints, starts = _in_order(clipped, lattice, mask, points, index, adopted)
     return CellGrid(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,6 @@ from numpy.typing import NDArray
 
 from shoal.search.cells.clipping import (
     SPECK,
-    Clipped,
-    Lattice,
 )
 from shoal.search.regions.outline import Points
 
@@ -27,7 +24,6 @@ def viewpoints_of(
     *,
     footprint: float,
     size: float,
-    known: Sequence[Points | None] = (),
     free: Any = None,
 ) -> tuple[Points, NDArray[np.int64]]:
     """Return, for each piece, one or several viewpoints from which the whole piece is visible.
@@ -45,9 +41,6 @@ def viewpoints_of(
     footprint, size : float
         Side of the footprint and side of a cell in metres. The cell must not be larger than the
         footprint.
-    known : sequence of (ndarray of float64, shape (k, 2)) or None
-        Viewpoints found by `viewpoints_on_rows`, for pieces that do not contain the centre of their
-        cell.
     free : Shapely geometry, optional
         The area where robots may be. If ``free`` is given, all viewpoints lie in ``free``, inside
         or beside their piece.
@@ -65,21 +58,16 @@ def viewpoints_of(
     if free is not None:
         shapely.prepare(free)
         from_center &= shapely.intersects_xy(free, centers[:, 0], centers[:, 1])
-    places = [
-        centers[k : k + 1] if easy else known[k] if known else None
-        for k, easy in enumerate(from_center.tolist())
-    ]
     speck = SPECK * size * size
-    hard = [k for k, place in enumerate(places) if place is None]
-    if free is None and hard:
-        for k, place in zip(
-            hard, _single(pieces[hard], centers[hard], footprint / 2, speck), strict=True
-        ):
-            places[k] = place
-    found = [
-        _viewpoints(pieces[k], free, centers[k], footprint, speck) if place is None else place
-        for k, place in enumerate(places)
-    ]
+    found = [centers[k : k + 1] for k in range(len(centers))]
+    hard = np.flatnonzero(~from_center)
+    single: list[Points | None] = [None] * len(hard)
+    if free is None and len(hard):
+        single = _single(pieces[hard], centers[hard], footprint / 2, speck)
+    for k, place in zip(hard.tolist(), single, strict=True):
+        found[k] = (
+            _viewpoints(pieces[k], free, centers[k], footprint, speck) if place is None else place
+        )
     counts = [len(points) for points in found]
     points = np.concatenate(found) if found else np.zeros((0, 2))
     return points, np.repeat(np.arange(len(found)), counts)
@@ -203,97 +191,3 @@ def _nearest(shape: Any, point: Points) -> Points:
 
     line = shapely.shortest_line(shape, shapely.points(point))
     return np.asarray(shapely.get_coordinates(line)[0])
-
-
-def viewpoints_on_rows(
-    clipped: Clipped,
-    lattice: Lattice,
-    own: NDArray[np.int64],
-    *,
-    footprint: float,
-    free: Any = None,
-) -> Any:
-    """Return, for each piece, a point from which the whole piece is visible, on the centre line of
-    its row of cells.
-
-    The viewpoint of a piece may lie in the previous or the next cell of the row. Of several
-    possible points, the function chooses the point farthest towards the neighbouring cell that
-    contains more of the region. If both neighbouring cells contain equally large areas of the
-    region, the function chooses the point nearest to the centre of the piece's cell.
-
-    Parameters
-    ----------
-    clipped : Clipped
-    lattice : Lattice
-    own : ndarray of int64, shape (H, W)
-        Number of each cell's own piece, as in `CellGrid`.
-    footprint : float
-        Side of the footprint in metres.
-    free : Shapely geometry, optional
-        The area in which robots may be. By default, robots may be in the whole region.
-
-    Returns
-    -------
-    list of (ndarray of float64, shape (1, 2)) or None
-        One viewpoint for each piece, in the lattice's frame. A piece gets None if no point of the
-        centre line sees the whole piece.
-    """
-    import shapely
-
-    bounds, half = shapely.bounds(clipped.pieces).reshape(-1, 4), footprint / 2
-    least, most = bounds[:, 2] - half, bounds[:, 0] + half
-    asked = np.flatnonzero(most >= least)
-    found: list[Points | None] = [None] * len(clipped.pieces)
-    if not len(asked):
-        return found
-    least, most = least[asked], np.maximum(most[asked], least[asked] + _HAIR)
-    x, y = lattice.centers(clipped.rows[asked], clipped.cols[asked]).T
-    surroundings = np.stack(
-        [clipped.pieces[asked], *(_beside(clipped, lattice, own, asked, step) for step in (-1, 1))],
-        axis=1,
-    )
-    parts, of = shapely.get_parts(shapely.union_all(surroundings, axis=1), return_index=True)
-    order = np.lexsort(
-        (shapely.distance(parts, shapely.point_on_surface(clipped.pieces[asked])[of]), of)
-    )
-    area = parts[order[np.searchsorted(of[order], np.arange(len(asked)))]]
-    ends = np.stack([np.stack([least, y], axis=1), np.stack([most, y], axis=1)], axis=1)
-    lines = shapely.intersection(area, shapely.linestrings(ends))
-    lines = lines if free is None else shapely.intersection(lines, free)
-    places, of = shapely.get_coordinates(lines, return_index=True)
-    begins = np.searchsorted(of, np.arange(len(asked) + 1))
-    before, after = np.nan_to_num(shapely.area(surroundings[:, 1:])).T
-    for k, number in enumerate(asked.tolist()):
-        among = places[begins[k] : begins[k + 1], 0]
-        if len(among):
-            best = among[np.argmin(np.abs(among - x[k]))]
-            best = (
-                among.min()
-                if before[k] > after[k]
-                else among.max()
-                if after[k] > before[k]
-                else best
-            )
-            found[number] = np.array([[best, y[k]]])
-    return found
-
-
-def _beside(
-    clipped: Clipped,
-    lattice: Lattice,
-    own: NDArray[np.int64],
-    numbers: NDArray[np.int64],
-    step: int,
-) -> Any:
-    """Return, for each given piece, the own piece of the cell ``step`` columns away, or None;
-    Shapely geometries, shape (n,).
-    """
-    rows, cols = clipped.rows[numbers], clipped.cols[numbers] + step
-    there = np.flatnonzero((cols >= 0) & (cols < lattice.shape[1]))
-    there = there[own[rows[there], cols[there]] >= 0]
-    whole = clipped.whole[rows[there], cols[there]]
-    full, cut = there[whole], there[~whole]
-    surroundings = np.full(len(numbers), None, dtype=object)
-    surroundings[full] = lattice.boxes(rows[full], cols[full])
-    surroundings[cut] = clipped.pieces[own[rows[cut], cols[cut]]]
-    return surroundings

@@ -33,7 +33,7 @@ from shoal.search.flight.timing import turn_shares
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.curves import TIE, joined
-from shoal.search.tours.rows import CombTour, SpanningTreeTour
+from shoal.search.tours.rows import BoustrophedonTour, CombTour, SpanningTreeTour
 
 _COMPARED = 100_000  # cells times robots: above this, only the first allocation is evaluated
 _WIDE = 10_000  # the same limit for robots with wide footprints
@@ -148,11 +148,6 @@ def time_with_sorties(
     return latest
 
 
-ON_ROWS = ("boustrophedon",)
-"""Names of tours along the rows of cells. For these tours, the viewpoints of border cells lie on a
-path with few bends.
-"""
-
 TURN = 0.85
 """Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns
 in no time.
@@ -256,10 +251,9 @@ def grid_tour(
     <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
     """
     turn = turn_cost or TURN
-    on_rows = tour in ON_ROWS and not stepwise
-    grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
+    grid = cells_of(region, size, angle=angle, offset=(0.0, offset))
     made = make_tour(_maker(tour, along_rows), grid.mask)
-    if on_rows:
+    if tour == BoustrophedonTour.name and not stepwise:  # long rows have few bends at their ends
         grid = along_tour(grid, made.cells, turn)
     return GridTour(grid, made, RegionPaths(grid, transit=transit))
 
