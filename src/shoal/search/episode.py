@@ -475,10 +475,6 @@ class SearchEpisode(Episode):
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SearchEpisode:
         """Read an episode. The method refuses tours and allocations given as MODULE:ATTRIBUTE,
         unless ``trust`` is true.
-
-        Raises
-        ------
-        InvalidInputError
         """
         source = str(path)
         told = parse_json(read_text(Path(path), what="search episode"), where=source)

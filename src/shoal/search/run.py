@@ -89,10 +89,6 @@ def check(problem: SearchProblem) -> None:
     The function plans the search only if nothing less can tell whether it can run: if third-party
     code makes the tour or the allocation, or if the problem has so many targets or obstacles, or so
     large a search, that the number of cells decides.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     problem.check_at_place()
     region, robots = problem.place, problem.robots

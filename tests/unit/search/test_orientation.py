@@ -27,6 +27,7 @@ from shoal.search.cells.clipping import rotated, rotated_shape
 from shoal.search.cells.grid import cells_of
 from shoal.search.flight.timing import turns_of
 from shoal.search.kernels import runs as run_order
+from shoal.search.kernels.windows import fewest_links
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
 from shoal.search.problem import ALLOCATIONS
 from shoal.search.regions.projection import LocalFrame
@@ -137,12 +138,12 @@ def test_a_way_of_few_links_crosses_all_windows():
     )
     before = np.empty(len(points), dtype=np.int64)
     none = np.zeros(0, dtype=np.int64)
-    run_order.fewest_links(points, starts, boxes, 1.0, 24, none, before)
+    fewest_links(points, starts, boxes, 1.0, 24, none, before)
     assert before[-1] == 0
     boxes[3], points[7:10, 1] = (3.0, 0.3, 3.0, 0.4), (0.3, 0.35, 0.4)
-    run_order.fewest_links(points, starts, boxes, 1.0, 24, none, before)
+    fewest_links(points, starts, boxes, 1.0, 24, none, before)
     assert (before[-1], before[7]) == (7, 0)
-    run_order.fewest_links(points, starts, boxes, 1.0, 24, np.array([7 * 17 + 16]), before)
+    fewest_links(points, starts, boxes, 1.0, 24, np.array([7 * 17 + 16]), before)
     assert (before[-1], before[8]) == (8, 0)
 
 

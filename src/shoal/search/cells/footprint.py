@@ -177,10 +177,6 @@ class RegionFootprint(MaskFootprint):
 def check_widths(widths: NDArray[np.int64], robots: int) -> None:
     """Check that each robot has one footprint width, which is an odd number of cells from 1 to
     `WIDEST`.
-
-    Raises
-    ------
-    InvalidInputError
     """
     good = widths.shape == (robots,) and widths.dtype.kind in "iu" and (widths % 2 == 1).all()
     if not good or (widths < 1).any() or (widths > WIDEST).any():

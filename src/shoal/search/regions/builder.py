@@ -187,10 +187,6 @@ def build_region(
     reading : Reading, optional
         How to read files of no-go zones. A choice without an effect on the region and the zones is
         refused.
-
-    Raises
-    ------
-    InvalidInputError
     """
     import shapely
 
@@ -376,10 +372,6 @@ Shape = Callable[[str, list[float]], list[Points]]
 def builtin_region(text: str) -> RegionOutlines:
     """Return the outline of a built-in region from its name with sizes, such as ``square:100``; see
     `shoal.search.open_region`.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     name, _, option = text.partition(":")
     if name not in SHAPES:

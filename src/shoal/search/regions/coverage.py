@@ -140,10 +140,6 @@ def coverage_check(
     image : Image, optional
         Image of a camera, which turns with the vehicle. It replaces the square.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> from shoal.search import open_region
@@ -336,10 +332,6 @@ def check_footprints(
 ) -> NDArray[np.float64]:
     """Check one footprint for all robots, or one for each robot, in metres. Return each robot's
     footprint, shape (robots,).
-
-    Raises
-    ------
-    InvalidInputError
     """
     try:
         given = np.asarray(footprint, dtype=np.float64)

@@ -43,10 +43,6 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
     what : str
         Name of the points in error messages.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> from shoal.search import open_region

@@ -138,10 +138,6 @@ class SearchTrace:
     def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
         """Return the trace that a mapping from `to_dict` describes. The mapping must fit the
         numbers of robots and cells.
-
-        Raises
-        ------
-        InvalidInputError
         """
         names = {"robots", "covered_at", "declared", "sent", "lost", "takeovers", "dropped"}
         if not isinstance(data, dict) or set(data) != names or not isinstance(data["robots"], list):

@@ -60,10 +60,6 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
         A tour that visits each True cell once. The tour finishes each connected component of the
         mask before it starts another component.
 
-    Raises
-    ------
-    UnknownNameError, InvalidInputError
-
     Examples
     --------
     >>> tour = make_tour("moore", (8, 8))
@@ -94,10 +90,6 @@ def find_tour_maker(maker: str | TourMaker) -> TourMaker:
     """Return the tour maker that a name or a text of the form ``module:attribute`` describes.
 
     The function returns a tour maker object unchanged.
-
-    Raises
-    ------
-    UnknownNameError, InvalidInputError
     """
     found: Any = configured(TOURS, maker) if isinstance(maker, str) else maker
     try:

@@ -284,12 +284,7 @@ class TourByOrder(ABC):
 
 
 def check_covers(tour: Tour, mask: NDArray[np.bool_]) -> Tour:
-    """Return a tour unchanged if it visits all True cells of a mask and no other cells.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return a tour unchanged if it visits all True cells of a mask and no other cells."""
     if tour.shape != mask.shape:
         raise InvalidInputError(
             f"tour {tour.name}: expected the shape {mask.shape} of the mask, got {tour.shape}"

@@ -73,12 +73,7 @@ PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
 
 
 def read_geojson(path: Path, reading: Reading) -> RegionOutlines:
-    """Return the polygons in a GeoJSON file.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the polygons in a GeoJSON file."""
     data = parse_json(read_text(path, what="region file", most=LARGEST_FILE), where=str(path))
     found: list[RegionOutline] = []
     passed: set[str] = set()
@@ -129,10 +124,6 @@ def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
     path : path
     what : str
         Name of the file in error messages.
-
-    Raises
-    ------
-    InvalidInputError
     """
     data = parse_json(read_text(path, what=what, most=LARGEST_FILE), where=str(path))
     points: list[Points] = []
@@ -276,10 +267,6 @@ def read_geopackage(path: Path, reading: Reading, *, zones: bool = False) -> Reg
         The name of a layer is required if several layers could contain the region.
     zones : bool
         Whether to read all layers, as for a file of no-go zones.
-
-    Raises
-    ------
-    InvalidInputError
     """
     check_file(path, what="region file", most=LARGEST_DATABASE)
     with _opened(path) as database:
@@ -480,10 +467,6 @@ def read_zipped_shapefile(path: Path, reading: Reading) -> RegionOutlines:
 
     The function unpacks the files of the Shapefile under new names, so that no path in the archive
     can lead to another folder.
-
-    Raises
-    ------
-    InvalidInputError
     """
     with opened_zip(path, what="zip archive") as archive, tempfile.TemporaryDirectory() as place:
         inside = {one.filename: one for one in archive.infolist()}
@@ -513,10 +496,6 @@ def read_zipped_shapefile(path: Path, reading: Reading) -> RegionOutlines:
 def read_shapefile(path: Path, reading: Reading, where: str = "") -> RegionOutlines:
     """Return the polygons in a Shapefile. In error messages, the text ``where`` replaces the path
     of the Shapefile.
-
-    Raises
-    ------
-    InvalidInputError
     """
     where = where or str(path)
     check_file(path, what="region file", most=LARGEST_FILE)

@@ -66,12 +66,7 @@ def read_kml(path: Path, reading: Reading) -> RegionOutlines:
 
 
 def read_kmz(path: Path, reading: Reading) -> RegionOutlines:
-    """Return the polygons in the first KML file of a KMZ archive.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the polygons in the first KML file of a KMZ archive."""
     with opened_zip(path, what="KMZ archive") as archive:
         inside = [one for one in archive.infolist() if one.filename.lower().endswith(".kml")]
         if not inside:

@@ -48,12 +48,7 @@ class Reading:
         return closed
 
     def check_effects(self, where: Iterable[str]) -> None:
-        """Refuse choices without an effect on any of the files ``where``.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Refuse choices without an effect on any of the files ``where``."""
         files = ", ".join(where)
         if self.closed_lines and "closed_lines" not in self.effects:
             raise InvalidInputError(

@@ -229,12 +229,7 @@ class LiveTask:
     key: bytes = b""
 
     def check(self, beacon: Beacon) -> None:
-        """Refuse a beacon that no robot of this search can have sent.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Refuse a beacon that no robot of this search can have sent."""
         robots, cells = len(self.scenario.starts), len(self.scenario.brief.tour_cost)
         for told in beacon.heartbeats:
             known = 1 <= told.robot <= robots
