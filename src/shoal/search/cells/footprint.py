@@ -18,11 +18,8 @@ from shoal.search.tours import Tour
 WIDEST = 99  # maximum effective width of a footprint in cells
 _FOOTPRINT_HAIR = 1e-9  # relative to a cell: rounding error
 _USED = 0.75  # share of a wide footprint's width that counts in the comparison of cell sizes
-_PARTS = (
-    1,
-    3,
-    5,
-)  # numbers of cells across a footprint that are tried in the choice of the cell size
+# numbers of cells across a footprint that are tried in the choice of the cell size
+_PARTS = 1, 3, 5
 Numbers = NDArray[np.int64]
 
 

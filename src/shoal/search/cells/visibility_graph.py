@@ -20,9 +20,8 @@ _ALONG = 1e-9  # sine of the largest angle between collinear lines
 _AT_ONCE = 100_000  # number of segments tested in one call
 
 
-_LOOK_AHEAD = (
-    64  # number of points of a path among which `pulled` looks for the farthest visible point
-)
+# number of points of a path among which `pulled` looks for the farthest visible point
+_LOOK_AHEAD = 64
 
 
 _START = -1  # stands for the start of a path, in place of a corner's index

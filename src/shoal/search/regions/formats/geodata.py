@@ -38,9 +38,8 @@ from shoal.search.regions.outline import (
 from shoal.search.regions.projection import to_degrees
 
 _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
-_SYSTEM = re.compile(
-    r"[\w:/.() -]{1,200}", re.ASCII
-)  # EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name without definition
+# EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name without definition
+_SYSTEM = re.compile(r"[\w:/.() -]{1,200}", re.ASCII)
 # maximum steps of SQLite's virtual machine; a table with the most allowed polygons needs 1 % of the
 # steps
 _STEPS = 50_000_000
@@ -48,13 +47,8 @@ _AT_ONCE = 10_000
 _POINT, _LINE, _POLYGON = 1, 2, 3  # types of well-known binary
 _DEEPEST = 10
 _UNFINISHED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
-_ENVELOPES = {
-    0: 0,
-    1: 32,
-    2: 48,
-    3: 48,
-    4: 64,
-}  # length in bytes of the bounding box in the header, by the header's flags
+# length in bytes of the bounding box in the header, by the header's flags
+_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}
 
 
 _LAYERS = """

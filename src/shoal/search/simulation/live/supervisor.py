@@ -152,10 +152,8 @@ def covered_share(events: Sequence[LiveEvent], goal: int) -> float:
 _STARTUP = 120.0  # seconds
 _AHEAD = 0.1  # seconds from the order to start until the start, so that all robots start at once
 _LAST = ("declared", "killed", "stopped", "failed")  # events after which a process may end
-_SLACK = (
-    60.0,
-    10.0,
-)  # time limit: seconds, plus this multiple of the time that one robot needs for the whole search
+# time limit: seconds, plus this multiple of the time that one robot needs for the whole search
+_SLACK = 60.0, 10.0
 
 
 def run_live(
