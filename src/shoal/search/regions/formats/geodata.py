@@ -159,8 +159,8 @@ def _geometries(
             yield from _geometries(feature, f"{where}: feature {k}", zones)
     elif kind == "Feature":
         if data.get("geometry") is not None:
-            told = data.get("properties")
-            zone = is_no_go(told if isinstance(told, dict) else {}, data.get("id"))
+            properties = data.get("properties")
+            zone = is_no_go(properties if isinstance(properties, dict) else {}, data.get("id"))
             yield from _geometries(data["geometry"], where, no_go or zone)
     elif kind == "GeometryCollection":
         for k, geometry in enumerate(_list(data, "geometries", where), start=1):
@@ -327,9 +327,9 @@ def _outlines(
         _shape(blob, f"{where}: feature {number}")
         for number, (blob, *_) in enumerate(rows, start=1)
     ]
-    told = [dict(zip(marks, values, strict=True)) for _, *values in rows]
+    properties = [dict(zip(marks, values, strict=True)) for _, *values in rows]
     found = layer_polygons(
-        zip(shapes, told, strict=True),
+        zip(shapes, properties, strict=True),
         where,
         reading,
         no_go=names_no_go(table) and table != reading.layer,
@@ -541,9 +541,9 @@ def _read(path: Path, where: str, reading: Reading) -> tuple[tuple[RegionOutline
         raise InvalidInputError(
             f"{path}: expected a file of shapes, got a damaged one or another format: {said}"
         ) from None
-    told = (
+    properties = (
         [dict(zip(meta["fields"], values, strict=True)) for values in zip(*columns, strict=True)]
         if marks
         else [{}] * len(shapes)
     )
-    return layer_polygons(zip(shapes, told, strict=True), where, reading), meta["crs"]
+    return layer_polygons(zip(shapes, properties, strict=True), where, reading), meta["crs"]

@@ -106,9 +106,9 @@ def _fence(fence: Any, where: str) -> list[RegionOutline]:
                 points = _positions(entry.get("polygon"), f"{place}.polygon")
             else:
                 circle = entry.get("circle")
-                told = circle if isinstance(circle, dict) else {}
-                (centre,) = _positions([told.get("center")], f"{place}.circle.center")
-                points = _circle(centre, told.get("radius"), f"{place}.circle", around=no_go)
+                fields = circle if isinstance(circle, dict) else {}
+                (centre,) = _positions([fields.get("center")], f"{place}.circle.center")
+                points = _circle(centre, fields.get("radius"), f"{place}.circle", around=no_go)
             found.append(RegionOutline(Ring(points, place), no_go=no_go))
     return found
 

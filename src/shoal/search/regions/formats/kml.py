@@ -149,16 +149,17 @@ def _shapes(root: Element) -> Iterator[tuple[Element, bool, int | None]]:
 
 
 def _is_no_go(placemark: Element) -> bool:
-    told = {child: _child(placemark, child) for child in ("name", "description", "styleUrl")}
+    properties = {child: _child(placemark, child) for child in ("name", "description", "styleUrl")}
     extended = [
         one for child in placemark.children if child.tag == "ExtendedData" for one in child.walk()
     ]
     for one in extended:
         if one.tag in ("Data", "SimpleData"):
             value = one.first("value") if one.tag == "Data" else one
-            told[one.attributes.get("name", "")] = "" if value is None else value.text
+            properties[one.attributes.get("name", "")] = "" if value is None else value.text
     return is_no_go(
-        {key: value for key, value in told.items() if key != "styleUrl"}, told["styleUrl"]
+        {key: value for key, value in properties.items() if key != "styleUrl"},
+        properties["styleUrl"],
     )
 
 
