@@ -544,7 +544,7 @@ def _schedule_from(data: Any, robots: int) -> tuple[Sorties, ...] | None:
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration as data: in seconds if the duration is below one minute, and as h:mm:ss
+    """Return a duration as text: in seconds if the duration is below one minute, and as h:mm:ss
     otherwise.
 
     Examples

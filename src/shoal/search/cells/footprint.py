@@ -1,4 +1,4 @@
-"""Footprints: the cells that a robot sees from a cell, and the size of cells for given footprints."""
+"""Footprints: the cells that a robot sees from a cell, and the size of cells for footprints."""
 
 from __future__ import annotations
 

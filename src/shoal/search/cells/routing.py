@@ -61,8 +61,8 @@ class PortalGraph:
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
-        """Number of the piece or whole cell of each node, as in `shoal.search.cells.clipping.Portals`,
-        in increasing order.
+        """Number of the piece or whole cell of each node, numbered as in `Portals`, in increasing
+        order.
         """
         return np.concatenate(
             [np.arange(self._n), self._n + np.flatnonzero(self.grid.clipped.whole)]

@@ -1,4 +1,4 @@
-"""Runs of cells in rows, in compiled code: boustrophedon decomposition, and a better order of the runs."""
+"""Runs of cells in rows, in compiled code: boustrophedon decomposition, and order of the runs."""
 
 from __future__ import annotations
 
