@@ -32,7 +32,7 @@ from shoal.search import (
     plan_search,
     region_of,
 )
-from shoal.search.cells.grid import clip_to_cells, lattice_over, rotated_shape
+from shoal.search.cells.clipping import clip_to_cells, lattice_over, rotated_shape
 from shoal.search.flight.timing import turns_of
 
 AREA = 9e6  # square metres

@@ -16,8 +16,9 @@ from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.planning.plan import plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.network import Crash
+from shoal.search.regions.coverage import Image, coverage_check
 from shoal.search.regions.projection import LocalFrame
-from shoal.search.regions.region import Image, coverage_check, region_of
+from shoal.search.regions.region import region_of
 from shoal.search.run import run
 from shoal.views.search.figures import timeline_figure
 

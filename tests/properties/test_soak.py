@@ -159,7 +159,9 @@ def test_bug_3_no_right_of_way(monkeypatch):
 
 
 def test_bug_4_nobody_takes_over(monkeypatch):
-    monkeypatch.setattr(robots, "_left_cell", lambda robot, wanted, own, mine, time: (None, inf))
+    monkeypatch.setattr(
+        robots, "_cell_of_others", lambda robot, wanted, own, mine, time: (None, inf)
+    )
     assert found_within(60)
 
 

@@ -26,8 +26,9 @@ from shoal.missions.options import CheckOptions
 from shoal.missions.rules import ROUNDING, inside_of, metres_of, searching, way_of
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, image_of
+from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
 from shoal.search.regions.margin import visible_region
-from shoal.search.regions.region import AreaCoverage, SearchRegion, coverage_check, together
+from shoal.search.regions.region import SearchRegion
 
 _RAISED = 0.1  # metres: tolerance for being below a band
 _ROUNDED = 0.05  # tenths of a degree: error of leg directions due to rounded coordinates

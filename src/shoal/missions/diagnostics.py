@@ -14,7 +14,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.missions.fence import Fence
-from shoal.search.regions.formats.xml import Element, XmlError, parse_xml
+from shoal.search.regions.formats.kml import Element, XmlError, parse_xml
 from shoal.search.regions.outline import Points
 
 Severity = Literal["error", "warning"]

@@ -30,7 +30,7 @@ from shoal.missions.formats.fences import (
 from shoal.missions.mission import KINDS, Mission
 from shoal.missions.rules import ROUNDING, check_coordinates, fence_clearances
 from shoal.search.flight.vehicle import Vehicle
-from shoal.search.regions.formats.xml import decode_xml
+from shoal.search.regions.formats.kml import decode_xml
 from shoal.search.regions.outline import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered

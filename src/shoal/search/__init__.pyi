@@ -14,15 +14,11 @@ from .planning.plan import SearchPlan as SearchPlan
 from .planning.plan import plan_search as plan_search
 from .problem import SearchProblem as SearchProblem
 from .regions.builder import open_region as open_region
+from .regions.coverage import AreaCoverage as AreaCoverage
+from .regions.coverage import coverage_check as coverage_check
 from .regions.projection import LocalFrame as LocalFrame
 from .regions.region import (
-    AreaCoverage as AreaCoverage,
-)
-from .regions.region import (
     SearchRegion as SearchRegion,
-)
-from .regions.region import (
-    coverage_check as coverage_check,
 )
 from .regions.region import (
     region_of as region_of,

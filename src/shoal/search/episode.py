@@ -34,17 +34,18 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.planning.plan import SearchPlan, Sorties, end_of, plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.network import Liar
-from shoal.search.regions.region import AreaCoverage, together
+from shoal.search.regions.coverage import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import (
+    Finding,
     RobotLog,
     SearchTrace,
     coverages,
+    merge_findings,
     planned_trace,
     searched_at,
     simulated_trace,
 )
-from shoal.search.simulation.world import Finding, merge_findings
 from shoal.search.tours.masks import bitset_of
 
 FORMAT: Literal[2] = 2
@@ -103,15 +104,15 @@ class SearchEpisode(Episode):
             return f"{left} of {cells} cells that robots can reach were {often}"
         by = "" if count == 1 else f" by {count} robots"
         back = ", and every vehicle that works was back," if self.plan.flies else ""
-        told = (
+        text = (
             f"all {cells} cells that robots can reach were searched{by}{back} after"
             f" {duration_text(self.makespan or 0.0)}"
         )
         if self._as_planned:
-            return f"{told}, according to the plan: nothing was simulated"
+            return f"{text}, according to the plan: nothing was simulated"
         if self._unaware:
-            return f"{told}, but {len(self._unaware)} live robots do not know it"
-        return f"{told}, and every live robot knows it"
+            return f"{text}, but {len(self._unaware)} live robots do not know it"
+        return f"{text}, and every live robot knows it"
 
     @property
     def _as_planned(self) -> bool:
@@ -332,7 +333,7 @@ class SearchEpisode(Episode):
             "messages": {"sent": trace.sent, "lost": trace.lost, "dropped": trace.dropped},
             "takeovers": trace.takeovers,
             "obstacles": {"found": len(self.obstacles), "unreachable_cells": self.unreachable},
-            "findings": [self._told(finding) for finding in self.findings],
+            "findings": [self._finding_report(finding) for finding in self.findings],
             "routes": [self._route(robot) for robot in range(len(trace.robots))],
             "seed": self.seed,
             "seconds": self.seconds,
@@ -380,11 +381,11 @@ class SearchEpisode(Episode):
             "status": log.status,
         }
 
-    def _told(self, finding: Finding) -> dict[str, Any]:
+    def _finding_report(self, finding: Finding) -> dict[str, Any]:
         point, frame = self.plan.positions([finding.cell])[0], self.plan.grid.region.frame
-        told: dict[str, Any] = dict(zip(("x", "y", "altitude"), point.tolist(), strict=False))
+        data: dict[str, Any] = dict(zip(("x", "y", "altitude"), point.tolist(), strict=False))
         if frame is not None:
-            told |= dict(
+            data |= dict(
                 zip(
                     ("longitude", "latitude"),
                     frame.to_degrees(point[None, :2])[0].tolist(),
@@ -392,7 +393,7 @@ class SearchEpisode(Episode):
                 )
             )
         witnesses = {"found_by": list(finding.found_by), "missed_by": list(finding.missed_by)}
-        return told | {"confidence": finding.confidence} | witnesses
+        return data | {"confidence": finding.confidence} | witnesses
 
     def verify(self) -> Verification:
         """Simulate the search again from its plan, and compare the new trace with the stored trace.
@@ -430,7 +431,7 @@ class SearchEpisode(Episode):
         OutputError
         """
         target = check_suffix(path, ".json")
-        told = {
+        data = {
             "format": FORMAT,
             "kind": "search",
             "versions": dict(self.versions),
@@ -441,7 +442,7 @@ class SearchEpisode(Episode):
             "schedule": self.plan.schedule,
             "trace": self.trace.to_dict(),
         }
-        write_json(target, told, indent=None)
+        write_json(target, data, indent=None)
 
     def _self_contained(self) -> SearchProblem:
         """Return the problem with the contents of files in place of the file names."""
@@ -474,13 +475,9 @@ class SearchEpisode(Episode):
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SearchEpisode:
         """Read an episode. The method refuses tours and allocations given as MODULE:ATTRIBUTE,
         unless ``trust`` is true.
-
-        Raises
-        ------
-        InvalidInputError
         """
         source = str(path)
-        told = parse_json(read_text(Path(path), what="search episode"), where=source)
+        data = parse_json(read_text(Path(path), what="search episode"), where=source)
         names = {
             "format",
             "kind",
@@ -493,33 +490,33 @@ class SearchEpisode(Episode):
             "trace",
         }
         if (
-            not isinstance(told, dict)
-            or told.get("kind") != "search"
-            or told.get("format") != FORMAT
-            or set(told) != names
+            not isinstance(data, dict)
+            or data.get("kind") != "search"
+            or data.get("format") != FORMAT
+            or set(data) != names
         ):
             raise InvalidInputError(
-                f"{source}: expected a search episode of format {FORMAT}, got {shortened(told)}"
+                f"{source}: expected a search episode of format {FORMAT}, got {shortened(data)}"
             )
         try:
-            seed = check_integer(told["seed"], what="seed", least=0)
+            seed = check_integer(data["seed"], what="seed", least=0)
             if not trust:
-                SearchProblem.refuse_code(told["problem"], where="problem")
-            problem = SearchProblem.from_dict(told["problem"])
+                SearchProblem.refuse_code(data["problem"], where="problem")
+            problem = SearchProblem.from_dict(data["problem"])
             plan = plan_search(problem, seed=seed)
-            plan = replace(plan, schedule=_schedule_from(told["schedule"], problem.robots))
+            plan = replace(plan, schedule=_schedule_from(data["schedule"], problem.robots))
             return cls(
                 problem=problem,
                 plan=plan,
                 scenario=scenario_of(problem, plan, seed),
                 trace=SearchTrace.from_dict(
-                    told["trace"], robots=problem.robots, cells=len(plan.tour_cost)
+                    data["trace"], robots=problem.robots, cells=len(plan.tour_cost)
                 ),
-                simulated=check_bool(told["simulated"], what="simulated"),
+                simulated=check_bool(data["simulated"], what="simulated"),
                 seed=seed,
-                seconds=check_number(told["seconds"], what="seconds"),
+                seconds=check_number(data["seconds"], what="seconds"),
                 versions={
-                    str(name): str(version) for name, version in dict(told["versions"]).items()
+                    str(name): str(version) for name, version in dict(data["versions"]).items()
                 },
             )
         except (ShoalError, TypeError, ValueError) as error:

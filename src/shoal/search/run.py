@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -16,15 +15,15 @@ from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.episode import SearchEpisode
 from shoal.search.planning.plan import SearchPlan, plan_search, start_points
-from shoal.search.problem import ALLOCATIONS, TOURS, SearchProblem
+from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO, read_key
 from shoal.search.problem.network import network_of
-from shoal.search.regions.places import places_of, read_points
+from shoal.search.regions.places import places_of, points_inside
 from shoal.search.regions.region import SearchRegion
 from shoal.search.simulation.live.supervisor import live_trace
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
-from shoal.search.tours.tour import TOURS as MAKERS
+from shoal.search.tours import TOURS
 
 SIMULATED = 1_000_000
 """Size of the largest search that Shoal simulates by default.
@@ -90,10 +89,6 @@ def check(problem: SearchProblem) -> None:
     The function plans the search only if nothing less can tell whether it can run: if third-party
     code makes the tour or the allocation, or if the problem has so many targets or obstacles, or so
     large a search, that the number of cells decides.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
     problem.check_at_place()
     region, robots = problem.place, problem.robots
@@ -101,12 +96,11 @@ def check(problem: SearchProblem) -> None:
         read_key(problem.key)
     elif network_of(problem.network, loss=problem.loss).has("forgeries"):
         raise InvalidInputError("network: expected a key together with forged messages, got none")
-    for names, registry, asked in (
-        (TOURS, MAKERS, problem.tour),
-        (ALLOCATIONS, ALLOCATORS, problem.allocation),
-    ):
-        if asked not in (*names, AUTO):
-            registry.get(asked)
+    third_party = [
+        registry.get(name)
+        for registry, name in ((TOURS, problem.tour), (ALLOCATORS, problem.allocation))
+        if name not in (*registry, AUTO)
+    ]
     side = float(np.min(problem.chosen_footprint))
     grid = _cells_of(region, side, problem.chosen_angle or 0.0)
     start_points(problem, grid, np.random.default_rng(0))
@@ -115,12 +109,8 @@ def check(problem: SearchProblem) -> None:
     for name in ("targets", "obstacles"):
         given = getattr(problem, name)
         if not isinstance(given, int):
-            points = (
-                read_points(Path(given), region, what=name) if isinstance(given, str) else given
-            )
-            region.check_inside(points, what=given if isinstance(given, str) else name)
+            points_inside(given, region, what=name)
     fewest = max(1, int(region.area_m2 / side**2))
-    extended = problem.tour not in (*TOURS, AUTO) or problem.allocation not in (*ALLOCATIONS, AUTO)
     many = any(
         isinstance(number, int) and number > fewest - robots
         for number in (problem.targets, problem.obstacles)
@@ -129,7 +119,7 @@ def check(problem: SearchProblem) -> None:
     unsure = problem.simulate is False or (
         problem.simulate is None and 2 * robots * max(grid.n_cells, robots**2 // 2) > SIMULATED
     )
-    if extended or many or (unsure and problem.live is None):
+    if third_party or many or (unsure and problem.live is None):
         plan = plan_search(problem, seed=0)
         scenario = scenario_of(problem, plan, 0)
         if not _is_simulated(problem, plan):

@@ -16,7 +16,7 @@ from shoal.cli import run
 from shoal.missions import check_missions
 from shoal.search import SearchEpisode, TourCost, cells_of, coverage_check, make_tour, open_region
 from shoal.search.allocation.viewpoints import gain_of, select_viewpoints
-from shoal.search.cells.grid import MaskFootprint, RegionFootprint, cell_side, widths_of
+from shoal.search.cells.footprint import MaskFootprint, RegionFootprint, cell_side, widths_of
 from shoal.search.problem.network import Crash, Liar
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.masks import at_least, bitset_of

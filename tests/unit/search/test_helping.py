@@ -10,7 +10,7 @@ from tests.search_episodes import search
 
 from shoal.search import TourCost, make_tour
 from shoal.search.problem.network import Crash, Pause, Slow, network_of
-from shoal.search.protocol import robot as helping
+from shoal.search.protocol import helping
 from shoal.search.protocol import state as inference
 from shoal.search.protocol.state import Brief
 from shoal.search.simulation.scenario import Scenario

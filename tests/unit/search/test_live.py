@@ -495,7 +495,7 @@ def test_vehicle_stops_before_a_cell_until_it_may_enter():
 def test_only_one_process_is_in_a_cell_and_death_frees_it():
     with tempfile.TemporaryFile() as ground:
         code = (
-            "import os, sys; from shoal.search.simulation.live import cell_locks; ground ="
+            "import os, sys; from shoal.search.simulation.live import agent as cell_locks; ground ="
             " int(sys.argv[1])\nprint(cell_locks.enter(ground, 3), cell_locks.enter(ground, 4),"
             " flush=True); sys.stdin.read()"
         )

@@ -29,7 +29,7 @@ from tests.unit.search.test_regions import (
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, open_region
 from shoal.search.regions import outline as outline_checks
-from shoal.search.regions.formats import features as geopackage
+from shoal.search.regions.formats import geodata, tables
 from shoal.search.regions.outline import check_overlaps
 from shoal.search.regions.places import read_points
 
@@ -384,7 +384,7 @@ def test_files_over_a_budget_are_refused_in_one_sentence(name, content, words_, 
 def test_blank_lines_of_a_table_cost_nothing_and_points_have_a_budget(tmp_path, monkeypatch):
     lines = "x_m,y_m\n" + "\n" * 100_000 + "0,0\n9,0\n9,9\n" + "\n" * 100_000
     assert open_region(saved(tmp_path, "a.csv", lines)).area_m2 == 40.5
-    monkeypatch.setattr(geopackage, "MOST_CORNERS", 1000)
+    monkeypatch.setattr(tables, "MOST_CORNERS", 1000)
     path = saved(tmp_path, "b.csv", "1,1\n" * 1_000_000)
     for read in (
         open_region,
@@ -484,7 +484,7 @@ def test_shapes_of_a_geopackage_have_a_budget_and_are_never_computed(tmp_path, m
             open_region(path)
         database.execute("UPDATE gpkg_geometry_columns SET column_name = ?", (column,))
         database.commit()
-    monkeypatch.setattr(geopackage, "LARGEST_FILE", 1000)
+    monkeypatch.setattr(geodata, "LARGEST_FILE", 1000)
     with pytest.raises(
         InvalidInputError, match="layer 'a': expected at most 1000 bytes of shapes, got"
     ):

@@ -13,6 +13,7 @@ from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table
 from shoal.core.checks import shape_text
 from shoal.core.errors import InvalidInputError
+from shoal.search.tours import TOURS
 
 if TYPE_CHECKING:
     from shoal.search import Tour
@@ -26,10 +27,7 @@ def tour(
         str,
         typer.Argument(
             metavar="NAME",
-            help=(
-                "Kind of tour: hilbert, open-hilbert, moore, hilbert-rectangle, comb, spanning-tree"
-                " or MODULE:ATTRIBUTE."
-            ),
+            help=f"Kind of tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE.",
         ),
     ],
     size: Annotated[

@@ -18,7 +18,7 @@ from shoal.missions.formats.items import (
     take_attributes,
 )
 from shoal.missions.mission import Mission
-from shoal.search.regions.formats.xml import Element
+from shoal.search.regions.formats.kml import Element
 
 
 def write(mission: Mission) -> str:

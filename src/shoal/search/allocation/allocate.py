@@ -16,7 +16,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
 from shoal.search.allocation.costs import Floats, TourCost
 from shoal.search.allocation.viewpoints import gain_of, select_viewpoints
-from shoal.search.cells.grid import check_widths
+from shoal.search.cells.footprint import check_widths
 from shoal.search.kernels import shares
 from shoal.search.kernels.shares import Team as Team  # noqa: PLC0414 - an argument of allocators
 from shoal.search.tours.masks import arc_bits, runs, turned

@@ -16,7 +16,7 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances, Distances
-from shoal.search.cells.grid import Footprint, MaskFootprint, Numbers
+from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers
 from shoal.search.flight.timing import STRAIGHT
 from shoal.search.kernels.shares import TourArrays
 from shoal.search.tours import Tour

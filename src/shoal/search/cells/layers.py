@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.search.cells.distances import CellDistances, CellPlane, Distances
-from shoal.search.cells.grid import CellGrid, Footprint
+from shoal.search.cells.footprint import Footprint
+from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion

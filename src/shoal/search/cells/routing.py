@@ -61,8 +61,8 @@ class PortalGraph:
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
-        """Number of the piece or whole cell of each node, as in `shoal.search.cells.grid.Portals`,
-        in increasing order.
+        """Number of the piece or whole cell of each node, numbered as in `Portals`, in increasing
+        order.
         """
         return np.concatenate(
             [np.arange(self._n), self._n + np.flatnonzero(self.grid.clipped.whole)]
@@ -128,7 +128,7 @@ Ways = Callable[[Points, Points], Points]
 
 # how far paths may lead around the region and the launch points, relative to the longer side of
 # their bounds
-_ROOM = 1.0
+_SURROUNDINGS = 1.0
 
 
 class Transits:
@@ -170,25 +170,21 @@ class Transits:
             else check_plane_points(landing, what="landing points")
         )
         places = np.vstack([launches, landings])
-        holes = [
-            shapely.Polygon(hole)
-            for part in shapely.get_parts(region.outline)
-            for hole in part.interiors
-        ]
         there = shapely.multipoints(places)
         # No path to a place or to a part of the region inside a hole avoids the hole.
         crossed = [
-            hole.intersects(there) or hole.intersection(region.outline).area > 0 for hole in holes
+            hole.intersects(there) or hole.intersection(region.outline).area > 0
+            for hole in region.holes
         ]
         barred = shapely.union_all(
             [
                 region.barred,
-                *(hole for hole, open_ in zip(holes, crossed, strict=True) if not open_),
+                *(hole for hole, open_ in zip(region.holes, crossed, strict=True) if not open_),
             ]
         )
         low, high = np.array(region.outline.union(there).bounds).reshape(2, 2)
-        room = _ROOM * float((high - low).max()) + 2 * region.margin
-        around = shapely.box(*(low - room), *(high + room))
+        distance = _SURROUNDINGS * float((high - low).max()) + 2 * region.margin
+        around = shapely.box(*(low - distance), *(high + distance))
         space = polygons_in(
             shapely.union_all(
                 [
@@ -272,11 +268,8 @@ class WaysOut:
         return self._known[key]
 
 
-_MARGINS = (
-    1.0,
-    4.0,
-    16.0,
-)  # distance from a leg, in cells, within which corners are considered: initial, growth factor, maximum
+# distance from a leg, in cells, within which corners are considered
+_FIRST_WIDTH, _WIDTH_FACTOR, _MOST_WIDTH = 1.0, 4.0, 16.0
 _MOST_CORNERS = 1000
 _HAIR = 1e-9  # relative to a cell: rounding error
 
@@ -402,11 +395,6 @@ class RegionPaths:
         counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
         begins = np.cumsum(counts) - counts
         within = np.arange(int(counts.sum())) - np.repeat(begins, counts)
-        within = np.where(
-            np.repeat(self._backwards(index), counts),
-            np.repeat(counts, counts) - 1 - within,
-            within,
-        )
         visit = within + np.repeat(grid.viewpoint_starts[index], counts)
         # A leg between the centres of neighbouring whole cells stays inside the region, unless the
         # margin is wide.
@@ -436,28 +424,6 @@ class RegionPaths:
         return np.asarray(
             grid.clipped.whole[tuple(grid.cells.T)] & single & (away < _HAIR * grid.size)
         )
-
-    def _backwards(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return, for each cell, whether a vehicle visits the cell's viewpoints in reverse order.
-
-        If the first viewpoint of one cell is the last viewpoint of the next cell, the order is
-        reverse in these two cells.
-        """
-        grid = self.grid
-        first, last = (
-            grid.viewpoints[grid.viewpoint_starts[index]],
-            grid.viewpoints[grid.viewpoint_starts[index + 1] - 1],
-        )
-        many = (grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]) > 1
-        joined = (
-            many[:-1]
-            & many[1:]
-            & (np.abs(first[:-1] - last[1:]).max(axis=1, initial=0.0) < _HAIR * grid.size)
-        )
-        back = np.zeros(len(index), dtype=np.bool_)
-        back[:-1] |= joined
-        back[1:] |= joined
-        return back
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
         """Return the path through the stops. The array ``known`` tells for each leg whether the leg
@@ -508,11 +474,11 @@ class RegionPaths:
         None.
         """
         best: Points | None = None
-        straight, most = float(np.hypot(*(end - start))), _MARGINS[-1] * self.grid.size
-        room = _MARGINS[0] * self.grid.size
+        straight, most = float(np.hypot(*(end - start))), _MOST_WIDTH * self.grid.size
+        width = _FIRST_WIDTH * self.grid.size
         while True:
             candidates = self._corners.within(
-                np.minimum(start, end) - room, np.maximum(start, end) + room
+                np.minimum(start, end) - width, np.maximum(start, end) + width
             )
             if len(candidates) > _MOST_CORNERS:
                 return best
@@ -520,9 +486,9 @@ class RegionPaths:
             best = best if found is None else found
             # A path around more distant corners would have to go there and come back.
             needed = np.inf if found is None else (length_of(found) - straight) / 2
-            if needed <= room or room >= most:
+            if needed <= width or width >= most:
                 return best
-            room = min(_MARGINS[1] * room if found is None else needed, most)
+            width = min(_WIDTH_FACTOR * width if found is None else needed, most)
 
     @cached_property
     def _corners(self) -> VisibilityGraph:
@@ -563,9 +529,9 @@ class RegionPaths:
         for k, free in enumerate(straight.tolist()):
             leg = stops[k : k + 2]
             if not free:
-                middle, room = leg.mean(axis=0), 1.01 * self.grid.size
+                middle, side = leg.mean(axis=0), 1.01 * self.grid.size
                 leg = self._by_corners(
-                    leg[0], leg[1], self._corners.within(middle - room, middle + room)
+                    leg[0], leg[1], self._corners.within(middle - side, middle + side)
                 )
             legs.append(leg[1:])
         return np.concatenate(legs)

@@ -15,7 +15,7 @@ from shoal.core.checks import check_choice, parse_json, parse_toml, read_text, s
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
-from shoal.search.regions.region import Image
+from shoal.search.regions.coverage import Image
 
 PRESETS: dict[str, dict[str, float]] = {
     "ideal": {"cruise_speed": 1.0, "altitude": 30.0},

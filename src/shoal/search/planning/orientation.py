@@ -12,12 +12,13 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
-from shoal.search.cells.grid import CellGrid, cells_of, rotated_shape
+from shoal.search.cells.clipping import rotated_shape
+from shoal.search.cells.grid import cells_of
 from shoal.search.cells.layers import (
     Grid,
     LayeredGrid,
@@ -27,9 +28,7 @@ from shoal.search.cells.layers import (
     with_climb_cost,
 )
 from shoal.search.cells.routing import RegionPaths, Route
-from shoal.search.cells.shortening.border_paths import along_border
-from shoal.search.cells.shortening.exchanging import MOST, exchanged
-from shoal.search.cells.visibility_graph import along_tour
+from shoal.search.cells.windows import along_tour
 from shoal.search.flight.timing import turn_shares
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, TourMaker, make_tour
@@ -149,11 +148,6 @@ def time_with_sorties(
     return latest
 
 
-ON_ROWS = ("boustrophedon",)
-"""Names of tours along the rows of cells. For these tours, the viewpoints of border cells lie on a
-path with few bends.
-"""
-
 TURN = 0.85
 """Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns
 in no time.
@@ -169,14 +163,7 @@ _STEP = 10.0  # degrees between compared angles, besides the angles of the outli
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
 _TRIED = 4  # number of orientations that are planned in full
-_DRAFTED = 16  # number of orientations that get a draft, if exchanges shorten the tours
-# number of drafts of each kind of tour whose cells are exchanged again, before the best one is
-# completed
-_FINALISTS = 2
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
-_QUICK = {
-    "boustrophedon": BoustrophedonTour(disturbances=30)
-}  # tour makers that suffice before exchanges of cells
 _ROWS = 120  # maximum number of rows for an estimate
 
 
@@ -229,7 +216,6 @@ def grid_tour(
     turn_cost: float = 0.0,
     stepwise: bool = False,
     transit: bool = False,
-    exchange: bool = False,
     along_rows: bool | None = None,
 ) -> GridTour:
     """Divide a region into cells whose rows have a given angle, and compute a tour through these
@@ -254,9 +240,6 @@ def grid_tour(
     transit : bool
         Whether paths may lead outside the region from one of its parts to another, as in
         `RegionPaths`.
-    exchange : bool
-        Whether exchanges of cells, and paths along the border, shorten the tour, as in `exchanged`
-        and `along_border`. If true, each robot must visit all viewpoints of its cells.
     along_rows : bool, optional
         Direction of a tour that can run along or across the rows: true for along, and false for
         across. By default, the tour maker decides.
@@ -268,13 +251,9 @@ def grid_tour(
     <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
     """
     turn = turn_cost or TURN
-    on_rows = (exchange or tour in ON_ROWS) and not stepwise
-    grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
+    grid = cells_of(region, size, angle=angle, offset=(0.0, offset))
     made = make_tour(_maker(tour, along_rows), grid.mask)
-    if on_rows and exchange:
-        grid, made = _exchanged(grid, exchanged(grid, made, turn)[0], turn)
-        grid = along_border(grid, made.cells, turn)
-    elif on_rows:
+    if tour == BoustrophedonTour.name and not stepwise:  # long rows have few bends at their ends
         grid = along_tour(grid, made.cells, turn)
     return GridTour(grid, made, RegionPaths(grid, transit=transit))
 
@@ -284,22 +263,6 @@ def _maker(name: str, along_rows: bool | None) -> str | TourMaker:
     along or across the rows.
     """
     return name if along_rows is None or name not in _TURNABLE else _TURNABLE[name](along_rows)
-
-
-def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]:
-    """Return the grid with new viewpoints, and the tour shortened by exchanges."""
-    tour = exchanged(along_tour(grid, tour.cells, turn), tour, turn)[0]
-    return along_tour(grid, tour.cells, turn), tour
-
-
-def can_exchange(region: SearchRegion, size: float, footprints: ArrayLike) -> bool:
-    """Return whether exchanges may shorten a tour: the region has at most `MOST` cells, and all
-    footprints are equal.
-
-    After exchanges, some cells are visible only from their own viewpoints. A robot with a wide
-    footprint in a neighbouring cell does not see these cells.
-    """
-    return bool(np.unique(footprints).size == 1 and region.area_m2 <= MOST * size**2)
 
 
 def in_layers(
@@ -373,7 +336,6 @@ def best_grid_tour(
     angle: float | None = None,
     stepwise: bool = False,
     transit: bool = False,
-    exchange: bool = False,
     along_rows: bool | None = None,
 ) -> GridTour:
     """Return the cells and the tour with the lowest cost of one round, over all compared tours,
@@ -381,8 +343,7 @@ def best_grid_tour(
 
     For each pair of an angle and a shift, the function estimates the cost of one round from the
     number and the lengths of the rows. It computes complete tours only for the four pairs with the
-    lowest estimated cost, and in large regions for fewer pairs. If exchanges shorten the tours, the
-    function drafts tours for more pairs, and completes only the best drafts.
+    lowest estimated cost, and in large regions for fewer pairs.
 
     Parameters
     ----------
@@ -396,28 +357,26 @@ def best_grid_tour(
     angle : float, optional
         Angle of the rows of cells in degrees. If an angle is given, the shift is 0, and the
         function compares only the tours.
-    stepwise, transit, exchange, along_rows
+    stepwise, transit, along_rows
         Arguments of `grid_tour`.
     """
     turn = turn_cost or TURN
-    exchange = exchange and not stepwise
-    tried = max(1, min(_DRAFTED if exchange else _TRIED, int(_WORK * size**2 / region.area_m2)))
-    estimated = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
-    if exchange:
-        makers = [_QUICK.get(name) or _maker(name, along_rows) for name in tours]
-        whole = _exchanged_tours(region, size, makers, estimated[:tried], turn, transit)
-    else:
-        given: dict[str, Any] = {
-            "stepwise": stepwise,
-            "transit": transit,
-            "turn_cost": turn,
-            "along_rows": along_rows,
-        }
-        chosen = product(estimated[:tried], tours)
-        whole = [
-            grid_tour(region, size, tour, angle=way, offset=offset, **given)
-            for (way, offset), tour in chosen
-        ]
+    tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
+    orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
+    whole = [
+        grid_tour(
+            region,
+            size,
+            tour,
+            angle=direction,
+            offset=offset,
+            turn_cost=turn,
+            stepwise=stepwise,
+            transit=transit,
+            along_rows=along_rows,
+        )
+        for (direction, offset), tour in product(orientations[:tried], tours)
+    ]
     found = sorted(
         ((laid, laid.once_round(turn, turn_cost * size)) for laid in whole), key=lambda one: one[1]
     )
@@ -434,35 +393,6 @@ def best_grid_tour(
     kept = replace(best, compared=tuple(chosen_among))
     vars(kept)["route"] = best.route  # known already
     return kept
-
-
-def _exchanged_tours(
-    region: SearchRegion,
-    size: float,
-    makers: Sequence[str | TourMaker],
-    orientations: Sequence[tuple[float, float]],
-    turn: float,
-    transit: bool,
-) -> list[GridTour]:
-    """Return the best of all tours with paths along the border, followed by the best tour of each
-    kind without such paths.
-    """
-    drafts: list[tuple[CellGrid, Tour, float]] = []
-    for angle, offset in orientations:
-        grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
-        drafts += [(grid, *exchanged(grid, make_tour(maker, grid.mask), turn)) for maker in makers]
-    drafts.sort(key=lambda draft: draft[2])
-    laid: list[tuple[float, CellGrid, GridTour]] = []
-    for kind in dict.fromkeys(tour.name for _, tour, _ in drafts):
-        for draft in [one for one in drafts if one[1].name == kind][:_FINALISTS]:
-            grid, tour = _exchanged(draft[0], draft[1], turn)
-            finalist = GridTour(grid, tour, RegionPaths(grid, transit=transit))
-            laid.append((finalist.once_round(turn), grid, finalist))
-    laid.sort(key=lambda one: one[0])
-    best = {one.tour.name: one for _, _, one in reversed(laid)}
-    tour = laid[0][2].tour
-    grid = along_border(laid[0][1], tour.cells, turn)
-    return [GridTour(grid, tour, RegionPaths(grid, transit=transit)), *best.values()]
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:

@@ -21,7 +21,8 @@ from shoal.search.allocation.allocate import Allocation, Arc, in_passes, numbers
 from shoal.search.allocation.costs import TourCost
 from shoal.search.allocation.viewpoints import select_viewpoints
 from shoal.search.cells.distances import CellDistances, RegionDistances
-from shoal.search.cells.grid import CellGrid, RegionFootprint, cell_side, widths_of
+from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
+from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.layers import (
     Grid,
     LayeredDistances,
@@ -47,15 +48,15 @@ from shoal.search.planning.orientation import (
     Candidate,
     GridTour,
     best_grid_tour,
-    can_exchange,
     compared_allocations,
     in_layers,
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
+from shoal.search.regions.coverage import Image, check_footprints, coverage_check
 from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of, read_points
-from shoal.search.regions.region import TOUCH, Image, SearchRegion, check_footprints, coverage_check
+from shoal.search.regions.region import TOUCH, SearchRegion
 from shoal.search.tours import Tour
 
 LAYOUTS = ("random", "clustered", "line")
@@ -826,9 +827,6 @@ def _grid_tour(
         "stepwise": problem.stepwise,
     }
     tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)
-    given["exchange"] = len(tours) > 1 and can_exchange(
-        problem.place, sizes[0], problem.chosen_footprint
-    )
     given["along_rows"] = isinstance(problem.angle, float) or None
     first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **given)
     name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name

@@ -35,12 +35,14 @@ from shoal.search.problem.fields import (
 )
 from shoal.search.problem.network import Fault, check_faults, fault_text
 from shoal.search.regions.builder import INNER, open_region
+from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
 from shoal.search.regions.outline import check_spikes
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.projection import ROUNDED
-from shoal.search.regions.region import Image, SearchRegion
+from shoal.search.regions.region import SearchRegion
+from shoal.search.tours import TOURS
 
 AUTO_TOUR = "spanning-tree"
 """The tour that ``auto`` means for a single pass if Shoal does not compare tours. This tour is the
@@ -62,15 +64,6 @@ READING = ("layer", "inner", "hidden", "closed_lines")
 """Fields that decide how files of regions and no-go zones are read."""
 
 LIVE_FAULTS = ("crash", "slow")
-TOURS = (
-    "spanning-tree",
-    "boustrophedon",
-    "comb",
-    "hilbert-rectangle",
-    "hilbert",
-    "moore",
-    "open-hilbert",
-)
 ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 
 
@@ -223,7 +216,7 @@ class SearchProblem(Problem):
             " the faster tour of spanning-tree and boustrophedon. In any other search, auto means"
             " spanning-tree."
         ),
-        names=TOURS,
+        names=tuple(TOURS),
     )
     allocation: str = option(
         "auto",

@@ -11,7 +11,7 @@ from zlib import crc32
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.cells.grid import WIDEST
+from shoal.search.cells.footprint import WIDEST
 from shoal.search.tours.masks import bits_of_intervals, intervals
 
 Status = Literal["listening", "searching", "waiting", "complete"]
@@ -111,7 +111,7 @@ def _facts(beacon: Beacon) -> Iterator[bytes]:
     without the others.
     """
     for heartbeat in beacon.heartbeats:
-        yield _told(heartbeat)
+        yield _encoded_heartbeat(heartbeat)
     for kind, sets in (
         (_SEARCHED, beacon.searched),
         (_FOUND, beacon.found),
@@ -121,19 +121,19 @@ def _facts(beacon: Beacon) -> Iterator[bytes]:
             yield from _pieces(_numbers(kind, number), intervals(bits))
 
 
-def _told(heartbeat: Heartbeat) -> bytes:
+def _encoded_heartbeat(heartbeat: Heartbeat) -> bytes:
     flags = (
         _STATUSES.index(heartbeat.status)
         | _RATED * (heartbeat.rate != 1.0)
         | _WIDE * (heartbeat.width > 1)
     )
     lag = round(heartbeat.lag / LAG_UNIT)
-    told = _numbers(
+    body = _numbers(
         _HEARTBEAT, heartbeat.robot, heartbeat.count, flags, heartbeat.start, heartbeat.place, lag
     )
     if heartbeat.rate != 1.0:
-        told += struct.pack("<d", heartbeat.rate)
-    return told + _numbers(heartbeat.width) if heartbeat.width > 1 else told
+        body += struct.pack("<d", heartbeat.rate)
+    return body + _numbers(heartbeat.width) if heartbeat.width > 1 else body
 
 
 _PIECE = 32  # maximum bytes of intervals in a byte string, which must fit into the shortest message
@@ -309,8 +309,8 @@ class Sender:
         """Return the messages that transmit a beacon. ``clock`` is the present time of the sender's
         clock in milliseconds.
         """
-        room = self._most - _HEAD - (_SIGNATURE if self._key else _CHECKSUM)
-        return [self._message(body, clock) for body in encode_beacon(beacon, room)]
+        longest = self._most - _HEAD - (_SIGNATURE if self._key else _CHECKSUM)
+        return [self._message(body, clock) for body in encode_beacon(beacon, longest)]
 
     def _message(self, body: bytes, clock: int) -> bytes:
         self._stamp = max(self._stamp + 1, clock)

@@ -170,7 +170,7 @@ class Robot:
         declared speed.
     lost, got : int
         Number of messages known to be lost, and number of messages that the robot has received.
-    told : tuple of tuple of mapping
+    announced : tuple of tuple of mapping
         For each of the latest beacons, the searched, found and blocked cells that the robot knew
         when it sent the beacon.
     window : int
@@ -212,7 +212,7 @@ class Robot:
     lag: float = 0.0
     lost: int = 0
     got: int = 0
-    told: tuple[tuple[Mapping[int, int], ...], ...] = ()
+    announced: tuple[tuple[Mapping[int, int], ...], ...] = ()
     window: int = 0
     lingering: int = _LINGER
 
@@ -364,18 +364,13 @@ Action = Go | GoHome | Send | WakeAt | Declare
 
 _FALSE_POSITIVE_RATE = 0.01  # false-positive rate of the failure detector
 MARK = 8.0  # beacon periods: minimum observation time for estimating a robot's speed
-_TOLERATED, _BEATS = (
-    0.25,
-    4.0,
-)  # tolerated lag: fraction of the elapsed time, plus number of beacon periods
-_RELUCTANCE = (
-    1.4  # tolerated lag of the robot itself, divided by the tolerated lag of another robot
-)
+# tolerated lag: fraction of the elapsed time, plus number of beacon periods
+_TOLERATED, _BEATS = 0.25, 4.0
+# tolerated lag of the robot itself, divided by the tolerated lag of another robot
+_RELUCTANCE = 1.4
 _CRAWL = 1e-3  # lower bound of a robot's estimated speed, divided by its declared speed
-_SILENCE = (
-    3.0,
-    40.0,
-)  # beacon periods: minimum and maximum silence after which a robot is presumed dead
+# beacon periods: minimum and maximum silence after which a robot is presumed dead
+_SILENCE = 3.0, 40.0
 
 
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
@@ -465,12 +460,8 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
     footprint.
     """
     if number == robot.number:
-        gone, behind, rate, width = (
-            time - robot.allotted_at,
-            robot.lag_at(time),
-            robot.rate,
-            robot.width,
-        )
+        gone, behind = time - robot.allotted_at, robot.lag_at(time)
+        rate, width = robot.rate, robot.width
     else:
         peer = robot.peers[number]
         since, lag = peer.marks[0]
@@ -521,12 +512,8 @@ def settled(robot: Robot, time: float) -> int:
         return at_least(everyone, 1)
     mine = seen.get(robot.number, 0)
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
-    for (
-        number,
-        peer,
-    ) in (
-        robot.peers.items()
-    ):  # no further robot can search a cell that all live robots have searched
+    # no further robot can search a cell that all live robots have searched
+    for number, peer in robot.peers.items():
         if is_live(robot, number, time) and _waits_for_others(robot, time):
             theirs = seen.get(number, 0)
             if isinstance(distances, CellDistances):

@@ -12,27 +12,17 @@ import numpy as np
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
-from shoal.search.regions.region import SearchRegion, footprints_along, polygons_in
+from shoal.search.regions.coverage import footprints_along
+from shoal.search.regions.region import SearchRegion, polygons_in
 
 _SEGMENTS = 32  # segments of a quarter circle: arcs are within 0.03 % of the margin
 # maximum distance of a bend from a corner, divided by the margin; the bend replaces an arc around
 # the corner
 _POINTED = 2.0
-_COARSE = (
-    0.02  # smallest step of `coarse`, relative to the side of a square with the area of the shape
-)
-_SHARES = (
-    1.0,
-    0.75,
-    0.5,
-    0.35,
-    0.25,
-    0.15,
-    0.1,
-    0.05,
-    0.02,
-    0.01,
-)  # of the wanted margin, tried in this order
+# smallest step of `coarse`, relative to the side of a square with the area of the shape
+_COARSE = 0.02
+# of the wanted margin, tried in this order
+_SHARES = 1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.02, 0.01
 # share of a region that a default margin may leave unseen: half of what the mission check tolerates
 _MOST_UNSEEN = 5e-4
 _EARTH = 6_371_000.0  # metres: radius of the Earth

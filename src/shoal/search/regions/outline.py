@@ -93,10 +93,6 @@ def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
 def check_count(count: int, most: int, *, where: str, what: str) -> None:
     """Refuse a file with more than ``most`` items. Error messages name the file ``where`` and the
     items ``what``.
-
-    Raises
-    ------
-    InvalidInputError
     """
     if count > most:
         raise InvalidInputError(f"{where}: expected at most {most} {what}, got {count}")
@@ -145,10 +141,6 @@ class Ring:
     def check_vertices(self, right: ArrayLike, expected: str, note: str = "") -> None:
         """Raise an error with the texts ``expected`` and ``note`` for the first vertex whose entry
         in ``right`` is false.
-
-        Raises
-        ------
-        InvalidInputError
         """
         if not np.all(right):
             index = int(np.argmin(right))
@@ -188,10 +180,6 @@ def text_of(point: ArrayLike) -> str:
 def check_plane_points(points: Any, *, what: str) -> Points:
     """Check that points are finite, and return them as a float64 array of shape (n, 2). The list of
     points may be empty.
-
-    Raises
-    ------
-    InvalidInputError
     """
     return check_points(
         np.zeros((0, 2)) if isinstance(points, Sized) and len(points) == 0 else points,
@@ -327,10 +315,6 @@ def check_overlaps(polygons: list[Any], where: str) -> None:
 
     The work of a union grows with the number of crossings: two combs of 1,500 teeth cross each
     other nine million times.
-
-    Raises
-    ------
-    InvalidInputError
     """
     import shapely
 
@@ -367,10 +351,6 @@ def check_spikes(area: Any, footprint: float, where: str) -> None:
     border in cells for each cell of area. A smooth border has few such sides for its area, and a
     long corridor has many cells. A ring of 3,000 spikes of one kilometre around 0.3 km2 has 6,000
     sides and 860 cells of border for each cell of 50 m.
-
-    Raises
-    ------
-    InvalidInputError
     """
     import shapely
 
@@ -418,10 +398,6 @@ def _meeting_sides(sides: Any, others: Any, *, most: int = MOST_CROSSINGS) -> in
 def check_metres(ring: Ring) -> None:
     """Refuse a ring with a coordinate above `FARTHEST` metres, because a float64 cannot store small
     fractions of such a coordinate.
-
-    Raises
-    ------
-    InvalidInputError
     """
     near = ~(np.abs(ring.points) > FARTHEST).any(
         axis=1
@@ -432,10 +408,6 @@ def check_metres(ring: Ring) -> None:
 def check_degrees(ring: Ring) -> None:
     """Refuse a ring that has an invalid longitude or latitude, comes near a pole, or crosses the
     180° meridian.
-
-    Raises
-    ------
-    InvalidInputError
     """
     longitude, latitude = np.abs(ring.points).T
     swapped = (latitude > 90).any() and (longitude <= 90).all() and (latitude <= 180).all()

@@ -47,10 +47,6 @@ class LocalFrame:
     longitude, latitude : float
         Longitude and latitude of the origin in degrees (WGS84).
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> frame = LocalFrame(8.5, 47.4)

@@ -2,42 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import field
 from functools import cached_property
 from itertools import pairwise
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances
-from shoal.search.cells.grid import check_widths
+from shoal.search.cells.footprint import check_widths
 from shoal.search.cells.layers import LayeredGrid, layers_of
 from shoal.search.flight.timing import climbing_seconds, working_seconds
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.network import (
-    BadLinks,
     Crash,
     Fault,
-    Link,
     RadioNetwork,
     WrongPosition,
-    damage,
     network_of,
 )
-from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat, Receiver, Sender
 from shoal.search.protocol.state import Brief
-from shoal.search.regions.places import read_points
+from shoal.search.regions.places import points_inside
 from shoal.search.tours.masks import bitset_of
 
 TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
+
+
 # time between two attempts, in units of the time in which a robot of speed 1 searches one cell
 RETRY = 0.25
 
@@ -268,9 +263,7 @@ def _cells_of(
             return tuple(sorted(int(cell) for cell in chosen))
         inside = plan.positions(chosen)[:, :2]
     else:
-        region = plan.grid.region
-        points = read_points(Path(given), region, what=what) if isinstance(given, str) else given
-        inside = region.check_inside(points, what=given if isinstance(given, str) else what)
+        inside = points_inside(given, plan.grid.region, what=what)
     found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]
     if isinstance(plan.grid, LayeredGrid):
         found = [
@@ -279,100 +272,3 @@ def _cells_of(
     return tuple(
         sorted({int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]})
     )
-
-
-_RECORDED = 1000  # number of recorded messages for replay attacks
-_WINDOW = 100  # cells: maximum difference between a message's stamp and the receiver's clock
-_KEY, _OTHER_KEY = b"of the robots", b"of somebody else"
-
-Message = Beacon | bytes
-
-
-class Air:
-    """The radio channel between simulated robots.
-
-    The channel encodes beacons as bytes only if messages are signed, divided, recorded or damaged.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    rng : Generator
-        Generator of the random numbers of the network.
-    """
-
-    def __init__(self, scenario: Scenario, rng: Generator) -> None:
-        self.sent = self.lost = 0
-        self._scenario, self._rng = scenario, rng
-        self._split = scenario.signed or scenario.packet > 0 or scenario.network.has("replays")
-        self._bad = BadLinks(set)
-        self._recorded: list[bytes] = []
-        numbers = range(1, len(scenario.starts) + 1)
-        key, most = _KEY if scenario.signed else b"", scenario.packet or LONGEST
-        self._senders = {number: Sender(number, key, most) for number in numbers}
-        options = {
-            "robots": len(numbers),
-            "cells": len(scenario.brief.tour_cost),
-            "most": most,
-            "window": 1000 * _WINDOW,
-        }
-        self._receivers = {number: Receiver(key, **options) for number in numbers}
-
-    def messages(self, sender: int, beacon: Beacon, time: float) -> list[Message]:
-        """Return the messages that transmit a beacon."""
-        if not self._split:
-            return [beacon]
-        found = self._senders[sender].messages(beacon, _clock(time))
-        self._recorded = (self._recorded + found)[-_RECORDED:]
-        return list(found)
-
-    def carried(
-        self, message: Message, link: Link, *, reaches: bool
-    ) -> Iterator[tuple[float, Message]]:
-        """Yield pairs of a delay and a copy of a message that arrives at one receiver. If
-        ``reaches`` is false, no copy arrives.
-        """
-        self.sent += 1
-        copies = self._scenario.network.send(link, self._rng, self._bad) if reaches else []
-        self.lost += all(copy.damaged or copy.other for copy in copies)
-        for copy in copies:
-            come = message
-            if copy.other == "replay" and self._recorded:
-                come = self._recorded[int(self._rng.integers(len(self._recorded)))]
-            elif copy.other == "forgery":
-                come = self._forged(link)
-            if copy.damaged:
-                whole = (
-                    come
-                    if isinstance(come, bytes)
-                    else self._senders[link.sender].messages(come, _clock(link.time))[0]
-                )
-                come = damage(whole, self._rng)
-            yield copy.delay, come
-
-    def _forged(self, link: Link) -> bytes:
-        """Return a forged message by an attacker without the key. The message reports that all
-        robots have searched all cells.
-        """
-        everything, robots = (
-            self._scenario.brief.everything,
-            range(1, len(self._scenario.starts) + 1),
-        )
-        heartbeat = Heartbeat(link.sender, 1 << 30, 0, 1.0, "complete")
-        lie = Beacon(link.sender, (heartbeat,), tuple((number, everything) for number in robots))
-        return Sender(link.sender, _OTHER_KEY).messages(lie, _clock(link.time) + 1)[0]
-
-    def open(self, receiver: int, message: Message, time: float) -> Beacon | None:
-        """Return the beacon that a robot reads in a message, or None if the robot refuses the
-        message.
-        """
-        if isinstance(message, Beacon):
-            return message
-        try:
-            return self._receivers[receiver].open(message, _clock(time))
-        except InvalidInputError:
-            return None
-
-
-def _clock(time: float) -> int:
-    """Convert a time to milliseconds, as if a robot of speed 1 searched one cell per second."""
-    return int(1000 * time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import fields
 from itertools import pairwise
@@ -20,12 +21,15 @@ from shoal.search.cells.routing import Route
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar
 from shoal.search.protocol.state import Brief, step_cost
-from shoal.search.regions.region import AreaCoverage, coverage_check
+from shoal.search.regions.coverage import AreaCoverage, coverage_check
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.masks import bits_to_array, members
 
 _HORIZON = 60.0  # time limit of a simulation, divided by the time of one robot alone
+_PRIOR = 0.01  # prior fraction of cells that contain a target
+# limits of a sensor's rates: no sensor counts as fully reliable, because robots can lie
+_LEAST_RATE, _MOST_RATE = 1e-3, 1 - 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +138,6 @@ class SearchTrace:
     def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
         """Return the trace that a mapping from `to_dict` describes. The mapping must fit the
         numbers of robots and cells.
-
-        Raises
-        ------
-        InvalidInputError
         """
         names = {"robots", "covered_at", "declared", "sent", "lost", "takeovers", "dropped"}
         if not isinstance(data, dict) or set(data) != names or not isinstance(data["robots"], list):
@@ -400,3 +400,64 @@ def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int6
         counts = counts + np.array([len(passed) for passed in log.detours], dtype=np.int64)
     last = np.cumsum(counts)
     return np.asarray(route.stops[np.stack([last - counts + 1, last], axis=1)])
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A cell in which at least one robot has found something.
+
+    Parameters
+    ----------
+    cell : int
+        Tour index of the cell.
+    found_by, missed_by : tuple of int
+        Numbers of the robots that found something in the cell, and of the robots that searched the
+        cell and found nothing.
+    confidence : float
+        Probability that the cell contains a target. The confidence follows from the sensors'
+        detection rate and false-alarm rate, and from a prior probability of 0.01.
+    """
+
+    cell: int
+    found_by: tuple[int, ...]
+    missed_by: tuple[int, ...]
+    confidence: float
+
+
+def merge_findings(
+    scenario: Scenario, reports: dict[int, set[int]], searched: dict[int, int]
+) -> tuple[Finding, ...]:
+    """Merge the reports of all robots to one finding for each cell in which a robot found
+    something.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The scenario, which gives the detection rate and the false-alarm rate of the sensors.
+    reports : dict of int to set of int
+        Numbers of the robots that found something in a cell, by the tour index of the cell.
+    searched : dict of int to int
+        Bitset of the cells that each robot reports as searched, by the number of the robot.
+    """
+    hit = min(max(scenario.detection, _LEAST_RATE), _MOST_RATE)
+    alarm = min(max(scenario.false_alarm, _LEAST_RATE), _MOST_RATE)
+    found = []
+    for cell, witnesses in sorted(reports.items()):
+        missed = tuple(
+            sorted(
+                robot
+                for robot, bits in searched.items()
+                if bits >> cell & 1 and robot not in witnesses
+            )
+        )
+        odds = (
+            math.log(_PRIOR / (1 - _PRIOR))
+            + len(witnesses) * math.log(hit / alarm)
+            + len(missed) * math.log((1 - hit) / (1 - alarm))
+        )
+        found.append(Finding(cell, tuple(sorted(witnesses)), missed, _chance(odds)))
+    return tuple(found)
+
+
+def _chance(odds: float) -> float:
+    return 1 / (1 + math.exp(-odds)) if odds > -700 else 0.0

@@ -5,16 +5,28 @@ scenario give equal traces.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import field
-from math import exp, inf, log
+from math import inf
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 
 from shoal.core.dataclass import dataclass
-from shoal.search.problem.network import Battery, Crash, Liar, Link, Pause, WrongPosition, true_rate
-from shoal.search.protocol.messages import Beacon
+from shoal.core.errors import InvalidInputError
+from shoal.search.problem.network import (
+    BadLinks,
+    Battery,
+    Crash,
+    Liar,
+    Link,
+    Pause,
+    WrongPosition,
+    damage,
+    true_rate,
+)
+from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat, Receiver, Sender
 from shoal.search.protocol.robot import LOOK, Decision, advance
 from shoal.search.protocol.state import (
     Action,
@@ -35,8 +47,12 @@ from shoal.search.protocol.state import (
     is_live,
     step_cost,
 )
-from shoal.search.simulation.scenario import RETRY, TRIES, Air, Scenario
+from shoal.search.simulation.scenario import RETRY, TRIES, Scenario
 from shoal.search.tours.masks import members
+
+_RECORDED = 1000  # number of recorded messages for replay attacks
+_WINDOW = 100  # cells: maximum difference between a message's stamp and the receiver's clock
+_KEY, _OTHER_KEY = b"of the robots", b"of somebody else"
 
 
 @dataclass
@@ -409,69 +425,94 @@ class SearchWorld:
                         self._post(self.time + delay, other, "heard", arrived)
 
 
-_PRIOR = 0.01  # prior fraction of cells that contain a target
-_LEAST, _MOST = (
-    1e-3,
-    1 - 1e-3,
-)  # limits of a sensor's rates: no sensor counts as fully reliable, because robots can lie
+Message = Beacon | bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A cell in which at least one robot has found something.
+class Air:
+    """The radio channel between simulated robots.
 
-    Parameters
-    ----------
-    cell : int
-        Tour index of the cell.
-    found_by, missed_by : tuple of int
-        Numbers of the robots that found something in the cell, and of the robots that searched the
-        cell and found nothing.
-    confidence : float
-        Probability that the cell contains a target. The confidence follows from the sensors'
-        detection rate and false-alarm rate, and from a prior probability of 0.01.
-    """
-
-    cell: int
-    found_by: tuple[int, ...]
-    missed_by: tuple[int, ...]
-    confidence: float
-
-
-def merge_findings(
-    scenario: Scenario, reports: dict[int, set[int]], searched: dict[int, int]
-) -> tuple[Finding, ...]:
-    """Merge the reports of all robots to one finding for each cell in which a robot found
-    something.
+    The channel encodes beacons as bytes only if messages are signed, divided, recorded or damaged.
 
     Parameters
     ----------
     scenario : Scenario
-        The scenario, which gives the detection rate and the false-alarm rate of the sensors.
-    reports : dict of int to set of int
-        Numbers of the robots that found something in a cell, by the tour index of the cell.
-    searched : dict of int to int
-        Bitset of the cells that each robot reports as searched, by the number of the robot.
+    rng : Generator
+        Generator of the random numbers of the network.
     """
-    hit = min(max(scenario.detection, _LEAST), _MOST)
-    alarm = min(max(scenario.false_alarm, _LEAST), _MOST)
-    found = []
-    for cell, witnesses in sorted(reports.items()):
-        missed = tuple(
-            sorted(
-                robot
-                for robot, bits in searched.items()
-                if bits >> cell & 1 and robot not in witnesses
-            )
+
+    def __init__(self, scenario: Scenario, rng: Generator) -> None:
+        self.sent = self.lost = 0
+        self._scenario, self._rng = scenario, rng
+        self._split = scenario.signed or scenario.packet > 0 or scenario.network.has("replays")
+        self._bad = BadLinks(set)
+        self._recorded: list[bytes] = []
+        numbers = range(1, len(scenario.starts) + 1)
+        key, most = _KEY if scenario.signed else b"", scenario.packet or LONGEST
+        self._senders = {number: Sender(number, key, most) for number in numbers}
+        options = {
+            "robots": len(numbers),
+            "cells": len(scenario.brief.tour_cost),
+            "most": most,
+            "window": 1000 * _WINDOW,
+        }
+        self._receivers = {number: Receiver(key, **options) for number in numbers}
+
+    def messages(self, sender: int, beacon: Beacon, time: float) -> list[Message]:
+        """Return the messages that transmit a beacon."""
+        if not self._split:
+            return [beacon]
+        found = self._senders[sender].messages(beacon, _clock(time))
+        self._recorded = (self._recorded + found)[-_RECORDED:]
+        return list(found)
+
+    def carried(
+        self, message: Message, link: Link, *, reaches: bool
+    ) -> Iterator[tuple[float, Message]]:
+        """Yield pairs of a delay and a copy of a message that arrives at one receiver. If
+        ``reaches`` is false, no copy arrives.
+        """
+        self.sent += 1
+        copies = self._scenario.network.send(link, self._rng, self._bad) if reaches else []
+        self.lost += all(copy.damaged or copy.other for copy in copies)
+        for copy in copies:
+            come = message
+            if copy.other == "replay" and self._recorded:
+                come = self._recorded[int(self._rng.integers(len(self._recorded)))]
+            elif copy.other == "forgery":
+                come = self._forged(link)
+            if copy.damaged:
+                whole = (
+                    come
+                    if isinstance(come, bytes)
+                    else self._senders[link.sender].messages(come, _clock(link.time))[0]
+                )
+                come = damage(whole, self._rng)
+            yield copy.delay, come
+
+    def _forged(self, link: Link) -> bytes:
+        """Return a forged message by an attacker without the key. The message reports that all
+        robots have searched all cells.
+        """
+        everything, robots = (
+            self._scenario.brief.everything,
+            range(1, len(self._scenario.starts) + 1),
         )
-        odds = (
-            log(_PRIOR / (1 - _PRIOR))
-            + len(witnesses) * log(hit / alarm)
-            + len(missed) * log((1 - hit) / (1 - alarm))
-        )
-        found.append(Finding(cell, tuple(sorted(witnesses)), missed, _chance(odds)))
-    return tuple(found)
+        heartbeat = Heartbeat(link.sender, 1 << 30, 0, 1.0, "complete")
+        lie = Beacon(link.sender, (heartbeat,), tuple((number, everything) for number in robots))
+        return Sender(link.sender, _OTHER_KEY).messages(lie, _clock(link.time) + 1)[0]
+
+    def open(self, receiver: int, message: Message, time: float) -> Beacon | None:
+        """Return the beacon that a robot reads in a message, or None if the robot refuses the
+        message.
+        """
+        if isinstance(message, Beacon):
+            return message
+        try:
+            return self._receivers[receiver].open(message, _clock(time))
+        except InvalidInputError:
+            return None
 
 
-def _chance(odds: float) -> float:
-    return 1 / (1 + exp(-odds)) if odds > -700 else 0.0
+def _clock(time: float) -> int:
+    """Convert a time to milliseconds, as if a robot of speed 1 searched one cell per second."""
+    return int(1000 * time)

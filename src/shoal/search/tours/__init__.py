@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import shoal.search.tours.rows  # noqa: F401 - registers its tours, as the module `curves` does
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import configured
-from shoal.search.tours import curves as hilbert
-from shoal.search.tours import rows as boustrophedon
 from shoal.search.tours.curves import joined
 from shoal.search.tours.masks import check_mask, components
 from shoal.search.tours.tour import (
@@ -30,18 +29,13 @@ __all__ = [
     "Tour",
     "TourMaker",
     "TourMetrics",
-    "boustrophedon",
-    "comb",
     "components",
     "find_tour_maker",
-    "hilbert",
     "hilbert_decode",
     "hilbert_encode",
-    "hilbert_rectangle",
     "make_tour",
     "moore_decode",
     "moore_encode",
-    "spanning_tree",
 ]
 
 
@@ -51,10 +45,9 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     Parameters
     ----------
     maker : str or TourMaker
-        One of the names "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb",
-        "boustrophedon" and "spanning-tree", or an object with the methods of `TourMaker`. A text of
-        the form "module:attribute" names a tour maker object, or a class that Shoal calls without
-        arguments.
+        A name in the registry ``TOURS``, such as "spanning-tree", or an object with the methods of
+        `TourMaker`. A text of the form "module:attribute" names a tour maker object, or a class
+        that Shoal calls without arguments.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
         A mask that is True for the cells to visit, with row 0 on top, or the shape of a full
         rectangle or box. For a 3-D mask, the names "hilbert", "open-hilbert" and
@@ -66,10 +59,6 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     Tour
         A tour that visits each True cell once. The tour finishes each connected component of the
         mask before it starts another component.
-
-    Raises
-    ------
-    UnknownNameError, InvalidInputError
 
     Examples
     --------
@@ -101,10 +90,6 @@ def find_tour_maker(maker: str | TourMaker) -> TourMaker:
     """Return the tour maker that a name or a text of the form ``module:attribute`` describes.
 
     The function returns a tour maker object unchanged.
-
-    Raises
-    ------
-    UnknownNameError, InvalidInputError
     """
     found: Any = configured(TOURS, maker) if isinstance(maker, str) else maker
     try:

@@ -140,9 +140,8 @@ def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 _CUTS = 2000  # maximum number of candidate steps for cutting a layer's tour, evenly spaced
-_ENOUGH = (
-    64  # if at least this many steps have the most turns at their ends, no other steps are tried
-)
+# if at least this many steps have the most turns at their ends, no other steps are tried
+_ENOUGH = 64
 _NEAR = 8  # number of steps of the next layer's tour that are tried with each candidate step
 TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 

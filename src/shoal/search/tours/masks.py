@@ -97,10 +97,6 @@ def components(mask: ArrayLike) -> NDArray[np.int32]:
     -------
     ndarray of int32, of the mask's shape
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> components(np.array([[True, False], [False, True]])).tolist()

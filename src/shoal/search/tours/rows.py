@@ -16,7 +16,7 @@ A tour with more runs keeps the order of the boustrophedon decomposition.
 
 
 DISTURBANCES = 300
-"""Default number of random exchanges of runs."""
+"""Number of random exchanges of runs. After each of them, the order is improved again."""
 
 
 @TOURS.register("boustrophedon")
@@ -29,50 +29,37 @@ class BoustrophedonTour(TourByOrder):
     between runs. A 2-opt exchange replaces two connections by two new connections. An Or-opt
     exchange moves up to three runs to another place on the tour. The step from the last run back to
     the first run also counts as a connection.
-
-    Parameters
-    ----------
-    disturbances : int
-        Number of random exchanges of runs. After each random exchange, the order of the runs is
-        improved again.
     """
 
     name = "boustrophedon"
 
-    def __init__(self, disturbances: int = DISTURBANCES) -> None:
-        self.disturbances = disturbances
-
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        return _cells_in_order(np.ascontiguousarray(region), self.disturbances)
+        from shoal.search.kernels.runs import runs_of, shorten, sweep_all
 
-
-def _cells_in_order(region: NDArray[np.bool_], disturbances: int) -> NDArray[np.int64]:
-    from shoal.search.kernels import lanes
-    from shoal.search.kernels import lanes as run_order
-
-    cells = np.empty((np.count_nonzero(region), 2), dtype=np.int64)
-    lanes.sweep_all(region, cells)
-    runs = lanes.runs_of(region)
-    if len(runs) > MOST_RUNS:
-        return cells
-    number = np.full(region.shape, -1)
-    number[tuple(cells[np.lexsort(cells.T[::-1])].T)] = np.repeat(
-        np.arange(len(runs)), runs[:, 2] - runs[:, 1]
-    )
-    of_cell = number[tuple(cells.T)]
-    begins = np.flatnonzero(np.diff(of_cell, prepend=-1))
-    order = of_cell[begins]
-    backwards = np.empty(len(runs), dtype=np.int64)
-    backwards[order] = cells[begins, 1] != runs[order, 1]
-    ends = np.stack([runs[:, [0, 1]], runs[:, [0, 2]] - [0, 1]], axis=1).astype(np.float64)
-    run_order.shorten(ends, order, backwards, disturbances)
-    rows = [
-        np.arange(begin, end)[:: -1 if back else 1]
-        for (_, begin, end), back in zip(runs[order], backwards[order], strict=True)
-    ]
-    return np.stack(
-        [np.repeat(runs[order, 0], [len(row) for row in rows]), np.concatenate(rows)], axis=1
-    )
+        region = np.ascontiguousarray(region)
+        cells = np.empty((np.count_nonzero(region), 2), dtype=np.int64)
+        sweep_all(region, cells)
+        runs = runs_of(region)
+        if len(runs) > MOST_RUNS:
+            return cells
+        number = np.full(region.shape, -1)
+        number[tuple(cells[np.lexsort(cells.T[::-1])].T)] = np.repeat(
+            np.arange(len(runs)), runs[:, 2] - runs[:, 1]
+        )
+        of_cell = number[tuple(cells.T)]
+        begins = np.flatnonzero(np.diff(of_cell, prepend=-1))
+        order = of_cell[begins]
+        backwards = np.empty(len(runs), dtype=np.int64)
+        backwards[order] = cells[begins, 1] != runs[order, 1]
+        ends = np.stack([runs[:, [0, 1]], runs[:, [0, 2]] - [0, 1]], axis=1).astype(np.float64)
+        shorten(ends, order, backwards, DISTURBANCES)
+        rows = [
+            np.arange(begin, end)[:: -1 if back else 1]
+            for (_, begin, end), back in zip(runs[order], backwards[order], strict=True)
+        ]
+        return np.stack(
+            [np.repeat(runs[order, 0], [len(row) for row in rows]), np.concatenate(rows)], axis=1
+        )
 
 
 @TOURS.register("comb")
@@ -149,7 +136,7 @@ def _sweeps(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Return two orders of the cells: a sweep along rows from the bottom up, and a sweep along
     columns from left to right.
     """
-    from shoal.search.kernels.lanes import sweep_all
+    from shoal.search.kernels.runs import sweep_all
 
     upward, across = np.empty((2, np.count_nonzero(region), 2), dtype=np.int64)
     sweep_all(np.ascontiguousarray(region[::-1]), upward)
@@ -199,7 +186,6 @@ class SpanningTreeTour:
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour through all True cells of the mask."""
         from shoal.search.kernels import cycles
-        from shoal.search.kernels import cycles as attaching
 
         low, region = smallest_part(mask)
         # From the bottom up, like the curves: rows are reversed here and reversed again below.
@@ -215,7 +201,7 @@ class SpanningTreeTour:
             )
         cycles.tree_of_blocks(full, origin, region.shape[1], along_rows, links, parent)
         cycles.grow_everywhere(region, links, parent)
-        attaching.attach(region, links, parent)
+        cycles.attach(region, links, parent)
         members, starts = _by_component(region)
         order = np.empty(len(members), dtype=np.int64)
         cycles.chains(links, region.shape[1], members, starts, order)

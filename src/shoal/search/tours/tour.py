@@ -149,7 +149,7 @@ class Tour:
         """Tour index of each cell, and -1 for cells that are not on the tour; read-only int64 array
         of the grid's shape.
         """
-        from shoal.search.kernels.shares import fill_position
+        from shoal.search.kernels.metrics import fill_position
 
         position = np.full(self.shape, -1, dtype=np.int64)
         twice = fill_position(deep(self.cells), position if position.ndim == 3 else position[None])
@@ -203,7 +203,7 @@ class Tour:
         """Length of each step of the tour in cell sides; float64, shape (N,) for a closed tour, (N
         - 1,) for an open tour.
         """
-        from shoal.search.kernels.shares import squared_steps
+        from shoal.search.kernels.metrics import squared_steps
 
         squares = np.empty(len(self.cells), dtype=np.int64)
         squared_steps(deep(self.cells), squares)
@@ -215,13 +215,13 @@ class Tour:
         """Return the metrics of the tour. For N cells, computing time grows as N log N, and memory
         grows as N.
         """
-        from shoal.search.kernels import shares as measures
+        from shoal.search.kernels import metrics
 
         n, steps, cells = len(self.cells), self.steps, deep(self.cells)
         inner = steps[: n - 1]
         position = self.position if self.position.ndim == 3 else self.position[None]
-        gaps, pairs = measures.neighbour_gaps(position, self.closed, n)
-        turns = int(measures.count_turns(cells, self.closed))
+        gaps, pairs = metrics.neighbour_gaps(position, self.closed, n)
+        turns = int(metrics.count_turns(cells, self.closed))
         return TourMetrics(
             cells=n,
             length=float(steps.sum()),
@@ -231,7 +231,7 @@ class Tour:
             longest_step=float(inner.max()) if len(inner) else 0.0,
             neighbour_steps=float(np.mean(steps == 1)) if n > 1 else 1.0,
             neighbour_stretch=float(gaps / pairs) if pairs else 0.0,
-            dilation=float(measures.dilation(cells, self.closed)),
+            dilation=float(metrics.dilation(cells, self.closed)),
         )
 
 
@@ -284,12 +284,7 @@ class TourByOrder(ABC):
 
 
 def check_covers(tour: Tour, mask: NDArray[np.bool_]) -> Tour:
-    """Return a tour unchanged if it visits all True cells of a mask and no other cells.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return a tour unchanged if it visits all True cells of a mask and no other cells."""
     if tour.shape != mask.shape:
         raise InvalidInputError(
             f"tour {tour.name}: expected the shape {mask.shape} of the mask, got {tour.shape}"

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.search import Arc, RobotLog, SearchEpisode
 from shoal.search.allocation.allocate import partition
-from shoal.search.cells.grid import CellGrid, rotated_shape
+from shoal.search.cells.clipping import rotated_shape
+from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.layers import layers_of
 from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem.network import Liar, Slow, WrongPosition
-from shoal.search.simulation.trace import cell_spans
-from shoal.search.simulation.world import Finding
+from shoal.search.simulation.trace import Finding, cell_spans
 from shoal.views.drawing.canvas import rings_of
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
-from shoal.search.simulation.world import Finding
+from shoal.search.simulation.trace import Finding
 from shoal.views.player import render
 from shoal.views.search.history import RobotTrajectory, SearchHistory, sizes_text
 

@@ -37,15 +37,16 @@ from pathlib import Path
 
 from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.formats.features import (
+from shoal.search.regions.formats.geodata import (
     read_geojson,
     read_geopackage,
     read_shapefile,
-    read_table,
     read_zipped_shapefile,
 )
+from shoal.search.regions.formats.ground_stations import read_plan, read_polygon_file
+from shoal.search.regions.formats.kml import read_kml, read_kmz
 from shoal.search.regions.formats.reading import Reading
-from shoal.search.regions.formats.xml import read_kml, read_kmz, read_plan, read_polygon_file
+from shoal.search.regions.formats.tables import read_table
 from shoal.search.regions.outline import (
     LARGEST_DATABASE,
     MOST_CORNERS,
@@ -54,8 +55,6 @@ from shoal.search.regions.outline import (
     check_count,
 )
 
-_LAYERED = ".gpkg"
-_PLAN = ".plan"
 _READERS: dict[str, Callable[[Path, Reading], RegionOutlines]] = {
     ".geojson": read_geojson,
     ".json": read_geojson,
@@ -64,12 +63,15 @@ _READERS: dict[str, Callable[[Path, Reading], RegionOutlines]] = {
     ".csv": read_table,
     ".shp": read_shapefile,
     ".zip": read_zipped_shapefile,
-    ".plan": read_plan,
     ".poly": read_polygon_file,
     ".fen": read_polygon_file,
     ".waypoints": read_polygon_file,
     ".txt": read_polygon_file,
 }
+_LAYERED = {
+    ".gpkg": read_geopackage,
+    ".plan": read_plan,
+}  # formats with layers, of which some are zones
 
 
 def read_outlines(
@@ -94,17 +96,15 @@ def read_outlines(
     """
     source, reading = Path(path), reading or Reading()
     suffix = source.suffix.lower()
-    if suffix not in _READERS and suffix != _LAYERED and not source.is_dir():
-        known = " ".join((*_READERS, _LAYERED))
+    if suffix not in _READERS and suffix not in _LAYERED and not source.is_dir():
+        known = " ".join((*_READERS, *_LAYERED))
         raise InvalidInputError(
             f"{source}: expected a region file ({known}), got the suffix {source.suffix!r}"
         )
     try:
         check_file(source, what="region file", most=LARGEST_DATABASE)
-        if suffix == _LAYERED:
-            found = read_geopackage(source, reading, every=zones)
-        elif suffix == _PLAN:
-            found = read_plan(source, reading, zones=zones)
+        if suffix in _LAYERED:
+            found = _LAYERED[suffix](source, reading, zones=zones)
         elif (
             reading.layer is not None
             and not zones

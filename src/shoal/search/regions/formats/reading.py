@@ -48,12 +48,7 @@ class Reading:
         return closed
 
     def check_effects(self, where: Iterable[str]) -> None:
-        """Refuse choices without an effect on any of the files ``where``.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Refuse choices without an effect on any of the files ``where``."""
         files = ", ".join(where)
         if self.closed_lines and "closed_lines" not in self.effects:
             raise InvalidInputError(
@@ -69,9 +64,9 @@ def only_lines_text(kinds: Iterable[str], *, closed_lines: bool) -> str:
     """Return what a file without polygons contains, for error messages, with the option that reads
     closed lines as polygons.
     """
-    told = "only " + " and ".join(sorted(kinds)) if kinds else "none"
+    text = "only " + " and ".join(sorted(kinds)) if kinds else "none"
     lines = any("Line" in kind for kind in kinds)
-    return told + (
+    return text + (
         "; --closed-lines reads closed lines as polygons" if lines and not closed_lines else ""
     )
 
@@ -119,18 +114,18 @@ def can_mark(key: str) -> bool:
     return _KEY.fullmatch(key.strip()) is not None or re.sub(r"[\W_]", "", key).lower() in _NAMES
 
 
-def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
+def is_no_go(properties: Mapping[str, Any], *names: Any) -> bool:
     """Return whether a feature of a file is marked as a no-go zone.
 
     If a property such as ``no_go`` is false, the function ignores the names of the feature.
 
     Parameters
     ----------
-    told : mapping
+    properties : mapping
         The properties of the feature by name.
     names
-        Names of the feature besides those in ``told``, such as its identifier. The function ignores
-        names that are not texts.
+        Names of the feature besides those in ``properties``, such as its identifier. The function
+        ignores names that are not texts.
 
     Examples
     --------
@@ -140,14 +135,16 @@ def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
     (True, False, True)
     """
     marks = [
-        value for key, value in told.items() if value is not None and _KEY.fullmatch(key.strip())
+        value
+        for key, value in properties.items()
+        if value is not None and _KEY.fullmatch(key.strip())
     ]
     said = [str(value).strip().lower() for value in marks]
     if said:
         return any(value not in _NO for value in said)
     texts = [
         (re.sub(r"[\W_]", "", key).lower(), value)
-        for key, value in told.items()
+        for key, value in properties.items()
         if isinstance(value, str)
     ]
     kinds = [value for key, value in texts if key in _NAMES]
@@ -196,13 +193,13 @@ def layer_polygons(
     """
     found: list[RegionOutline] = []
     kinds: set[str] = set()
-    for number, (shape, told) in enumerate(shapes, start=1):
+    for number, (shape, properties) in enumerate(shapes, start=1):
         if shape is not None and not shape.is_empty:
             kinds.add(shape.geom_type)
             lines = reading.closed_lines and "LineString" in shape.geom_type
             areas = _closed(shape, reading) if lines else shape
             found += polygon_outlines(
-                areas, f"{where}: feature {number}", no_go=no_go or is_no_go(told)
+                areas, f"{where}: feature {number}", no_go=no_go or is_no_go(properties)
             )
     if not found:
         got = only_lines_text(kinds, closed_lines=reading.closed_lines)

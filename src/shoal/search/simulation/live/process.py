@@ -26,101 +26,8 @@ from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, enc
 from shoal.search.simulation.live.agent import Agent
 from shoal.search.simulation.live.radio import LiveTask
 
-_STARTER = 0  # standard input
-
-
-def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
-    """Fork the robots' processes, and wait until the supervisor has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reserved for the supervisor
-    task: LiveTask = pickle.loads(os.pread(file, size, 0))
-    _warm(task)
-    # objects that exist before the fork share their memory until a process changes them
-    gc.freeze()
-    robots = []
-    try:
-        for number, (orders, reports) in enumerate(pipes, 1):
-            robot = os.fork()
-            if robot == 0:
-                for pipe in pipes[number:]:
-                    os.close(pipe[0])
-                    os.close(pipe[1])
-                os._exit(_live(task, number, file, orders, reports))
-            robots.append(robot)
-            os.close(orders)
-            os.close(reports)
-        while os.read(_STARTER, 1):
-            pass
-    finally:
-        for (
-            robot
-        ) in robots:  # no process has been waited for, so each number still identifies its process
-            os.kill(robot, signal.SIGKILL)
-        for robot in robots:
-            os.waitpid(robot, 0)
-    return 0
-
-
-def _warm(task: LiveTask) -> None:
-    """Do slow initial work once, in the first process, so that the robots' processes need not
-    repeat it.
-    """
-    brief = task.scenario.brief
-    partition(brief.tour_cost, brief.allocator, ((1, task.scenario.starts[0], 1.0, 1),))
-    decode_beacon(1, encode_beacon(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),)))[0])
-
-
-def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> int:
-    """Run one robot until all cells are searched, and return the exit code of its process."""
-
-    def tell(report: dict[str, Any]) -> None:
-        os.write(reports, json.dumps(report, separators=(",", ":")).encode() + b"\n")
-
-    try:
-        radio = task.radio(number)
-        tell({"kind": "ready", "port": radio.port, "process": os.getpid()})
-        word = _first_line(orders)
-        if word is None:
-            return 1
-        radio.tell(word["ports"])
-        pilot = Agent(
-            task,
-            task.robot(number),
-            radio,
-            ground=file,
-            lifeline=orders,
-            epoch=word["epoch"],
-            tell=tell,
-        )
-        return 0 if pilot.run() else 1
-    except BrokenPipeError:
-        return 1
-    except BaseException as error:  # a forked process must not return to its parent's code
-        traceback.print_exc()
-        tell({"kind": "failed", "reason": "".join(traceback.format_exception_only(error)).strip()})
-        return 1
-
-
-def _first_line(orders: int) -> Any:
-    """Return the first line from the supervisor, or None if the supervisor has ended."""
-    line = b""
-    while not line.endswith(b"\n"):
-        more = os.read(orders, 65536)
-        if not more:
-            return None
-        line += more
-    return json.loads(line)
-
-
-def _pair(word: str) -> tuple[int, int]:
-    one, other = word.split(":")
-    return int(one), int(other)
-
-
-if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), int(sys.argv[2]), [_pair(word) for word in sys.argv[3:]]))
-
-
 Report = dict[str, Any]
+_STARTER = 0  # standard input
 # a process with threads cannot be forked safely
 _QUIET = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -307,3 +214,94 @@ class ProcessPool:
                 BrokenPipeError
             ):  # the process has died; reading its reports detects this
                 os.write(member.orders, word)
+
+
+def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
+    """Fork the robots' processes, and wait until the supervisor has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reserved for the supervisor
+    task: LiveTask = pickle.loads(os.pread(file, size, 0))
+    _warm(task)
+    # objects that exist before the fork share their memory until a process changes them
+    gc.freeze()
+    robots = []
+    try:
+        for number, (orders, reports) in enumerate(pipes, 1):
+            robot = os.fork()
+            if robot == 0:
+                for pipe in pipes[number:]:
+                    os.close(pipe[0])
+                    os.close(pipe[1])
+                os._exit(_live(task, number, file, orders, reports))
+            robots.append(robot)
+            os.close(orders)
+            os.close(reports)
+        while os.read(_STARTER, 1):
+            pass
+    finally:
+        for (
+            robot
+        ) in robots:  # no process has been waited for, so each number still identifies its process
+            os.kill(robot, signal.SIGKILL)
+        for robot in robots:
+            os.waitpid(robot, 0)
+    return 0
+
+
+def _warm(task: LiveTask) -> None:
+    """Do slow initial work once, in the first process, so that the robots' processes need not
+    repeat it.
+    """
+    brief = task.scenario.brief
+    partition(brief.tour_cost, brief.allocator, ((1, task.scenario.starts[0], 1.0, 1),))
+    decode_beacon(1, encode_beacon(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),)))[0])
+
+
+def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> int:
+    """Run one robot until all cells are searched, and return the exit code of its process."""
+
+    def tell(report: dict[str, Any]) -> None:
+        os.write(reports, json.dumps(report, separators=(",", ":")).encode() + b"\n")
+
+    try:
+        radio = task.radio(number)
+        tell({"kind": "ready", "port": radio.port, "process": os.getpid()})
+        word = _first_line(orders)
+        if word is None:
+            return 1
+        radio.tell(word["ports"])
+        pilot = Agent(
+            task,
+            task.robot(number),
+            radio,
+            ground=file,
+            lifeline=orders,
+            epoch=word["epoch"],
+            tell=tell,
+        )
+        return 0 if pilot.run() else 1
+    except BrokenPipeError:
+        return 1
+    except BaseException as error:  # a forked process must not return to its parent's code
+        traceback.print_exc()
+        tell({"kind": "failed", "reason": "".join(traceback.format_exception_only(error)).strip()})
+        return 1
+
+
+def _first_line(orders: int) -> Any:
+    """Return the first line from the supervisor, or None if the supervisor has ended."""
+    line = b""
+    while not line.endswith(b"\n"):
+        more = os.read(orders, 65536)
+        if not more:
+            return None
+        line += more
+    return json.loads(line)
+
+
+def _pair(word: str) -> tuple[int, int]:
+    one, other = word.split(":")
+    return int(one), int(other)
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1]), int(sys.argv[2]), [_pair(word) for word in sys.argv[3:]]))

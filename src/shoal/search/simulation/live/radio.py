@@ -229,19 +229,16 @@ class LiveTask:
     key: bytes = b""
 
     def check(self, beacon: Beacon) -> None:
-        """Refuse a beacon that no robot of this search can have sent.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Refuse a beacon that no robot of this search can have sent."""
         robots, cells = len(self.scenario.starts), len(self.scenario.brief.tour_cost)
-        for told in beacon.heartbeats:
-            known = 1 <= told.robot <= robots
-            if not known or (told.start, told.rate, told.width) != self._of(told.robot):
+        for heartbeat in beacon.heartbeats:
+            known = 1 <= heartbeat.robot <= robots
+            if not known or (heartbeat.start, heartbeat.rate, heartbeat.width) != self._of(
+                heartbeat.robot
+            ):
                 raise InvalidInputError(
                     "beacon: expected a robot of this search with its start, speed and width, got"
-                    f" {shortened(told)}"
+                    f" {shortened(heartbeat)}"
                 )
         numbers = {beacon.sender, *(number for number, _ in (*beacon.searched, *beacon.closed))}
         sets = [bits >> cells for _, bits in (*beacon.searched, *beacon.closed)]

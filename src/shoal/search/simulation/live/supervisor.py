@@ -152,10 +152,8 @@ def covered_share(events: Sequence[LiveEvent], goal: int) -> float:
 _STARTUP = 120.0  # seconds
 _AHEAD = 0.1  # seconds from the order to start until the start, so that all robots start at once
 _LAST = ("declared", "killed", "stopped", "failed")  # events after which a process may end
-_SLACK = (
-    60.0,
-    10.0,
-)  # time limit: seconds, plus this multiple of the time that one robot needs for the whole search
+# time limit: seconds, plus this multiple of the time that one robot needs for the whole search
+_SLACK = 60.0, 10.0
 
 
 def run_live(
@@ -268,9 +266,9 @@ def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
     """Return the key that signs the messages of one search. Different searches get different keys
     from the same secret ``key``.
     """
-    told = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
-    told.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
-    return hmac.digest(key or secrets.token_bytes(32), told.digest(), "sha256")
+    digest = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
+    digest.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
+    return hmac.digest(key or secrets.token_bytes(32), digest.digest(), "sha256")
 
 
 def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
@@ -352,15 +350,17 @@ class _Watch:
                     )
                 )
             return
-        told: dict[str, Any] = {
+        fields: dict[str, Any] = {
             name: report[name] for name in ("cell", "found", "reason") if name in report
         }
-        told |= {
+        fields |= {
             name: tuple(report[name])
             for name in ("place", "through", "around", "beside")
             if name in report
         }
-        self._note(LiveEvent(report.get("time", self._now), member.number, report["kind"], **told))
+        self._note(
+            LiveEvent(report.get("time", self._now), member.number, report["kind"], **fields)
+        )
 
     def _note(self, event: LiveEvent) -> None:
         self._events.append(event)

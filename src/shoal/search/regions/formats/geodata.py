@@ -1,8 +1,7 @@
-"""Regions in files of features: GeoJSON, GeoPackage and shapefiles."""
+"""Regions in the formats of geographic information systems: GeoJSON, GeoPackage and Shapefile."""
 
 from __future__ import annotations
 
-import csv
 import re
 import sqlite3
 import struct
@@ -11,7 +10,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,263 +27,47 @@ from shoal.search.regions.formats.reading import (
 from shoal.search.regions.outline import (
     LARGEST_DATABASE,
     LARGEST_FILE,
-    MOST_CORNERS,
-    MOST_PAIRS,
     MOST_POLYGONS,
     Points,
     RegionOutline,
     RegionOutlines,
     Ring,
     check_count,
-    check_metres,
-    check_ring,
     opened_zip,
-    text_of,
 )
 from shoal.search.regions.projection import to_degrees
 
-_HEADINGS: dict[
-    str, tuple[int, bool | None]
-] = {  # the coordinate in a column, and whether it is in degrees (None if unknown)
-    **dict.fromkeys(("x", "east", "easting"), (0, None)),
-    **dict.fromkeys(("y", "north", "northing"), (1, None)),
-    **dict.fromkeys(("x_m", "x[m]", "x (m)"), (0, False)),
-    **dict.fromkeys(("y_m", "y[m]", "y (m)"), (1, False)),
-    **dict.fromkeys(("longitude", "lon", "lng", "long", "x_deg"), (0, True)),
-    **dict.fromkeys(("latitude", "lat", "y_deg"), (1, True)),
-}
-_LABELS = ("ring", "part", "polygon", "zone", "name")
-_WIDEST_IN_DEGREES = 2.0  # coordinates in degrees with a wider range cannot be a region
-
-
-class Vertex(NamedTuple):
-    """A point in a CSV file: x and y, or longitude and latitude; its label, which names its
-    polygon; and its line number.
-    """
-
-    x: float
-    y: float
-    label: str | None
-    line: int
-
-
-def read_vertices(
-    path: Path, *, what: str, columns: str = "two numbers, x,y"
-) -> tuple[list[Vertex | None], bool | None]:
-    """Return the points in a CSV file, and whether their coordinates are in degrees.
-
-    One or more blank lines between points give None instead
-    of a point. If no heading of the file names the unit of the coordinates, the second result
-    is None.
-
-    Parameters
-    ----------
-    path : path
-    what : str
-        Name of the file in error messages.
-    columns : str
-        Description of the expected columns in error messages.
-
-    Raises
-    ------
-    InvalidInputError
-        If a line of the file is invalid. The error message names the line.
-    """
-    rows: list[Vertex | None] = []
-    order, label, degrees = [0, 1], 2, None
-    wide: int | None = None
-    count = 0
-    for number, line in enumerate(
-        read_text(path, what=what, most=LARGEST_FILE).splitlines(), start=1
-    ):
-        if line.lstrip().startswith("#"):
-            continue
-        if not line.strip(" ,;\t"):
-            if rows and rows[-1] is not None:
-                rows.append(None)
-            continue
-        try:
-            words = [
-                word.strip()
-                for word in next(csv.reader([line], delimiter="," if "," in line else ";"))
-            ]
-        except csv.Error as error:
-            raise InvalidInputError(
-                f"{path}: line {number}: expected {columns}, got something else: {error}"
-            ) from None
-        if wide is None and (named := _named(words)) is not None:
-            order, label, degrees, wide = *named, len(words)
-            continue
-        if len(words) not in (2, 3) if wide is None else len(words) != wide:
-            raise InvalidInputError(
-                f"{path}: line {number}: expected {columns}, got {len(words)} columns"
-            )
-        try:
-            x, y = (float(words[column]) for column in order)
-        except ValueError:
-            got = ",".join(words[:2])[:60]
-            raise InvalidInputError(
-                f"{path}: line {number}: expected two numbers, x,y in metres, got {got!r}"
-            ) from None
-        rows.append(Vertex(x, y, words[label] if label < len(words) else None, number))
-        count += 1
-        check_count(count, MOST_CORNERS, where=str(path), what="points")
-    return rows, degrees
-
-
-def _named(words: list[str]) -> tuple[list[int], int, bool | None] | None:
-    """Return the columns that a heading names for x, y and the label, and whether x and y are in
-    degrees.
-
-    If the line is not a heading, the result is None.
-    """
-    known = [
-        (_HEADINGS[word.lower()], column)
-        for column, word in enumerate(words)
-        if word.lower() in _HEADINGS
-    ]
-    if sorted(axis for (axis, _), _ in known) != [0, 1]:
-        return None
-    order = [column for _, column in sorted(known)]
-    others = [column for column, word in enumerate(words) if word.lower() in _LABELS]
-    return order, others[0] if others else len(words), known[0][0][1]
-
-
-def read_table(path: Path, reading: Reading) -> RegionOutlines:
-    """Return the polygons in a CSV file, in degrees if the heading names longitude and latitude,
-    and in metres otherwise.
-
-    Raises
-    ------
-    InvalidInputError
-        If a line of the file is invalid, or if the coordinates look like degrees but no heading
-        names their unit.
-    """
-    rows, degrees = read_vertices(path, what="region file", columns="x,y or x,y,ring in metres")
-    rings = _rings(rows, path)
-    if not rings:
-        raise InvalidInputError(f"{path}: expected vertices, one x,y a line, got none")
-    check_count(len(rings), MOST_POLYGONS, where=str(path), what="rings")
-    check_count(
-        sum(len(ring.points) for ring in rings), MOST_CORNERS, where=str(path), what="corners"
-    )
-    points = np.concatenate([ring.points for ring in rings])
-    if degrees is None and _like_degrees(points):
-        wide, high = np.ptp(points, axis=0)
-        raise InvalidInputError(
-            f"{path}: expected x,y in metres, got {wide:.3g} by {high:.3g} around"
-            f" {text_of(points[0])}, which look like degrees; name the columns longitude,latitude"
-            " or x_m,y_m"
-        )
-    return RegionOutlines(
-        _nested(rings, metres=not degrees), str(path), geographic=bool(degrees), closed=False
-    )
-
-
-def _like_degrees(points: Any) -> bool:
-    """Return whether coordinates look like degrees: they are in the range of degrees, near each
-    other, with many decimals.
-    """
-    within = any((np.abs(points) <= most).all() for most in ([180, 90], [90, 180]))
-    many_decimals = (
-        np.abs(points * 1000 - np.round(points * 1000)) > 1e-6 if within else np.zeros(1)
-    )
-    return bool(
-        within and (np.ptp(points, axis=0) < _WIDEST_IN_DEGREES).all() and many_decimals.any()
-    )
-
-
-def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
-    """Group the points of a CSV file into rings, which keep the line number of each vertex."""
-    groups: list[list[Vertex]] = [[]]
-    label: str | None = None
-    for row in rows:
-        if row is None or row.label != label:
-            groups.append([])
-        if row is not None:
-            label = row.label
-            groups[-1].append(row)
-    return [
-        Ring(
-            np.array([row[:2] for row in group]),
-            f"{path}: ring {k + 1} (from line {group[0].line})",
-            np.array([row.line for row in group]),
-            no_go=names_no_go(group[0].label),
-        )
-        for k, group in enumerate(group for group in groups if group)
-    ]
-
-
-def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, bool]]:
-    """Yield, for overlapping polygons i and j: the indices i and j, whether j covers i, and whether
-    i covers j.
-    """
-    import shapely
-
-    tree, every = shapely.STRtree(shapes), np.array(shapes)
-    shapely.prepare(every)
-    count = 0
-    for k in range(len(shapes)):
-        near = np.sort(tree.query(shapes[k]))
-        count += len(near) - 1
-        check_count(count, MOST_PAIRS, where=where, what="pairs of rings in or around each other")
-        near = near[
-            (near != k)
-            & shapely.intersects(every[k], every[near])
-            & ~shapely.touches(every[k], every[near])
-        ]
-        inside, around = (
-            shapely.covers(every[near], every[k]),
-            shapely.covers(every[k], every[near]),
-        )
-        yield from zip(
-            [k] * len(near), near.tolist(), inside.tolist(), around.tolist(), strict=True
-        )
-
-
-def _nested(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
-    """Return outlines with their holes. A ring inside an odd number of rings is a hole in the
-    smallest ring around it.
-    """
-    import shapely
-
-    for ring in rings if metres else ():
-        check_metres(ring)
-    zones = tuple(RegionOutline(ring, no_go=True) for ring in rings if ring.no_go)
-    rings = [ring for ring in rings if not ring.no_go]
-    shapes: list[Any] = [shapely.Polygon(check_ring(ring, closed=False)) for ring in rings]
-    within: list[list[int]] = [[] for _ in rings]
-    for k, other, inside, around in _pairs(shapes, where=rings[0].where if rings else ""):
-        if inside and not (k > other and around):
-            within[k].append(other)
-        elif not around:
-            where = shapely.intersection(
-                shapes[k].boundary, shapes[other].boundary
-            ).representative_point()
-            raise InvalidInputError(
-                f"{rings[max(k, other)].where}: expected rings that do not cross, got one that"
-                f" crosses ring {min(k, other) + 1} at {text_of(where.coords[0])}"
-            )
-    holes: dict[int, list[Ring]] = {k: [] for k, outer in enumerate(within) if len(outer) % 2 == 0}
-    for k, outer in enumerate(within):
-        if len(outer) % 2:
-            holes[min(outer, key=lambda j: shapes[j].area)].append(rings[k])
-    return (*(RegionOutline(rings[k], tuple(inner)) for k, inner in holes.items()), *zones)
-
-
 _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
-_SYSTEM = re.compile(
-    r"[\w:/.() -]{1,200}", re.ASCII
-)  # EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name without definition
+# EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name without definition
+_SYSTEM = re.compile(r"[\w:/.() -]{1,200}", re.ASCII)
+# maximum steps of SQLite's virtual machine; a table with the most allowed polygons needs 1 % of the
+# steps
+_STEPS = 50_000_000
+_AT_ONCE = 10_000
+_POINT, _LINE, _POLYGON = 1, 2, 3  # types of well-known binary
+_DEEPEST = 10
+_UNFINISHED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
+# length in bytes of the bounding box in the header, by the header's flags
+_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}
+
+
+_LAYERS = """
+    SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id, s.definition
+    FROM gpkg_contents c JOIN gpkg_geometry_columns g ON g.table_name = c.table_name
+    LEFT JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id WHERE c.data_type = 'features' ORDER BY c.rowid LIMIT 1000
+"""
+
+
+_MAGIC = b"\x00\x00\x27\x0a"
+_BESIDE = {".shx": "index", ".prj": "coordinate reference system"}
+
+
+PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
+"""Suffixes of the files of a Shapefile that Shoal unpacks from a zip archive."""
 
 
 def read_geojson(path: Path, reading: Reading) -> RegionOutlines:
-    """Return the polygons in a GeoJSON file.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Return the polygons in a GeoJSON file."""
     data = parse_json(read_text(path, what="region file", most=LARGEST_FILE), where=str(path))
     found: list[RegionOutline] = []
     passed: set[str] = set()
@@ -335,10 +118,6 @@ def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
     path : path
     what : str
         Name of the file in error messages.
-
-    Raises
-    ------
-    InvalidInputError
     """
     data = parse_json(read_text(path, what=what, most=LARGEST_FILE), where=str(path))
     points: list[Points] = []
@@ -380,8 +159,8 @@ def _geometries(
             yield from _geometries(feature, f"{where}: feature {k}", zones)
     elif kind == "Feature":
         if data.get("geometry") is not None:
-            told = data.get("properties")
-            zone = is_no_go(told if isinstance(told, dict) else {}, data.get("id"))
+            properties = data.get("properties")
+            zone = is_no_go(properties if isinstance(properties, dict) else {}, data.get("id"))
             yield from _geometries(data["geometry"], where, no_go or zone)
     elif kind == "GeometryCollection":
         for k, geometry in enumerate(_list(data, "geometries", where), start=1):
@@ -471,28 +250,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-# maximum steps of SQLite's virtual machine; a table with the most allowed polygons needs 1 % of the
-# steps
-_STEPS = 50_000_000
-_AT_ONCE = 10_000
-_POINT, _LINE, _POLYGON = 1, 2, 3  # types of well-known binary
-_DEEPEST = 10
-_UNFINISHED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
-_ENVELOPES = {
-    0: 0,
-    1: 32,
-    2: 48,
-    3: 48,
-    4: 64,
-}  # length in bytes of the bounding box in the header, by the header's flags
-_LAYERS = """
-    SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id, s.definition
-    FROM gpkg_contents c JOIN gpkg_geometry_columns g ON g.table_name = c.table_name
-    LEFT JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id WHERE c.data_type = 'features' ORDER BY c.rowid LIMIT 1000
-"""
-
-
-def read_geopackage(path: Path, reading: Reading, *, every: bool = False) -> RegionOutlines:
+def read_geopackage(path: Path, reading: Reading, *, zones: bool = False) -> RegionOutlines:
     """Return the polygons in one layer of a GeoPackage, and the polygons in all layers whose names
     mark no-go zones.
 
@@ -501,17 +259,13 @@ def read_geopackage(path: Path, reading: Reading, *, every: bool = False) -> Reg
     path : path
     reading : Reading
         The name of a layer is required if several layers could contain the region.
-    every : bool
+    zones : bool
         Whether to read all layers, as for a file of no-go zones.
-
-    Raises
-    ------
-    InvalidInputError
     """
     check_file(path, what="region file", most=LARGEST_DATABASE)
     with _opened(path) as database:
         known = {str(row[0]): row for row in database.execute(_LAYERS)}
-        names = [*known] if every else _chosen(path, reading.layer, [*known])
+        names = [*known] if zones else _chosen(path, reading.layer, [*known])
         read = [_outlines(database, path, known, name, reading) for name in names]
     if len({one.geographic for one in read}) > 1:
         raise InvalidInputError(
@@ -573,9 +327,9 @@ def _outlines(
         _shape(blob, f"{where}: feature {number}")
         for number, (blob, *_) in enumerate(rows, start=1)
     ]
-    told = [dict(zip(marks, values, strict=True)) for _, *values in rows]
+    properties = [dict(zip(marks, values, strict=True)) for _, *values in rows]
     found = layer_polygons(
-        zip(shapes, told, strict=True),
+        zip(shapes, properties, strict=True),
         where,
         reading,
         no_go=names_no_go(table) and table != reading.layer,
@@ -701,24 +455,12 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         raise InvalidInputError(f"{path}: expected a GeoPackage, got {why[:160]}") from None
 
 
-_MAGIC = b"\x00\x00\x27\x0a"
-_BESIDE = {".shx": "index", ".prj": "coordinate reference system"}
-
-
-PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
-"""Suffixes of the files of a Shapefile that Shoal unpacks from a zip archive."""
-
-
 def read_zipped_shapefile(path: Path, reading: Reading) -> RegionOutlines:
     """Return the polygons in the Shapefile of a zip archive, which must contain exactly one
     Shapefile.
 
     The function unpacks the files of the Shapefile under new names, so that no path in the archive
     can lead to another folder.
-
-    Raises
-    ------
-    InvalidInputError
     """
     with opened_zip(path, what="zip archive") as archive, tempfile.TemporaryDirectory() as place:
         inside = {one.filename: one for one in archive.infolist()}
@@ -748,10 +490,6 @@ def read_zipped_shapefile(path: Path, reading: Reading) -> RegionOutlines:
 def read_shapefile(path: Path, reading: Reading, where: str = "") -> RegionOutlines:
     """Return the polygons in a Shapefile. In error messages, the text ``where`` replaces the path
     of the Shapefile.
-
-    Raises
-    ------
-    InvalidInputError
     """
     where = where or str(path)
     check_file(path, what="region file", most=LARGEST_FILE)
@@ -760,7 +498,7 @@ def read_shapefile(path: Path, reading: Reading, where: str = "") -> RegionOutli
             raise InvalidInputError(
                 f"{path}: expected a file of shapes, got a damaged one or another format"
             )
-    for suffix in (".shx", ".prj", ".dbf", ".cpg"):
+    for suffix in PARTS[1:]:
         there = [
             beside
             for form in (suffix, suffix.upper())
@@ -803,9 +541,9 @@ def _read(path: Path, where: str, reading: Reading) -> tuple[tuple[RegionOutline
         raise InvalidInputError(
             f"{path}: expected a file of shapes, got a damaged one or another format: {said}"
         ) from None
-    told = (
+    properties = (
         [dict(zip(meta["fields"], values, strict=True)) for values in zip(*columns, strict=True)]
         if marks
         else [{}] * len(shapes)
     )
-    return layer_polygons(zip(shapes, told, strict=True), where, reading), meta["crs"]
+    return layer_polygons(zip(shapes, properties, strict=True), where, reading), meta["crs"]

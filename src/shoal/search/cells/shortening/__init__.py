@@ -1,1 +1,0 @@
-"""Shortening: exchanges of cells, and paths along the border, that make a tour shorter."""

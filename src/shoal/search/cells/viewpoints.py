@@ -1,0 +1,193 @@
+"""Viewpoints: the points from which a robot sees a whole piece of a cell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.search.cells.clipping import (
+    SPECK,
+)
+from shoal.search.regions.outline import Points
+
+_HAIR = 1e-9  # relative to a footprint
+# maximum number of viewpoints of a piece before the vehicle follows the border of the free area
+# instead
+_MOST = 3
+
+
+def viewpoints_of(
+    pieces: Any,
+    centers: Points,
+    *,
+    footprint: float,
+    size: float,
+    free: Any = None,
+) -> tuple[Points, NDArray[np.int64]]:
+    """Return, for each piece, one or several viewpoints from which the whole piece is visible.
+
+    If a piece contains the centre of its cell, this centre is the viewpoint of the piece. For any
+    other piece, the viewpoint is a point from which the whole piece is visible, as near to the
+    centre as possible. If no point sees the whole piece, the piece gets several viewpoints.
+
+    Parameters
+    ----------
+    pieces : ndarray of Shapely polygons, shape (n,)
+        The pieces in the lattice's frame, each inside a square of side ``size``.
+    centers : ndarray of float64, shape (n, 2)
+        Centre of each piece's cell in the lattice's frame.
+    footprint, size : float
+        Side of the footprint and side of a cell in metres. The cell must not be larger than the
+        footprint.
+    free : Shapely geometry, optional
+        The area where robots may be. If ``free`` is given, all viewpoints lie in ``free``, inside
+        or beside their piece.
+
+    Returns
+    -------
+    points : ndarray of float64, shape (k, 2)
+        The viewpoints in the lattice's frame.
+    index : ndarray of int64, shape (k,)
+        Number of the piece that belongs to each viewpoint, in increasing order.
+    """
+    import shapely
+
+    from_center = shapely.intersects_xy(pieces, centers[:, 0], centers[:, 1])
+    if free is not None:
+        shapely.prepare(free)
+        from_center &= shapely.intersects_xy(free, centers[:, 0], centers[:, 1])
+    speck = SPECK * size * size
+    found = [centers[k : k + 1] for k in range(len(centers))]
+    hard = np.flatnonzero(~from_center)
+    single: list[Points | None] = [None] * len(hard)
+    if free is None and len(hard):
+        single = _single(pieces[hard], centers[hard], footprint / 2, speck)
+    for k, place in zip(hard.tolist(), single, strict=True):
+        found[k] = (
+            _viewpoints(pieces[k], free, centers[k], footprint, speck) if place is None else place
+        )
+    counts = [len(points) for points in found]
+    points = np.concatenate(found) if found else np.zeros((0, 2))
+    return points, np.repeat(np.arange(len(found)), counts)
+
+
+def _single(pieces: Any, centers: Points, half: float, speck: float) -> list[Points | None]:
+    """Return, for each piece, the viewpoint in the piece that sees the whole piece and is nearest
+    to the centre, or None.
+    """
+    import shapely
+
+    low, high = np.split(shapely.bounds(pieces), 2, axis=1)
+    hair = 2 * _HAIR * half
+    least, most = (
+        np.minimum(high - half, low + half) - hair,
+        np.maximum(high - half, low + half) + hair,
+    )
+    among = shapely.intersection(pieces, shapely.box(*least.T, *most.T))
+    lines = shapely.shortest_line(among, shapely.points(centers))
+    there = np.flatnonzero(~shapely.is_missing(lines) & (high - low <= 2 * half + hair).all(axis=1))
+    points = shapely.get_coordinates(lines[there])[::2]
+    left = shapely.area(
+        shapely.difference(pieces[there], shapely.box(*(points - half).T, *(points + half).T))
+    )
+    found: list[Points | None] = [None] * len(pieces)
+    for k, place in zip(there[left <= speck].tolist(), points[left <= speck], strict=True):
+        found[k] = place[None]
+    return found
+
+
+def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
+    """Return points from which, together, a whole piece is visible.
+
+    The points lie inside the piece. If robots may only be in ``free``, the points lie in ``free``,
+    inside or beside the piece.
+    """
+    half = footprint / 2
+    if free is None:
+        return _within(piece, piece, center, half, speck)[0]
+    area = _around(free, piece, half)
+    places, left = _within(piece, area, center, half, speck, most=_MOST)
+    if left.area <= speck:
+        return places
+    # A robot sees the rest while it follows the border of the free area. From single points on a
+    # slanted border, it would not.
+    return np.concatenate([places, *_lines(_around(free.boundary, left, half))])
+
+
+def _lines(shape: Any) -> list[Points]:
+    """Return the points of each line of a Shapely geometry, line by line."""
+    import shapely
+
+    lines = [
+        part
+        for part in shapely.get_parts(shapely.line_merge(shape))
+        if part.geom_type == "LineString"
+    ]
+    return [shapely.get_coordinates(line) for line in lines]
+
+
+def _around(shape: Any, piece: Any, half: float) -> Any:
+    """Return the points of a shape from which a robot's footprint overlaps a piece, as a Shapely
+    geometry.
+    """
+    import shapely
+
+    low, high = np.reshape(piece.bounds, (2, 2))
+    return shapely.intersection(shape, shapely.box(*(low - half), *(high + half)))
+
+
+def _square(place: Points, half: float) -> Any:
+    import shapely
+
+    return shapely.box(*(place - half), *(place + half))
+
+
+def _within(
+    piece: Any, area: Any, center: Points, half: float, speck: float, most: float = np.inf
+) -> tuple[Points, Any]:
+    """Return at most ``most`` viewpoints in ``area`` for a piece, and the part of the piece that no
+    viewpoint sees.
+    """
+    import shapely
+
+    chosen: list[Points] = []
+    left, near = piece, center
+    while left.area > speck and len(chosen) < most:
+        place = _from_one(area, left, near, half)
+        if place is None:
+            # A point of the remaining part sees at least its own surroundings, so the loop ends.
+            part = max(shapely.get_parts(left), key=lambda shape: float(shape.area))
+            low, high = np.reshape(left.bounds, (2, 2))
+            place = _nearest(part if chosen else piece, near if not chosen else (low + high) / 2)
+            place = place if area is piece else _nearest(area, place)
+        chosen.append(place)
+        left = left.difference(_square(place, half))
+        near = place
+    return np.array(chosen).reshape(-1, 2), left
+
+
+def _from_one(area: Any, left: Any, near: Points, half: float) -> Points | None:
+    """Return, among all points of ``area`` that see the whole part ``left`` of a piece, the point
+    nearest to ``near``.
+
+    If no point sees the whole part ``left``, the result is None.
+    """
+    import shapely
+
+    low, high = np.reshape(left.bounds, (2, 2))
+    least, most, hair = high - half, low + half, 2 * _HAIR * half
+    if (least > most + hair).any():
+        return None
+    among = area.intersection(
+        shapely.box(*(np.minimum(least, most) - hair), *(np.maximum(least, most) + hair))
+    )
+    return None if among.is_empty else _nearest(among, near)
+
+
+def _nearest(shape: Any, point: Points) -> Points:
+    import shapely
+
+    line = shapely.shortest_line(shape, shapely.points(point))
+    return np.asarray(shapely.get_coordinates(line)[0])

@@ -1,1 +1,0 @@
-"""Kernels that shorten tours: exchanges of cells, and changes of paths along the border."""
