@@ -20,12 +20,12 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status, Verification
 from shoal.core.errors import InvalidInputError, OutputError, RigError, ShoalError
 from shoal.core.interruption import interruption_held
-from shoal.rigs.checks import Alarm, AlarmRaised, Rate, Trust, trust_of
+from shoal.rigs.checks import Alarm, AlarmRaised, Trust, trust_of
 from shoal.rigs.log import DriveLog, RecordedRig, map_digest, read_log
+from shoal.rigs.monitor import Rate
 from shoal.rigs.remote import LinkCounts
-from shoal.rigs.simulated import NoisyRig, SimulatedRig
+from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
 from shoal.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
-from shoal.rigs.transports import LARGEST_VIEW, PositionError, Rig
 from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.board import RULES, Board, GridLayout, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace

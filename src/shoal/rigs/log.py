@@ -21,7 +21,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.core.version import __version__
-from shoal.rigs.transports import LARGEST_VIEW, Rig
+from shoal.rigs.rig import LARGEST_VIEW, Rig
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.state import Belief, check_cells
 from shoal.swarm.problem import SwarmProblem

@@ -15,27 +15,24 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError
-from shoal.rigs.transports import (
-    LARGEST_VIEW,
+from shoal.rigs.protocol import (
     PROTOCOL,
     Again,
     Command,
-    ConnectionCutError,
     Done,
     Hello,
     Message,
     Observe,
-    PositionError,
     Positions,
     Refusal,
     Stop,
     Stopped,
-    Transport,
     Welcome,
     decode_message,
     encode_message,
-    open_transport,
 )
+from shoal.rigs.rig import LARGEST_VIEW, PositionError
+from shoal.rigs.transports import ConnectionCutError, Transport, open_transport
 from shoal.swarm.grid.board import RULES, letters_of
 from shoal.swarm.grid.state import check_cells
 
@@ -74,7 +71,7 @@ class LinkCounts:
 
 
 class RemoteRig:
-    """A remote rig, which exchanges the messages of `shoal.rigs.transports` with Shoal over a
+    """A remote rig, which exchanges the messages of `shoal.rigs.protocol` with Shoal over a
     connection.
 
     Shoal numbers its requests, and repeats an unanswered request with an unchanged number. The rig

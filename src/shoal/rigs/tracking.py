@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
-from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, explain_contradiction
+from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
-from shoal.rigs.transports import PositionError, Rig
+from shoal.rigs.monitor import NoiseMonitor
+from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed

@@ -24,7 +24,7 @@ from shoal.rigs import (
     drive,
     replay_log,
 )
-from shoal.rigs.checks import NoiseMonitor
+from shoal.rigs.monitor import NoiseMonitor
 from shoal.swarm.grid.tasks import place
 from shoal.swarm.noise.model import Noise
 
@@ -271,8 +271,8 @@ def test_the_number_of_particles_is_counted_under_noise():
 
     def lose_one(letter):
         if len(liar.sent) == 60:
-            there = np.flatnonzero(rig._noisy.there)
-            rig._noisy.there[there[7]] = False
+            there = np.flatnonzero(rig._noisy.state.there)
+            rig._noisy.state.there[there[7]] = False
         return letter
 
     liar = Lying(rig, command=lose_one)
@@ -294,9 +294,9 @@ class Losing(NoisyRig):
     def send(self, command):
         super().send(command)
         self.sent += 1
-        there = np.flatnonzero(self._noisy.there)
+        there = np.flatnonzero(self._noisy.state.there)
         if len(there) and (self.sent == self.at or (self.every and self.sent % self.every == 0)):
-            self._noisy.there[self.luck.choice(there)] = False
+            self._noisy.state.there[self.luck.choice(there)] = False
 
 
 @pytest.mark.parametrize("loss", [{"at": 20}, {"every": 10}], ids=str)
@@ -314,7 +314,7 @@ def test_losses_under_noise_keep_what_the_confidence_promises(loss):
             wrong += sum(driven.compared(workspace).values())
             known += len(driven.belief.known)
             said += any(alarm.kind == "number" for alarm in driven.alarms)
-            if not rig._noisy.there.any():
+            if not rig._noisy.state.there.any():
                 assert driven.status != "complete"
                 assert driven.trust.level == "limited"
     assert wrong <= 0.01 * known

@@ -216,7 +216,7 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
 
 
 def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) -> Rig:
-    from shoal.rigs.simulated import NoisyRig, SimulatedRig
+    from shoal.rigs.rig import NoisyRig, SimulatedRig
     from shoal.swarm.grid.board import noise_rng, trial_rng
     from shoal.swarm.grid.tasks import place
 
