@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
-from shoal.rigs.monitor import NoiseMonitor
+from shoal.rigs.monitor import NoiseMonitor, Rate
 from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
@@ -40,8 +40,12 @@ class RigSwarm(ABC):
         Observed or estimated cells of all particles.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start.
+    first_scan : ndarray of int64, shape (k, ndim)
+        What the first scan shows.
     first_frontier : int
         Number of frontier cells at the start.
+    observations : list of ndarray of int64, shape (k, ndim), or None
+        For a rig with noise: the cells in which each scan showed particles.
     moves : int
         Number of commands sent to the rig.
     log : DriveLog, optional
@@ -60,7 +64,9 @@ class RigSwarm(ABC):
     belief: Belief
     state: SwarmState
     start: NDArray[np.int64]
+    first_scan: NDArray[np.int64]
     first_frontier: int
+    observations: list[NDArray[np.int64]] | None = None
     moved: bool = False
     unproven: int = 0
     noisy: NoisyBelief | None = None
@@ -90,6 +96,18 @@ class RigSwarm(ABC):
         needed to tell.
         """
 
+    @property
+    @abstractmethod
+    def needs_proof(self) -> bool:
+        """Whether walls rest on commands at which nothing was seen to move."""
+
+    @abstractmethod
+    def doubts(self) -> list[str]:
+        """Return why the evidence for the walls is not enough, in sentences."""
+
+    def check(self) -> None:  # noqa: B027 - without noise, each scan is checked by `update`
+        """Raise an alarm if the scans so far contradict the commands."""
+
     @abstractmethod
     def command_that_moves(self) -> str | None:
         """Return the command that must move most particles, because the cells ahead of them are
@@ -115,6 +133,10 @@ class RigSwarm(ABC):
     def marks(self) -> list[Alarm]:
         """Return the alarms that mark the result without stopping the drive."""
         return []
+
+    def rates(self) -> dict[str, Rate]:
+        """Return the stated and the observed error rates, by name."""
+        return {}
 
     def observe(self) -> NDArray[np.int64]:
         """Return the cells in which the rig observes particles (int64, shape (n, ndim)).
@@ -180,7 +202,7 @@ class ExactRigSwarm(RigSwarm):
 
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig)
-        self.start = self.observe()
+        self.start = self.first_scan = self.observe()
         self.state = self._state_at(self.start)
         here = self.state.occupied
         self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
@@ -196,6 +218,19 @@ class ExactRigSwarm(RigSwarm):
     def still(self) -> bool | None:
         """Whether all directions were tried and nothing moved."""
         return False if self.moved else True if len(self._tried) == 2 * self.layout.ndim else None
+
+    @property
+    def needs_proof(self) -> bool:
+        """Whether the last commands classified cells although nothing was seen to move."""
+        return self.unproven > 0
+
+    def doubts(self) -> list[str]:
+        """Return which walls rest on commands at which nothing was seen to move."""
+        text = (
+            f"{cells_classified(self.unproven)} by the last commands, at which nothing was seen to"
+            " move"
+        )
+        return [text] if self.unproven else []
 
     def command_that_moves(self) -> str | None:
         """Return the command that must move most particles, because the cells ahead of them are
@@ -334,8 +369,6 @@ class NoisyRigSwarm(RigSwarm):
 
     Attributes
     ----------
-    observations : list of ndarray of int64, shape (k, ndim)
-        Cells in which each scan showed particles.
     monitor : NoiseMonitor
         What the scans say about the stated noise.
 
@@ -346,6 +379,7 @@ class NoisyRigSwarm(RigSwarm):
     """
 
     noisy: NoisyBelief
+    observations: list[NDArray[np.int64]]
 
     def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
         super().__init__(rig)
@@ -361,11 +395,8 @@ class NoisyRigSwarm(RigSwarm):
         self._once_free = Board.empty(self.layout)
         self._unseen = 0  # commands since the last scan
         self._take_over()
-        self.start, self.first_frontier, self.observations = (
-            self.state.cells,
-            self.noisy.remaining,
-            [cells],
-        )
+        self.first_scan, self.observations = cells, [cells]
+        self.start, self.first_frontier = self.state.cells, self.noisy.remaining
 
     @property
     def finished(self) -> bool:
@@ -399,6 +430,27 @@ class NoisyRigSwarm(RigSwarm):
             for letter, cells in told
             if cells > self._allowed and not self.monitor.shows_motion(letter)
         ]
+
+    @property
+    def needs_proof(self) -> bool:
+        """Whether the evidence for the walls is not enough."""
+        return self.doubtful
+
+    def doubts(self) -> list[str]:
+        """Return why the evidence for the walls is not enough."""
+        if not self.moved:
+            return []
+        if unshown := self.unshown:
+            return [
+                f"no particle was surely seen to move at command"
+                f" {' or '.join(map(repr, unshown))}, from which walls were inferred"
+            ]
+        text = (
+            f"{cells_classified(self.unproven)} while nothing was seen to move, more than the"
+            " confidence allows: the magnets do nothing any more, the camera shows an old picture,"
+            " or no particle has room to move"
+        )
+        return [text] if self.doubtful else []
 
     @property
     def still(self) -> bool | None:
@@ -508,6 +560,15 @@ class NoisyRigSwarm(RigSwarm):
             ]
         return marks
 
+    def rates(self) -> dict[str, Rate]:
+        """Return the stated and the observed error rates, by name."""
+        return self.monitor.rates()
+
     def _take_over(self) -> None:
         self.belief, self.state = self.noisy.belief, SwarmState(self.noisy.occupied)
         self._once_free = self._once_free | self.belief.open
+
+
+def cells_classified(number: int) -> str:
+    """Return "1 cell was classified" or "7 cells were classified"."""
+    return f"{number} {'cell was' if number == 1 else 'cells were'} classified"

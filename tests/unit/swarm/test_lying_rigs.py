@@ -24,6 +24,7 @@ from shoal.rigs import (
     drive,
     replay_log,
 )
+from shoal.rigs.driving import check_number_seen
 from shoal.rigs.monitor import NoiseMonitor
 from shoal.swarm.grid.tasks import place
 from shoal.swarm.noise.model import Noise
@@ -650,11 +651,13 @@ def test_liars_over_a_pipe(how, code, status, kinds, level, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--rig", "tcp:localhost:1", "--particles", "4"], "particles: expected the rig simulated"),
-        (["--rig", "tcp:localhost:1", "--rule", "tilt"], "rule: expected the rig simulated"),
         (
             ["--rig", "tcp:localhost:1", "--start", "0,0"],
-            "the rig simulated, because a real rig reports its own",
+            "start: expected the rig simulated, because the particles of a real rig are where",
+        ),
+        (
+            ["--rig", "tcp:localhost:1", "--placement", "uniform"],
+            "placement: expected the rig simulated",
         ),
         (["line:5", "--end-after", "3"], "end-after: expected a rig behind a connection"),
     ],
@@ -662,6 +665,49 @@ def test_liars_over_a_pipe(how, code, status, kinds, level, tmp_path, capsys):
 def test_options_without_effect_on_the_rig_are_refused(words, told, capsys):
     assert shoal(["drive", *words]) == 2
     assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--particles", "4"], "particles: expected 4, got 2 in the first scan of the rig liar"),
+        (["--particles", "1"], "particles: expected 1, got 2 in the first scan of the rig liar"),
+        (
+            ["--particles", "30", "--miss", "0.3"],
+            "particles: expected 30, got 2 in the first scan of the rig liar, too few for the"
+            " stated noise",
+        ),
+        (["--particles", "1", "--miss", "0.3"], "particles: expected 1, got 2"),
+        (["--rule", "tilt"], "rule: expected tilt, got block from the rig liar"),
+    ],
+)
+def test_another_number_of_particles_or_rule_than_expected_ends_the_drive_before_the_first_move(
+    words, told, tmp_path, capsys
+):
+    (tmp_path / "liar.py").write_text(LIAR)
+    log = tmp_path / "log.jsonl"
+    rig = f"exec:{sys.executable} {tmp_path / 'liar.py'} honest"
+    assert shoal(["drive", "--rig", rig, "--log", str(log), *words, "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert told in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+    assert not log.exists()
+
+
+def test_what_is_expected_of_a_real_rig_may_be_so(tmp_path, capsys):
+    (tmp_path / "liar.py").write_text(LIAR)
+    rig = f"exec:{sys.executable} {tmp_path / 'liar.py'} honest"
+    assert shoal(["drive", "--rig", rig, "--particles", "2", "--rule", "block", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "complete"
+
+
+def test_under_noise_the_expected_number_is_compared_as_chance_allows():
+    for seen, expected, miss in ((9, 12, 0.3), (4, 12, 0.3), (12, 12, 0.3), (3, 3, 0)):
+        check_number_seen(exact(MAZE), expected, seen, Noise(0.1, 0, miss) if miss else None)
+    for seen, expected, miss in ((3, 12, 0.3), (13, 12, 0.3), (2, 3, 0), (4, 3, 0)):
+        with pytest.raises(InvalidInputError, match=f"particles: expected {expected}, got {seen}"):
+            check_number_seen(exact(MAZE), expected, seen, Noise(0.1, 0, miss) if miss else None)
 
 
 def test_the_table_says_how_far_a_map_can_be_trusted(tmp_path, capsys):

@@ -117,8 +117,10 @@ def drive(
     """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C,
     Shoal stops the rig.
 
-    The options --particles, --placement, --start and --rule apply to a simulated rig; a real rig
-    reports its own values. The options --slip, --misplace and --miss state the error probabilities
+    Of a real rig, --particles and --rule are the expected values: if its first scan shows another
+    number of particles (with --miss or --misplace: fewer than chance allows, or more), or if it
+    reports another rule, the command ends before the first move. The options --placement and
+    --start apply to a simulated rig only. The options --slip, --misplace and --miss state the error probabilities
     of a rig, and a simulated rig makes such errors. If the rig contradicts the commands, or if no
     particle moves, the drive ends with the status alarm and exit code 1. The page
     docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
@@ -152,6 +154,12 @@ def drive(
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN}
+        if rig != "simulated":  # what the user expects of it
+            fields |= {
+                name: getattr(problem, name)
+                for name in ("particles", "rule")
+                if name in problem.given
+            }
         options: dict[str, Any] = {
             "seed": seed,
             "log": book,
@@ -188,11 +196,9 @@ def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
         expected = "a rig behind a connection, whose answers may be late"
     else:
         given = {
-            name: getattr(problem, name)
-            for name in ("start", "particles", "placement", "rule")
-            if name in problem.given
+            name: getattr(problem, name) for name in ("start", "placement") if name in problem.given
         }
-        expected = "the rig simulated, because a real rig reports its own particles and rule"
+        expected = "the rig simulated, because the particles of a real rig are where they are"
     for name, value in given.items():
         raise InvalidInputError(
             f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
