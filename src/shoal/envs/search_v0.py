@@ -18,17 +18,13 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
 from shoal.envs.options import (
-    MODES,
     SEEDS,
     SearchEnvOptions,
-    check_render_mode,
     check_running,
-    close_window,
-    enlarged,
     option_errors,
-    rendered,
     split_fields,
 )
+from shoal.envs.rendering import MODES, check_render_mode, close_window, enlarged, rendered
 from shoal.search.cells.layers import layers_of
 from shoal.search.planning.plan import plan_search, start_points
 from shoal.search.problem import SearchProblem

@@ -22,7 +22,6 @@ from shoal.swarm.noise.model import Noise
 CRITICAL = 1e-9  # of the scans under the stated rates, from which on the rates cannot be true
 DEMONSTRATED = 1e-3  # of the scans if a command moved nothing, from which on it moves particles
 LEAPING = 1e-2  # of the motions by two cells, from which on they mark the result
-GONE = 1e-4  # that all particles are there, but no scan shows all of them: one is gone
 SURE, EMPTY = (
     0.9,
     0.1,
@@ -30,11 +29,15 @@ SURE, EMPTY = (
 
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
-CHANGE = 4.0  # standard errors from which the number has changed, at the most likely moment of all
 PLAUSIBLE = 7.0  # log-likelihood ratio up to which a cell may still hold a particle at rest
 FEW = 30  # observations from which on a rate is judged
-WINDOW = 30  # scans over which a number of particles is averaged
-LEAST = 8  # fewest scans on each side of a change
+LEAST = 8  # observations of other particles from which on they say how many stay
+# of the number of particles, from scan to scan (`find_change`)
+SETTLED = 5  # first scans, in which the number is not yet settled
+SIDE = 8  # fewest scans on each side of a change
+CHANGE = 4.6  # standard errors from which on the number has changed, at the likeliest moment of all
+SMALLEST = 0.6  # of a change: one particle that is gone takes .8 to 1.3 with it
+WINDOW = 30  # scans over which the number at the start and now is averaged
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
 RECENT = 100  # particles with a free cell ahead whose motion is remembered
 
@@ -114,7 +117,6 @@ class NoiseMonitor:
         # pairs ahead minus pairs behind for each command, and the variance of this number if
         # nothing moves
         self._surplus = {letter: [0.0, 0.0] for letter in letters}
-        self._numbers: list[int] = []
         self._cells = int(np.prod([size + 2 for size in shape]))  # the workspace and its rim
         self._seen, self._scans = (
             np.zeros(int(np.prod(sizes)), dtype=np.int32),
@@ -261,7 +263,6 @@ class NoiseMonitor:
         the probability that particles at rest ever reach 1 / `CRITICAL` is at most `CRITICAL`
         (Ville's inequality).
         """
-        self._numbers.append(len(cells))
         self._seen[self._flat(cells)] += 1
         self._scans += 1
         if self._evidence() < -log(CRITICAL):
@@ -306,43 +307,6 @@ class NoiseMonitor:
         motion = betaln(seen + 0.5, scans - seen + 0.5) - betaln(0.5, 0.5)
         ratios = np.logaddexp(np.log1p(-share), np.log(share) + motion - rest)
         return float(ratios.sum() + (self._cells - len(seen)) * np.log1p(-share))
-
-    @property
-    def change(self) -> tuple[float, float] | None:
-        """Number of particles before and after the most likely moment of a change, or None if the
-        number did not change.
-
-        Unlike the number of particles in the belief, the number of detections has the same bias in
-        known and in unknown regions.
-        """
-        told = np.array(self._numbers) / (1 - self.noise.miss)
-        before = np.arange(LEAST, len(told) - LEAST + 1)
-        if not len(before):
-            return None
-        after = len(told) - before
-        sums, squares = np.cumsum(told), np.cumsum(told**2)
-        left, right = sums[before - 1] / before, (sums[-1] - sums[before - 1]) / after
-        spread = squares[-1] - before * left**2 - after * right**2  # around the two means
-        errors = np.sqrt(np.maximum(spread, 0.1) / len(told) * (1 / before + 1 / after))
-        best = int(np.argmax(np.abs(left - right) / errors))
-        if abs(left[best] - right[best]) < max(0.5, CHANGE * errors[best]):
-            return self._fewer
-        window = min(WINDOW, int(before[best]), int(after[best]))
-        return float(told[:window].mean()), float(told[-window:].mean())
-
-    @property
-    def _fewer(self) -> tuple[float, float] | None:
-        """Largest number of detections and the number now, if no scan for long showed as many, or
-        None.
-
-        A scan never shows more detections than there are particles. It shows every particle with a
-        known probability.
-        """
-        most, numbers = max(self._numbers), np.array(self._numbers)
-        since = len(numbers) - 1 - int(np.flatnonzero(numbers == most)[-1])
-        if since * np.log1p(-(((1 - self.noise.miss) * self.hit) ** most) + 1e-12) > log(GONE):
-            return None
-        return most, min(most - 1, round(float(numbers[-since:].mean()) / (1 - self.noise.miss)))
 
     @property
     def along(self) -> bool:
@@ -504,20 +468,58 @@ class NoiseMonitor:
                 " a move, whatever the command"
             )
             alarms.append(Alarm("drift", move, text))
-        if self.change is not None:
-            first, last = (round(number) for number in self.change)
-            text = f"about {first} particles at the start, about {last} now"
-            if first > last:
-                text += (
-                    ": particles that scans did not show for longer than the miss rate explains"
-                    " were taken out of the belief"
-                )
-            elif first < last:
-                text += ": scans show more particles than at the start"
-            else:
-                text += ", and other numbers in between"
-            alarms.append(Alarm("number", move, text))
         return alarms
+
+
+@dataclass(frozen=True)
+class NumberChange:
+    """A change of the number of particles: the mean numbers of the first and of the last scans, and
+    the index of the scan after which the number changed.
+    """
+
+    first: float
+    last: float
+    scan: int
+
+
+def find_change(numbers: NDArray[np.float64]) -> NumberChange | None:
+    """Return the change of the number of particles between two scans, or None if chance explains
+    the numbers.
+
+    The means m before and after each possible moment are compared. Their difference has the
+    standard error s sqrt((1 + r) / (1 - r) (1 / n_before + 1 / n_after)), where s is the standard
+    deviation around the two means, and r is the correlation of consecutive scans.
+
+    Parameters
+    ----------
+    numbers : ndarray of float64, shape (scans,)
+        The expected number of particles after each scan.
+
+    Examples
+    --------
+    >>> numbers = 20 + np.random.default_rng(1).normal(0, 0.5, 200)
+    >>> find_change(numbers)
+    >>> find_change(numbers - (np.arange(200) >= 120)).scan
+    120
+    """
+    kept = numbers[SETTLED:]
+    before = np.arange(SIDE, len(kept) - SIDE + 1)
+    if not len(before):
+        return None
+    after = len(kept) - before
+    sums = np.cumsum(kept)
+    left, right = sums[before - 1] / before, (sums[-1] - sums[before - 1]) / after
+    shares = before * after / len(kept)
+    split = int(np.argmax(np.abs(left - right) * np.sqrt(shares)))
+    rest = kept - np.where(np.arange(len(kept)) < before[split], left[split], right[split])
+    variance = max(0.01, float(rest.var()))
+    alike = min(0.8, max(0.0, float((rest[1:] * rest[:-1]).mean()) / variance))
+    errors = np.sqrt(variance * (1 + alike) / (1 - alike) / shares)
+    best = int(np.argmax(np.abs(left - right) / errors))
+    if abs(left[best] - right[best]) < max(SMALLEST, CHANGE * errors[best]):
+        return None
+    start, now = kept[: min(WINDOW, before[best])], kept[-min(WINDOW, after[best]) :]
+    return NumberChange(float(start.mean()), float(now.mean()), SETTLED + int(before[best]))
 
 
 def axis_name(axis: int, ndim: int) -> str:

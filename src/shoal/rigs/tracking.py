@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
-from shoal.rigs.monitor import NoiseMonitor, Rate
+from shoal.rigs.monitor import NoiseMonitor, NumberChange, Rate, find_change
 from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
@@ -393,7 +393,7 @@ class NoisyRigSwarm(RigSwarm):
         self._classified = dict.fromkeys(letters_of(self.layout.ndim), 0)  # cells, by command
         self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
-        self._unseen = 0  # commands since the last scan
+        self._sent: list[tuple[str, bool]] = []  # all commands, and whether a scan followed
         self._take_over()
         self.first_scan, self.observations = cells, [cells]
         self.start, self.first_frontier = self.state.cells, self.noisy.remaining
@@ -509,7 +509,7 @@ class NoisyRigSwarm(RigSwarm):
         """
         for _ in range(steps):
             self.noisy.spread(command)
-        self._unseen += steps
+        self._sent += [(command, False)] * steps
         self._take_over()
         return [(0, self.noisy.remaining, 0)] * steps
 
@@ -518,7 +518,8 @@ class NoisyRigSwarm(RigSwarm):
         unknown travelled distance.
         """
         rows = self.predict(command, steps - 1)
-        alone, self._unseen = self._unseen == 0, 0
+        alone = not self._sent or self._sent[-1][1]
+        self._sent.append((command, True))
         if alone:
             inside = self.noisy.state.inside.reshape(padded_shape(self.layout.shape))
             self.monitor.compare(
@@ -554,11 +555,51 @@ class NoisyRigSwarm(RigSwarm):
                 "no particle is left that scans show: every cell that is still unclassified"
                 " stays so"
             )
-            marks = [
-                Alarm("number", self.moves, text),
-                *(mark for mark in marks if mark.kind != "number"),
-            ]
+            return [Alarm("number", self.moves, text), *marks]
+        change = find_change(self._recounted())
+        if change is not None:
+            marks.append(Alarm("number", self.moves, self._change_text(change)))
         return marks
+
+    def _recounted(self) -> NDArray[np.float64]:
+        """Return the expected number of particles after each scan, if the map is as it is believed
+        now.
+
+        In a map that is still unknown, the belief overestimates the number: a particle may or may
+        not have entered an unknown cell. With the map of the end, the number is off by the same
+        share all the time, so that a step shows that particles are gone.
+        """
+        noise, confidence, first = self.noisy.noise, self._confidence, self.first_scan
+        seen = Board.of_cells(self.layout, first)
+        belief = NoisyBelief(self.layout.shape, seen, noise, confidence, loss=LOSS)
+        belief.state.logit[:] = self.noisy.state.logit
+        numbers, scans = [belief.particles], iter(self.observations[1:])
+        for command, scanned in self._sent:
+            if not scanned:
+                belief.spread(command)
+                continue
+            belief.update(command, Board.of_cells(self.layout, next(scans)))
+            belief.state.logit[:] = self.noisy.state.logit
+            numbers.append(belief.particles)
+        detections = sum(map(len, self.observations)) / (1 - noise.miss)
+        return np.array(numbers) * (detections / max(sum(numbers), 1e-9))
+
+    def _change_text(self, change: NumberChange) -> str:
+        first, last = round(change.first), round(change.last)
+        if change.first > change.last:
+            last = min(last, first - 1)
+            why = (
+                "particles that scans did not show for longer than the miss rate explains were"
+                " taken out of the belief"
+            )
+        else:
+            last = max(last, first + 1)
+            why = "scans show more particles than at the start"
+        moves = [number for number, (_, scanned) in enumerate(self._sent, start=1) if scanned]
+        return (
+            f"about {first} particles at the start, about {last} now, since about move"
+            f" {moves[change.scan - 1]}: {why}"
+        )
 
     def rates(self) -> dict[str, Rate]:
         """Return the stated and the observed error rates, by name."""

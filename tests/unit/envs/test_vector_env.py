@@ -191,11 +191,11 @@ def test_compact_numbers_are_those_of_the_planes(options):
             gymnasium.error.InvalidAction,
             "actions: expected 2 whole numbers from 0 to 3, one per",
         ),
-        (lambda envs: envs.step([0.5, 1]), gymnasium.error.InvalidAction, "got float64 (2,)"),
+        (lambda envs: envs.step([0.5, 1]), gymnasium.error.InvalidAction, "got [0.5, 1]"),
         (
             lambda envs: envs.step([0, 4]),
             gymnasium.error.InvalidAction,
-            "actions: expected whole numbers from 0 to 3, got 4",
+            "actions: expected 2 whole numbers from 0 to 3, one per environment, got [0, 4]",
         ),
         (
             lambda envs: envs.reset(seed=[1]),
