@@ -373,15 +373,16 @@ class NoiseMonitor:
                 found[name] = Rate(getattr(self.noise, name), observed, low, high, trials)
         return found
 
-    @property
-    def _leaping(self) -> float:
+    def _leaping(self, *, doubtful: bool) -> float:
         """Probability of as many motions by two cells as scans show, if particles are misplaced as
-        stated or surely seen aside.
+        stated or as often as they are surely seen aside (``doubtful``: as often as they may be).
         """
         leaps, trials = self.leapt
         seen = self.rates().get("misplace")
-        share = self.share if seen is None else max(self.share, seen.low / (2 * self.ndim))
-        return tail(leaps, trials, 2 * share + 1e-3) if leaps > 1 else 1.0
+        misplace = self.noise.misplace
+        if seen is not None:
+            misplace = max(misplace, seen.high if doubtful else seen.low)
+        return tail(leaps, trials, misplace / self.ndim + 1e-3) if leaps > 1 else 1.0
 
     @property
     def _leaps(self) -> str:
@@ -427,7 +428,7 @@ class NoiseMonitor:
                     " explain: this direction of the magnets does nothing"
                 )
                 return Alarm("still", move, f"move {move}: {text}")
-        if self._leaping < CRITICAL:
+        if self._leaping(doubtful=True) < CRITICAL:
             return Alarm("twice", move, f"move {move}: {self._leaps}")
         # as long as nothing moves along the commands, the scans are exchangeable, and motion to the
         # sides shows as well
@@ -445,7 +446,8 @@ class NoiseMonitor:
         drift, numbers.
         """
         alarms = []
-        for name, rate in self.rates().items():
+        rates = self.rates()
+        for name, rate in rates.items():
             if rate.wrong:
                 text = (
                     f"{name}: stated {rate.stated:g}, observed {rate.observed:.3f} (99.9 % interval"
@@ -454,7 +456,8 @@ class NoiseMonitor:
                     " not hold"
                 )
                 alarms.append(Alarm("rates", move, text))
-        if self._leaping < LEAPING:
+        strayed = "misplace" in rates and rates["misplace"].wrong  # the alarm above may explain it
+        if self._leaping(doubtful=strayed) < LEAPING:
             alarms.append(Alarm("twice", move, self._leaps))
         trials = max(1, self.aside[1])
         axis = int(np.argmax(np.abs(self.drift)))
