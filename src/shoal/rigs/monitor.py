@@ -5,6 +5,7 @@ the number of particles.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from math import log, sqrt
 
 import numpy as np
@@ -71,6 +72,19 @@ class Rate:
         )
 
 
+@dataclass
+class Tally:
+    """Number of events in a number of trials."""
+
+    events: int = 0
+    trials: int = 0
+
+    def add(self, events: int, trials: int = 1) -> None:
+        """Add events and the trials in which they happened or did not happen."""
+        self.events += events
+        self.trials += trials
+
+
 class NoiseMonitor:
     """Compares pairs of scans with one command between them with the stated noise.
 
@@ -78,7 +92,7 @@ class NoiseMonitor:
     of detections one cell ahead minus the number of pairs one cell behind. If nothing moves, the
     two scans are exchangeable, so that the difference is 0 on average, however dense the particles
     are. (2) The fate of particles that no other particle is near: missed, moved, stayed, or
-    displaced to the side. (3) The number of detections in each scan.
+    displaced to the side. (3) How often each cell shows a particle.
 
     Parameters
     ----------
@@ -93,35 +107,24 @@ class NoiseMonitor:
         self._strides = np.array(
             [int(np.prod(sizes[axis + 1 :])) for axis in range(self.ndim)], dtype=np.int64
         )
-        self.missed, self.stayed, self.aside, self.leapt = (
-            [0, 0],
-            [0, 0],
-            [0, 0],
-            [0, 0],
-        )  # events, trials
-        # by the axis of the command and the axis of the motion; positive along the command
-        self.advance, self.variance = (
-            np.zeros((self.ndim, self.ndim)),
-            np.zeros((self.ndim, self.ndim)),
-        )
-        self.drift = np.zeros(
-            self.ndim
-        )  # sum of the displacements of single particles across the axis of the command
-        self.recent: deque[bool] = deque(
-            maxlen=RECENT
-        )  # whether a particle with a free cell ahead stayed
         letters = letters_of(self.ndim)
-        self.stays: dict[str, list[bool]] = {
-            letter: [] for letter in letters
-        }  # the same for each command, all of them
+        # of single particles: not seen; seen to stay although the cell ahead is free; seen beside
+        # their line; seen to move by two cells
+        self.missed, self.stayed, self.aside, self.leapt = Tally(), Tally(), Tally(), Tally()
+        # by the axis of the command and the axis of the motion; positive along the command
+        self.advance = np.zeros((self.ndim, self.ndim))
+        self.variance = np.zeros((self.ndim, self.ndim))
+        # sum of the displacements of single particles across the axis of the command
+        self.drift = np.zeros(self.ndim)
+        # whether particles with a free cell ahead stayed: the latest, and all by command
+        self.recent: deque[bool] = deque(maxlen=RECENT)
+        self.stays: dict[str, list[bool]] = {letter: [] for letter in letters}
         # pairs ahead minus pairs behind for each command, and the variance of this number if
         # nothing moves
         self._surplus = {letter: [0.0, 0.0] for letter in letters}
         self._cells = int(np.prod([size + 2 for size in shape]))  # the workspace and its rim
-        self._seen, self._scans = (
-            np.zeros(int(np.prod(sizes)), dtype=np.int32),
-            0,
-        )  # since motion was last established
+        # since motion was last established: scans that show each cell, and all scans
+        self._seen, self._scans = np.zeros(int(np.prod(sizes)), dtype=np.int32), 0
 
     @property
     def hit(self) -> float:
@@ -205,16 +208,14 @@ class NoiseMonitor:
         there = np.isin(self._flat(cells + ahead), second)
         far = np.isin(self._flat(cells + 2 * ahead), second)
         leapt = far[able & (there ^ far) & ~np.isin(self._flat(cells), second)]
-        self.leapt[0] += int(leapt.sum())
-        self.leapt[1] += len(leapt)
+        self.leapt.add(int(leapt.sum()), len(leapt))
         able &= free[tuple((cells + ahead + 1).T)]
         there, here = there[able], np.isin(self._flat(cells[able]), second)
         stayed = here[here ^ there]
-        self.stayed[0] += int(stayed.sum())
-        self.stayed[1] += len(stayed)
-        found: list[bool] = stayed.tolist()
-        self.recent.extend(found)
-        return found
+        self.stayed.add(int(stayed.sum()), len(stayed))
+        stays: list[bool] = stayed.tolist()
+        self.recent.extend(stays)
+        return stays
 
     def _follow(
         self,
@@ -241,15 +242,13 @@ class NoiseMonitor:
         ):
             if len(near) > 1:
                 continue
-            self.missed[1] += 1
+            self.missed.add(not near)
             if not near:
-                self.missed[0] += 1
                 continue
-            way = after[near[0]] - cell
-            way[ahead != 0] = 0
-            self.aside[0] += int(way.any())
-            self.aside[1] += 1
-            self.drift += way
+            shift = after[near[0]] - cell
+            shift[ahead != 0] = 0
+            self.aside.add(bool(shift.any()))
+            self.drift += shift
 
     def count(self, cells: NDArray[np.int64]) -> bool:
         """Take one scan into account. Return whether the scans since motion was last established
@@ -342,53 +341,54 @@ class NoiseMonitor:
         """Return the share of stays to expect in a run of stays: as stated, or as observed before,
         if more particles slip.
         """
-        events, trials = self.stayed[0] - run, self.stayed[1] - run
+        events, trials = self.stayed.events - run, self.stayed.trials - run
         return max(self.staying, 0.1, events / trials if trials > LEAST else 0.0)
 
     def rates(self) -> dict[str, Rate]:
         """Return the stated and observed rates of the errors that the drive could observe."""
-        found = {}
         spread = self.hit - self.share
-        for name, (events, trials), undo in (
-            (
-                "slip",
+        counted: dict[str, tuple[Tally, Callable[[float], float]]] = {
+            # a particle is also seen to stay or to move if a scan misplaces it along its line
+            "slip": (
                 self.stayed,
                 lambda seen: (
                     (seen * (self.hit + self.share) - self.share) / spread if spread > 0.1 else seen
                 ),
             ),
-            ("miss", self.missed, lambda seen: seen),
+            "miss": (self.missed, lambda seen: seen),
             # a particle is seen aside if either of the two scans misplaced it to one of the sides
-            (
-                "misplace",
+            "misplace": (
                 self.aside,
                 lambda seen: (1 - sqrt(max(0.0, 1 - seen))) * self.ndim / (self.ndim - 1),
             ),
-        ):
-            if trials:
-                low, high = wilson(events, trials)
-                observed, low, high = (
-                    min(1.0, max(0.0, undo(value))) for value in (events / trials, low, high)
+        }
+        rates = {}
+        for name, (tally, undo) in counted.items():
+            if tally.trials:
+                shares = (
+                    tally.events / tally.trials,
+                    *wilson(tally.events, tally.trials),
                 )
-                found[name] = Rate(getattr(self.noise, name), observed, low, high, trials)
-        return found
+                observed, low, high = (min(1.0, max(0.0, undo(share))) for share in shares)
+                stated = getattr(self.noise, name)
+                rates[name] = Rate(stated, observed, low, high, tally.trials)
+        return rates
 
     def _leaping(self, *, doubtful: bool) -> float:
         """Probability of as many motions by two cells as scans show, if particles are misplaced as
         stated or as often as they are surely seen aside (``doubtful``: as often as they may be).
         """
-        leaps, trials = self.leapt
         seen = self.rates().get("misplace")
         misplace = self.noise.misplace
         if seen is not None:
             misplace = max(misplace, seen.high if doubtful else seen.low)
-        return tail(leaps, trials, misplace / self.ndim + 1e-3) if leaps > 1 else 1.0
+        leaps = self.leapt.events
+        return tail(leaps, self.leapt.trials, misplace / self.ndim + 1e-3) if leaps > 1 else 1.0
 
     @property
     def _leaps(self) -> str:
-        leaps, trials = self.leapt
         return (
-            f"{leaps} of {count_text(trials, 'particle')} that moved alone moved by two cells:"
+            f"{self.leapt.events} of {count_text(self.leapt.trials, 'particle')} that moved alone moved by two cells:"
             " commands are carried out twice"
         )
 
@@ -459,7 +459,7 @@ class NoiseMonitor:
         strayed = "misplace" in rates and rates["misplace"].wrong  # the alarm above may explain it
         if self._leaping(doubtful=strayed) < LEAPING:
             alarms.append(Alarm("twice", move, self._leaps))
-        trials = max(1, self.aside[1])
+        trials = max(1, self.aside.trials)
         axis = int(np.argmax(np.abs(self.drift)))
         if (
             abs(self.drift[axis]) > (SIGMAS + 1) * sqrt(self.noise.misplace * trials + 1)
