@@ -401,7 +401,7 @@ class _Driver:
         elif not isinstance(failure, KeyboardInterrupt):
             kind = "outside" if isinstance(failure, PositionError) else "failure"
             self.alarms.insert(0, Alarm(kind, self.swarm.moves, _text_of(failure)))
-        self.alarms += self.swarm.marks()
+        self.alarms += self.swarm.marks(quick=isinstance(failure, KeyboardInterrupt))
         failure = self._close_log(status, failure)
         result = self._result(status, time.perf_counter() - began)
         if failure is None:

@@ -24,6 +24,8 @@ from shoal.swarm.noise.belief import NoisyBelief, padded_shape
 from shoal.swarm.noise.model import LOSS, Noise
 from shoal.swarm.simulation.swarms import distance_of_push, newly_classified
 
+QUICK = 2**25  # scans times cells that can be gone through again in about a second
+
 
 class RigSwarm(ABC):
     """Base class of the swarms that the closed loop controls on a rig.
@@ -130,8 +132,11 @@ class RigSwarm(ABC):
         Return the trace entries (classified, frontier, travelled) of each command.
         """
 
-    def marks(self) -> list[Alarm]:
-        """Return the alarms that mark the result without stopping the drive."""
+    def marks(self, *, quick: bool = False) -> list[Alarm]:
+        """Return the alarms that mark the result without stopping the drive.
+
+        If ``quick`` is true, as after Ctrl-C, leave out what takes long, and say so in `doubts`.
+        """
         return []
 
     def rates(self) -> dict[str, Rate]:
@@ -389,7 +394,7 @@ class NoisyRigSwarm(RigSwarm):
         )
         self.monitor = NoiseMonitor(rig.shape, noise)
         self.monitor.count(cells)
-        self._confidence, self._shown = confidence, False
+        self._confidence, self._shown, self.counted = confidence, False, True
         self._classified = dict.fromkeys(letters_of(self.layout.ndim), 0)  # cells, by command
         self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
@@ -438,19 +443,25 @@ class NoisyRigSwarm(RigSwarm):
 
     def doubts(self) -> list[str]:
         """Return why the evidence for the walls is not enough."""
+        doubts = []
+        if not self.counted:
+            doubts.append("Ctrl-C left no time to see whether the number of particles changed")
         if not self.moved:
-            return []
+            return doubts
         if unshown := self.unshown:
-            return [
-                f"no particle was surely seen to move at command"
-                f" {' or '.join(map(repr, unshown))}, from which walls were inferred"
-            ]
-        text = (
-            f"{cells_classified(self.unproven)} while nothing was seen to move, more than the"
-            " confidence allows: the magnets do nothing any more, the camera shows an old picture,"
-            " or no particle has room to move"
-        )
-        return [text] if self.doubtful else []
+            text = (
+                f"no particle was surely seen to move at command {' or '.join(map(repr, unshown))},"
+                " from which walls were inferred"
+            )
+            return [text, *doubts]
+        if self.doubtful:
+            text = (
+                f"{cells_classified(self.unproven)} while nothing was seen to move, more than the"
+                " confidence allows: the magnets do nothing any more, the camera shows an old"
+                " picture, or no particle has room to move"
+            )
+            return [text, *doubts]
+        return doubts
 
     @property
     def still(self) -> bool | None:
@@ -545,7 +556,7 @@ class NoisyRigSwarm(RigSwarm):
         if alarm is not None:
             raise AlarmRaised(alarm)
 
-    def marks(self) -> list[Alarm]:
+    def marks(self, *, quick: bool = False) -> list[Alarm]:
         """Return the alarms that mark the result: rates far from the stated ones, drift, another
         number of particles.
         """
@@ -556,7 +567,9 @@ class NoisyRigSwarm(RigSwarm):
                 " stays so"
             )
             return [Alarm("number", self.moves, text), *marks]
-        change = find_change(self._recounted())
+        work = len(self.observations) * int(np.prod(padded_shape(self.layout.shape)))
+        self.counted = not quick or work <= QUICK
+        change = find_change(self._recounted()) if self.counted else None
         if change is not None:
             marks.append(Alarm("number", self.moves, self._change_text(change)))
         return marks

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import shoal.envs
-from shoal.envs import options as observations
+from shoal.envs import swarm as observations
 from shoal.steering import prism, region, regular_polygon
 from shoal.swarm.policies.protocol import path_to_frontier
 
