@@ -474,24 +474,13 @@ class NoiseMonitor:
         return alarms
 
 
-@dataclass(frozen=True)
-class NumberChange:
-    """A change of the number of particles: the mean numbers of the first and of the last scans, and
-    the index of the scan after which the number changed.
-    """
+def find_change(numbers: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return the mean numbers of particles at the start and now, or None if chance explains all
+    differences between scans.
 
-    first: float
-    last: float
-    scan: int
-
-
-def find_change(numbers: NDArray[np.float64]) -> NumberChange | None:
-    """Return the change of the number of particles between two scans, or None if chance explains
-    the numbers.
-
-    The means m before and after each possible moment are compared. Their difference has the
-    standard error s sqrt((1 + r) / (1 - r) (1 / n_before + 1 / n_after)), where s is the standard
-    deviation around the two means, and r is the correlation of consecutive scans.
+    The means before and after each possible moment are compared. Their difference has the standard
+    error s sqrt((1 + r) / (1 - r) (1 / n_before + 1 / n_after)), where s is the standard deviation
+    around the means of the best fit with one step, and r is the correlation of consecutive scans.
 
     Parameters
     ----------
@@ -502,8 +491,8 @@ def find_change(numbers: NDArray[np.float64]) -> NumberChange | None:
     --------
     >>> numbers = 20 + np.random.default_rng(1).normal(0, 0.5, 200)
     >>> find_change(numbers)
-    >>> find_change(numbers - (np.arange(200) >= 120)).scan
-    120
+    >>> np.round(find_change(numbers - (np.arange(200) >= 120)), 1).tolist()
+    [20.0, 19.0]
     """
     kept = numbers[SETTLED:]
     before = np.arange(SIDE, len(kept) - SIDE + 1)
@@ -521,8 +510,23 @@ def find_change(numbers: NDArray[np.float64]) -> NumberChange | None:
     best = int(np.argmax(np.abs(left - right) / errors))
     if abs(left[best] - right[best]) < max(SMALLEST, CHANGE * errors[best]):
         return None
-    start, now = kept[: min(WINDOW, before[best])], kept[-min(WINDOW, after[best]) :]
-    return NumberChange(float(start.mean()), float(now.mean()), SETTLED + int(before[best]))
+    start, now = kept[: min(WINDOW, before[split])], kept[-min(WINDOW, after[split]) :]
+    return float(start.mean()), float(now.mean())
+
+
+def change_text(first: float, last: float) -> str:
+    """Return what a change of the number of particles means, for people."""
+    start, now = round(first), round(last)
+    if first > last:
+        now = min(now, start - 1)
+        why = (
+            "particles that scans did not show for longer than the miss rate explains were taken"
+            " out of the belief"
+        )
+    else:
+        now = max(now, start + 1)
+        why = "scans show more particles than at the start"
+    return f"about {start} particles at the start, about {now} now: {why}"
 
 
 def axis_name(axis: int, ndim: int) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
-from shoal.rigs.monitor import NoiseMonitor, NumberChange, Rate, find_change
+from shoal.rigs.monitor import NoiseMonitor, Rate, change_text, find_change
 from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
@@ -571,7 +571,7 @@ class NoisyRigSwarm(RigSwarm):
         self.counted = not quick or work <= QUICK
         change = find_change(self._recounted()) if self.counted else None
         if change is not None:
-            marks.append(Alarm("number", self.moves, self._change_text(change)))
+            marks.append(Alarm("number", self.moves, change_text(*change)))
         return marks
 
     def _recounted(self) -> NDArray[np.float64]:
@@ -596,23 +596,6 @@ class NoisyRigSwarm(RigSwarm):
             numbers.append(belief.particles)
         detections = sum(map(len, self.observations)) / (1 - noise.miss)
         return np.array(numbers) * (detections / max(sum(numbers), 1e-9))
-
-    def _change_text(self, change: NumberChange) -> str:
-        first, last = round(change.first), round(change.last)
-        if change.first > change.last:
-            last = min(last, first - 1)
-            why = (
-                "particles that scans did not show for longer than the miss rate explains were"
-                " taken out of the belief"
-            )
-        else:
-            last = max(last, first + 1)
-            why = "scans show more particles than at the start"
-        moves = [number for number, (_, scanned) in enumerate(self._sent, start=1) if scanned]
-        return (
-            f"about {first} particles at the start, about {last} now, since about move"
-            f" {moves[change.scan - 1]}: {why}"
-        )
 
     def rates(self) -> dict[str, Rate]:
         """Return the stated and the observed error rates, by name."""

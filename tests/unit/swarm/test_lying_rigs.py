@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -865,10 +864,8 @@ def test_a_particle_that_no_scan_shows_any_more_is_said(miss, particles):
                 continue
             assert len(texts) == 1
             assert texts[0].startswith(
-                f"about {particles} particles at the start, about {particles - 1} now, since about"
+                f"about {particles} particles at the start, about {particles - 1} now:"
             )
-            since = int(re.search("since about move ([0-9]+)", texts[0])[1])
-            assert abs(since - lost) < 12
             assert driven.trust.level == "limited"
 
 
