@@ -247,16 +247,7 @@ def drive(
     problem = SwarmProblem("rig", rule=rig.rule, **fields)
     problem.check_policy(GridLayout(rig.shape))
     load_drive_kernels(problem)
-    return _Driver(
-        rig,
-        problem,
-        seed=seed,
-        log=log,
-        on_moves=on_moves,
-        test_move=test_move,
-        spacing=spacing,
-        particles=particles,
-    ).run()
+    return _Driver(rig, problem, seed, log, on_moves, test_move, spacing, particles).run()
 
 
 def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
@@ -276,7 +267,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
         Raised if the recorded positions violate the move rule.
     """
     rig = read_log(path, trust=trust)
-    result = _Driver(rig, rig.problem, seed=rig.seed, spacing=rig.spacing).run()
+    result = _Driver(rig, rig.problem, rig.seed, spacing=rig.spacing).run()
     ended = rig.ended
     if ended is None or ended["map"] is None:
         how = "breaks off" if ended is None else f"was {ended['status']}"
@@ -348,31 +339,29 @@ def _prepare(rule: str, policy: str, fields: tuple[tuple[str, Any], ...]) -> Non
     rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
     if problem.noise is not None:
         rig = NoisyRig(workspace, [(0, 0)], problem.noise, noise_rng(0))
-    _Driver(rig, problem, seed=0).run()
+    _Driver(rig, problem, 0).run()
 
 
+@dataclass(eq=False)
 class _Driver:
     """Runs a policy, or the commands of a log, on a rig, and puts the result together."""
 
-    def __init__(
-        self,
-        rig: Rig,
-        problem: SwarmProblem,
-        *,
-        seed: int,
-        log: DriveLog | None = None,
-        on_moves: OnMoves | None = None,
-        test_move: bool = True,
-        spacing: tuple[float, ...] | None = None,
-        particles: int | None = None,
-    ) -> None:
-        self.rig, self.problem, self.seed, self.spacing = rig, problem, seed, spacing
-        self.log, self.on_moves, self.particles = log, on_moves, particles
-        self.recorded = rig if isinstance(rig, RecordedRig) else None
-        chosen = problem.chosen_policy
-        self.tests = test_move and self.recorded is None and not isinstance(chosen, Manual)
+    rig: Rig
+    problem: SwarmProblem
+    seed: int
+    log: DriveLog | None = None
+    on_moves: OnMoves | None = None
+    test_move: bool = True
+    spacing: tuple[float, ...] | None = None
+    particles: int | None = None  # expected
+
+    def __post_init__(self) -> None:
+        self.recorded = self.rig if isinstance(self.rig, RecordedRig) else None
+        chosen = self.problem.chosen_policy
+        self.tests = self.test_move and not (self.recorded or isinstance(chosen, Manual))
         if self.recorded is None:
-            self.policy, self.most = shown_name(chosen, problem.policy), problem.max_moves
+            self.policy = shown_name(chosen, self.problem.policy)
+            self.most = self.problem.max_moves
         else:
             self.policy, self.most = self.recorded.policy, len(self.recorded.commands)
         self.recorder = Recorder()

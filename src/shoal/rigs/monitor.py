@@ -5,7 +5,7 @@ the number of particles.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import log, sqrt
 
 import numpy as np
@@ -403,9 +403,7 @@ class NoiseMonitor:
                 return Alarm(
                     "direction", move, f"move {move}: {text} (the {axis_name(axis, self.ndim)})"
                 )
-        run = next(
-            (i for i, stayed in enumerate(reversed(self.recent)) if not stayed), len(self.recent)
-        )
+        run = last_stays(self.recent)
         if self._expected_stay(run) ** run < CRITICAL:
             text = (
                 f"of the last {count_text(run, 'particle')} with a free cell ahead, none moved,"
@@ -420,7 +418,7 @@ class NoiseMonitor:
             expected = max(
                 self.staying, 0.2, sum(others) / len(others) if len(others) > LEAST else 0.0
             )
-            run = next((i for i, stayed in enumerate(reversed(stays)) if not stayed), len(stays))
+            run = last_stays(stays)
             if expected**run < CRITICAL or tail(sum(stays), len(stays), expected) < CRITICAL:
                 text = (
                     f"command {letter!r}: of {count_text(len(stays), 'particle')} with a free cell"
@@ -527,6 +525,11 @@ def change_text(first: float, last: float) -> str:
         now = max(now, start + 1)
         why = "scans show more particles than at the start"
     return f"about {start} particles at the start, about {now} now: {why}"
+
+
+def last_stays(stays: Sequence[bool]) -> int:
+    """Return how many particles in a row stayed, up to the last one observed."""
+    return next((i for i, stayed in enumerate(reversed(stays)) if not stayed), len(stays))
 
 
 def axis_name(axis: int, ndim: int) -> str:

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import numpy as np
@@ -99,9 +101,9 @@ class RigSwarm(ABC):
         """
 
     @property
-    @abstractmethod
     def needs_proof(self) -> bool:
         """Whether walls rest on commands at which nothing was seen to move."""
+        return self.unproven > 0
 
     @abstractmethod
     def doubts(self) -> list[str]:
@@ -110,11 +112,18 @@ class RigSwarm(ABC):
     def check(self) -> None:  # noqa: B027 - without noise, each scan is checked by `update`
         """Raise an alarm if the scans so far contradict the commands."""
 
-    @abstractmethod
     def command_that_moves(self) -> str | None:
         """Return the command that must move most particles, because the cells ahead of them are
         known to be free, or None.
         """
+        letters = letters_of(self.layout.ndim)
+        best = max(letters, key=self.room)
+        return best if self.room(best) else None
+
+    def room(self, letter: str) -> int:
+        """Return the number of particles that have a free cell without a particle ahead."""
+        occupied = self.state.occupied
+        return len((occupied.shifted(letter) & self.belief.open) - occupied)
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
@@ -181,17 +190,6 @@ class RigSwarm(ABC):
             self.log.scan(self.moves, cells)
         return self.update(command, steps, cells), True
 
-    def _ahead(self, occupied: Board, free: Board) -> str | None:
-        """Return the command for which most particles have a free cell without a particle ahead, or
-        None if there is none.
-        """
-        room = {
-            letter: len((occupied.shifted(letter) & free) - occupied)
-            for letter in letters_of(self.layout.ndim)
-        }
-        best = max(room, key=lambda letter: room[letter])
-        return best if room[best] else None
-
 
 class ExactRigSwarm(RigSwarm):
     """The particles of a rig without noise: all positions that the rig reports are correct.
@@ -224,11 +222,6 @@ class ExactRigSwarm(RigSwarm):
         """Whether all directions were tried and nothing moved."""
         return False if self.moved else True if len(self._tried) == 2 * self.layout.ndim else None
 
-    @property
-    def needs_proof(self) -> bool:
-        """Whether the last commands classified cells although nothing was seen to move."""
-        return self.unproven > 0
-
     def doubts(self) -> list[str]:
         """Return which walls rest on commands at which nothing was seen to move."""
         text = (
@@ -236,12 +229,6 @@ class ExactRigSwarm(RigSwarm):
             " move"
         )
         return [text] if self.unproven else []
-
-    def command_that_moves(self) -> str | None:
-        """Return the command that must move most particles, because the cells ahead of them are
-        known to be free, or None.
-        """
-        return self._ahead(self.state.occupied, self.belief.open)
 
     def predict(self, command: str, steps: int) -> list[Row] | None:
         """Update the belief without a scan if no particle tries to enter an unknown cell.
@@ -486,11 +473,9 @@ class NoisyRigSwarm(RigSwarm):
         """Number of detections in the first scan without a detection beside it. In a round of all
         directions, each must move.
         """
-        seen = Board.of_cells(self.layout, self.observations[0])
-        beside = [seen.shifted(letter) for letter in letters_of(self.layout.ndim)]
-        crowded = beside[0]
-        for board in beside[1:]:
-            crowded = crowded | board
+        seen = Board.of_cells(self.layout, self.first_scan)
+        beside = (seen.shifted(letter) for letter in letters_of(self.layout.ndim))
+        crowded = reduce(or_, beside)
         return max(1, len(seen - crowded))
 
     def command_that_moves(self) -> str | None:
@@ -501,18 +486,14 @@ class NoisyRigSwarm(RigSwarm):
         other commands make room.
         """
         letters = letters_of(self.layout.ndim)
-        room = {
-            letter: (self.state.occupied.shifted(letter) & self.belief.open) - self.state.occupied
-            for letter in letters
-        }
         for letter in self.unshown:
             back = next(
                 other for other in letters if AXES[other] == (AXES[letter][0], -AXES[letter][1])
             )
             for choice in (letter, back, letters[self.moves % len(letters)]):
-                if room[choice]:
+                if self.room(choice):
                     return choice
-        return self._ahead(self.state.occupied, self.belief.open)
+        return super().command_that_moves()
 
     def predict(self, command: str, steps: int) -> list[Row]:
         """Update the estimated positions of the particles after ``steps`` commands without a scan.
