@@ -177,7 +177,8 @@ def drive(
             failure, result = error, error.drive
         finally:
             getattr(opened, "close", lambda: None)()
-        _report(result, opened, truth, log, out, film, json_, seed=seed, spacing=spacing)
+        outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
+        _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=log, **outputs)
         if isinstance(failure, KeyboardInterrupt | SystemExit):
             say(_how_to_go_on(result, log, out))
         if failure is not None:
@@ -299,14 +300,14 @@ def _rounded(seconds: float | None) -> float | None:
 def _report(
     result: Drive,
     rig: Any,
-    truth: GridWorkspace | None,
-    log: Path | None,
+    *,
     out: Path | None,
     film: list[Path] | None,
     json_: bool,
-    *,
     seed: int,
-    spacing: tuple[float, ...] | None = None,
+    spacing: tuple[float, ...] | None,
+    truth: GridWorkspace | None = None,
+    log: Path | None = None,
     verified: Verification | None = None,
 ) -> None:
     from shoal.cli.swarm.exploration import write_outputs
@@ -406,14 +407,12 @@ def replay_drive(
     rig = read_log(log, trust=trust)
     check_seed(log, seed, rig.seed)
     result, verified = replay_log(log, trust=trust)
-    shown = (out, film) if verified else (None, None)
     _report(
         result,
         rig,
-        None,
-        None,
-        *shown,
-        json_,
+        out=out if verified else None,
+        film=film if verified else None,
+        json_=json_,
         seed=rig.seed,
         spacing=rig.spacing,
         verified=verified,
