@@ -121,9 +121,9 @@ class SteeringWorlds(Worlds):
         `SwarmWorlds.step` returns).
         """
         batch, options, size = self.batch, self.options, float(self.problem.place.size)
-        given = self._checked(actions, where)
+        moves = self._checked(actions, where)
         before, moved = batch.errors.copy(), slice(None) if where is None else where
-        inputs = given * options.longest_move * size
+        inputs = moves * options.longest_move * size
         batch.send(inputs, where)
         for world in self._shown(where):
             self._states[world].append(batch.states[world].copy())
@@ -136,18 +136,18 @@ class SteeringWorlds(Worlds):
     def _checked(self, actions: Any, where: NDArray[np.bool_] | None) -> Points:
         shape = (len(self.batch), self.problem.place.dimensions)
         try:
-            given = np.asarray(actions, dtype=np.float64)
+            moves = np.asarray(actions, dtype=np.float64)
         except (TypeError, ValueError):
-            given = np.zeros(0)
+            moves = np.zeros(0)
         if (
-            given.shape != shape
-            or not (np.abs(given[slice(None) if where is None else where]) <= 1).all()
+            moves.shape != shape
+            or not (np.abs(moves[slice(None) if where is None else where]) <= 1).all()
         ):
             raise gymnasium.error.InvalidAction(
                 f"actions: expected {shape[1]} numbers from -1 to 1 per environment, of shape"
                 f" {shape}, got {shortened(actions)}"
             )
-        return given
+        return moves
 
     def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Observation:
         """Return the observations by name, as new arrays with one row for each world; the argument

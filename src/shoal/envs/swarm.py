@@ -109,15 +109,15 @@ class SwarmWorlds(Worlds):
 
         The method returns the reward of each world, and a trace with the effect of each command.
         """
-        batch, given = self.batch, self._check_actions(actions, where)
+        batch, commands = self.batch, self._check_actions(actions, where)
         chosen: Any = slice(None) if where is None else where
-        self._streaks[chosen] = np.where(given == self._last, self._streaks + 1, 0)[chosen]
-        self._last[chosen] = given[chosen]
+        self._streaks[chosen] = np.where(commands == self._last, self._streaks + 1, 0)[chosen]
+        self._last[chosen] = commands[chosen]
         repeat: Any = 1
         if not self.scanning.every_move:
             repeat = np.array([self.scanning.interval(streak) for streak in self._streaks.tolist()])
         options, before = self.options, batch.moves.copy()
-        trace = batch.step(given, repeat=repeat, where=where)
+        trace = batch.step(commands, repeat=repeat, where=where)
         done = batch.complete & trace.scanned
         rewards = (
             options.classified_reward * trace.classified
@@ -128,17 +128,17 @@ class SwarmWorlds(Worlds):
 
     def _check_actions(self, actions: Any, where: NDArray[np.bool_] | None) -> NDArray[Any]:
         count, last = len(self.batch), int(self.action_space.n) - 1
-        given = np.asarray(actions)
-        whole = given.dtype.kind in "iu" and given.shape == (count,)
+        commands = np.asarray(actions)
+        whole = commands.dtype.kind in "iu" and commands.shape == (count,)
         if (
             not whole
-            or ((given < 0) | (given > last))[slice(None) if where is None else where].any()
+            or ((commands < 0) | (commands > last))[slice(None) if where is None else where].any()
         ):
             raise gymnasium.error.InvalidAction(
                 f"actions: expected {count_text(count, 'whole number')} from 0 to {last}, one per"
                 f" environment, got {shortened(actions)}"
             )
-        return given
+        return commands
 
     def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
         """Return the observation of each world."""

@@ -263,8 +263,8 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         OptionError
         """
         super().reset(seed=seed if isinstance(seed, int) else None)
-        given = dict(options or {})
-        mask = given.pop("reset_mask", None)
+        settings = dict(options or {})
+        mask = settings.pop("reset_mask", None)
         if mask is not None and not (
             isinstance(mask, np.ndarray)
             and mask.dtype == np.bool_
@@ -275,7 +275,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
                 f"reset: reset_mask: expected an array of {self.num_envs} booleans, got {got}"
             )
         check_running(self._begun or mask is None)
-        self._worlds.reset(mask, seed=seed, options=given)
+        self._worlds.reset(mask, seed=seed, options=settings)
         self._ended[slice(None) if mask is None else mask] = False
         self._begun = True
         return self._observed(), self._infos(mask)

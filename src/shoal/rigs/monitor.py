@@ -286,8 +286,8 @@ class NoiseMonitor:
         def likelihood(
             counts: NDArray[np.float64], chance: NDArray[np.float64]
         ) -> NDArray[np.float64]:
-            found: NDArray[np.float64] = xlogy(counts, chance) + xlog1py(scans - counts, -chance)
-            return found
+            logs: NDArray[np.float64] = xlogy(counts, chance) + xlog1py(scans - counts, -chance)
+            return logs
 
         often, counts = (1 - self.noise.miss) * self.hit, np.arange(scans + 1.0)
         held = likelihood(
@@ -298,7 +298,7 @@ class NoiseMonitor:
             held >= bare - PLAUSIBLE
         )  # a cell that may hold a particle, which scans may show in the cells beside
         beside = np.sum(
-            [likely[self._seen[at + way * step]] for step in self._strides for way in (-1, 1)],
+            [likely[self._seen[at + sign * step]] for step in self._strides for sign in (-1, 1)],
             axis=0,
         )
         rarely = np.minimum(self.noise.misplace, self.share * beside + 1e-3)
@@ -492,23 +492,23 @@ def find_change(numbers: NDArray[np.float64]) -> tuple[float, float] | None:
     >>> np.round(find_change(numbers - (np.arange(200) >= 120)), 1).tolist()
     [20.0, 19.0]
     """
-    kept = numbers[SETTLED:]
-    before = np.arange(SIDE, len(kept) - SIDE + 1)
+    settled = numbers[SETTLED:]
+    before = np.arange(SIDE, len(settled) - SIDE + 1)
     if not len(before):
         return None
-    after = len(kept) - before
-    sums = np.cumsum(kept)
+    after = len(settled) - before
+    sums = np.cumsum(settled)
     left, right = sums[before - 1] / before, (sums[-1] - sums[before - 1]) / after
-    shares = before * after / len(kept)
+    shares = before * after / len(settled)
     split = int(np.argmax(np.abs(left - right) * np.sqrt(shares)))
-    rest = kept - np.where(np.arange(len(kept)) < before[split], left[split], right[split])
+    rest = settled - np.where(np.arange(len(settled)) < before[split], left[split], right[split])
     variance = max(0.01, float(rest.var()))
     alike = min(0.8, max(0.0, float((rest[1:] * rest[:-1]).mean()) / variance))
     errors = np.sqrt(variance * (1 + alike) / (1 - alike) / shares)
     best = int(np.argmax(np.abs(left - right) / errors))
     if abs(left[best] - right[best]) < max(SMALLEST, CHANGE * errors[best]):
         return None
-    start, now = kept[: min(WINDOW, before[split])], kept[-min(WINDOW, after[split]) :]
+    start, now = settled[: min(WINDOW, before[split])], settled[-min(WINDOW, after[split]) :]
     return float(start.mean()), float(now.mean())
 
 

@@ -140,8 +140,8 @@ def decode_message(line: bytes) -> Message | None:
         message with a correct checksum is a fault of the rig, and not of the connection.
     """
     line = line.strip()
-    found = _CRC.search(line)
-    if found is None or int(found[1], 16) != zlib.crc32(line[: found.start()]):
+    checksum = _CRC.search(line)
+    if checksum is None or int(checksum[1], 16) != zlib.crc32(line[: checksum.start()]):
         return None
     try:
         return _ANY.validate_json(line)

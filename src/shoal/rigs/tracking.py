@@ -403,7 +403,7 @@ class NoisyRigSwarm(RigSwarm):
         Or by a command that was never seen to move a particle, although the map has room for it.
         """
         return self.unproven > self._allowed or any(
-            self.belief.open.shifted(one) & self.belief.open for one in self.unshown
+            self.belief.open.shifted(letter) & self.belief.open for letter in self.unshown
         )
 
     @property
@@ -416,10 +416,9 @@ class NoisyRigSwarm(RigSwarm):
         """Commands that classified more cells than the confidence allows, but were never seen to
         move a particle.
         """
-        told = self._classified.items()
         return [
             letter
-            for letter, cells in told
+            for letter, cells in self._classified.items()
             if cells > self._allowed and not self.monitor.shows_motion(letter)
         ]
 

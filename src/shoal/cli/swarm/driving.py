@@ -210,7 +210,7 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
     """Return what can be done after Ctrl-C. A new drive begins with the particles where
     they are.
     """
-    found = f"shoal: stopped after {count_text(result.moves, 'move')}"
+    stopped = f"shoal: stopped after {count_text(result.moves, 'move')}"
     shown = f"the map so far is in {out}" if out is not None and result.episode is not None else ""
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
@@ -219,7 +219,7 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
         "to go on, start the drive again (with another log): it begins with the particles where"
         " they are now"
     )
-    return "; ".join(part for part in (found, shown, again) if part)
+    return "; ".join(part for part in (stopped, shown, again) if part)
 
 
 def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) -> Rig:
