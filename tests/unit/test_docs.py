@@ -81,7 +81,7 @@ MODULES = [
     "rigs.transports",
     "rigs.log",
     "rigs.remote",
-    "rigs.simulated",
+    "rigs.rig",
     "swarm.policies.planners.offline",
     "swarm.policies",
     "swarm.run",

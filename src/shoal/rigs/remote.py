@@ -69,7 +69,7 @@ class LinkCounts:
     doubled: int = 0
 
 
-class Link:
+class RigSession:
     """A session with an apparatus over a connection that may break and may damage messages.
 
     Shoal numbers its requests, and repeats an unanswered request with an unchanged number. The
@@ -97,7 +97,7 @@ class Link:
 
     Notes
     -----
-    A link is a context manager that closes the connection at the end of the ``with`` block. Closing
+    A session is a context manager that closes the connection at the end of the ``with`` block. Closing
     the connection does not stop the rig. To stop the rig, call `stop`.
     """
 
@@ -326,8 +326,8 @@ class Link:
         return welcome
 
 
-class RemoteRig(Link):
-    """A rig of particles on a grid behind a connection. `Link` describes the parameters."""
+class RemoteRig(RigSession):
+    """A rig of particles on a grid behind a connection. `RigSession` describes the parameters."""
 
     @property
     def name(self) -> str:
