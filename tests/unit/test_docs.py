@@ -81,6 +81,8 @@ MODULES = [
     "rigs.transports",
     "rigs.log",
     "rigs.remote",
+    "rigs.monitor",
+    "rigs.protocol",
     "rigs.rig",
     "swarm.policies.planners.offline",
     "swarm.policies",
