@@ -47,9 +47,9 @@ class LosingRig(NoisyRig):
         super()._move(command)
         self._sent += 1
         if self._sent == self._at or (self._every and self._sent % self._every == 0):
-            there = np.flatnonzero(self._noisy.there)
+            there = np.flatnonzero(self._noisy.state.there)
             if len(there):
-                self._noisy.there[self._luck.choice(there)] = False
+                self._noisy.state.there[self._luck.choice(there)] = False
 
 
 LIES: dict[str, Callable[[int, str], str]] = {
@@ -98,27 +98,32 @@ def measure_losses(seeds: int) -> int:
     """
     broken = 0
     print(
-        f"wrong cells of the classified ones, confidence {CONFIDENCE}: no loss, one particle after"
-        " 20 moves, one every 10 moves"
+        f"wrong cells of the classified ones, confidence {CONFIDENCE}, and drives that say a loss:"
+        " no loss, one particle after 20 moves, one after 60 moves, one every 10 moves"
     )
     for name, particles in PLACES:
         for noise in NOISES:
-            shares, said = [], 0
-            for loss in ({}, {"at": 20}, {"every": 10}):
+            shares, said = [], []
+            for loss in ({}, {"at": 20}, {"at": 60}, {"every": 10}):
                 drives = [
                     driven(LosingRig, name, particles, noise, seed, **loss) for seed in range(seeds)
                 ]
                 shares.append(
                     sum(wrong for _, wrong, _ in drives) / sum(known for *_, known in drives)
                 )
-                said = sum(
-                    any(alarm.kind == "number" for alarm in result.alarms) for result, *_ in drives
+                said.append(
+                    sum(
+                        any(alarm.kind == "number" for alarm in result.alarms)
+                        for result, *_ in drives
+                    )
                 )
             broken += sum(share > 1 - CONFIDENCE for share in shares)
-            told = "  ".join(f"{100 * share:.3f} %" for share in shares)
+            told = "  ".join(
+                f"{100 * share:.3f} % ({number})"
+                for share, number in zip(shares, said, strict=True)
+            )
             print(
-                f"  {name}, {particles} particles, {told_noise(noise)}: {told}  (losses said in"
-                f" {said} of {seeds})",
+                f"  {name}, {particles} particles, {told_noise(noise)}: {told}  of {seeds} drives",
                 flush=True,
             )
     return broken

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 import shoal
 import shoal.envs
-from shoal.envs.options import FREE, FRONTIER, OBSTACLES, PARTICLES
+from shoal.envs.swarm import FREE, FRONTIER, OBSTACLES, PARTICLES
 from shoal.swarm import make_policy
 from shoal.swarm.grid.board import LETTERS
 

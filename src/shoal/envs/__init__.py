@@ -22,9 +22,8 @@ except ImportError:
 
 from shoal.envs.dataset import record_episodes
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
-from shoal.envs.steering import SteeringEnv
-from shoal.envs.swarm import SwarmEnv
-from shoal.envs.vector import SteeringVectorEnv, SwarmVectorEnv
+from shoal.envs.steering import SteeringEnv, SteeringVectorEnv
+from shoal.envs.swarm import SwarmEnv, SwarmVectorEnv
 
 __all__ = [
     "REGISTERED",
@@ -37,11 +36,6 @@ __all__ = [
     "SwarmVectorEnv",
     "record_episodes",
 ]
-
-_VECTORS = {
-    "shoal.envs.swarm:SwarmEnv": "shoal.envs.vector:SwarmVectorEnv",
-    "shoal.envs.steering:SteeringEnv": "shoal.envs.vector:SteeringVectorEnv",
-}
 
 _SWARM: dict[str, Any] = {"map": "vessels:1000", "max_moves": 1000}
 
@@ -59,5 +53,8 @@ A call of `gymnasium.make` can change each option.
 
 for _name, (_entry, _options) in REGISTERED.items():
     gymnasium.register(
-        id=_name, entry_point=_entry, vector_entry_point=_VECTORS.get(_entry), kwargs=_options
+        id=_name,
+        entry_point=_entry,
+        vector_entry_point=_entry.replace("Env", "VectorEnv"),
+        kwargs=_options,
     )

@@ -93,7 +93,7 @@ def record_episodes(
         if isinstance(policy, str)
         else str(getattr(policy, "name", getattr(policy, "__name__", type(policy).__name__)))
     )
-    told = {
+    metadata = {
         "dataset_id": (
             name
             or f"{_plain(env.spec.id if env.spec else type(env.unwrapped).__name__)}/{_plain(label)}-v0"
@@ -111,7 +111,7 @@ def record_episodes(
             "env_spec": _spec_of(env),
         }
         storage = MinariStorage.new(temporary, **spaces, data_format="hdf5", jpeg_encoding=False)
-        storage.update_metadata(told)
+        storage.update_metadata(metadata)
         storage.update_episodes(
             EpisodeBuffer(**_episode(env, policy, seed + k)) for k in range(episodes)
         )

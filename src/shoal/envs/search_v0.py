@@ -18,17 +18,13 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
 from shoal.envs.options import (
-    MODES,
     SEEDS,
     SearchEnvOptions,
-    check_render_mode,
     check_running,
-    close_window,
-    enlarged,
     option_errors,
-    rendered,
     split_fields,
 )
+from shoal.envs.rendering import MODES, check_render_mode, close_window, enlarged, rendered
 from shoal.search.cells.layers import layers_of
 from shoal.search.planning.plan import plan_search, start_points
 from shoal.search.problem import SearchProblem
@@ -248,7 +244,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         the reward is shared.
         """
         assert self._world is not None
-        found: dict[str, float] = {}
+        rewards: dict[str, float] = {}
         for agent in agents:
             number = self._numbers[agent]
             searched = self._world.searched[number]
@@ -258,9 +254,9 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
                 & ~at_least(list(before.values()), self.problem.multiplicity)
             )
             before[number] = searched
-            found[agent] = self.options.searched_reward * new.bit_count()
-        mean = sum(found.values()) / len(agents)
-        return dict.fromkeys(agents, mean) if self.options.reward == "shared" else found
+            rewards[agent] = self.options.searched_reward * new.bit_count()
+        mean = sum(rewards.values()) / len(agents)
+        return dict.fromkeys(agents, mean) if self.options.reward == "shared" else rewards
 
     # Decisions and knowledge of the agents.
 
@@ -329,7 +325,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             if other <= robots:
                 heard[other - 1] = self.steps - peer.heard / self._length
         heard[number - 1] = 0.0
-        told = np.array(
+        reported = np.array(
             [robot.searched.get(other, 0).bit_count() for other in range(1, robots + 1)],
             dtype=np.int64,
         )
@@ -338,7 +334,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             "planes": planes,
             "position": self._tour.cells[robot.cell].astype(np.int64),
             "heard": heard.clip(-1, None),
-            "told": told,
+            "told": reported,
             "energy": np.array([left], dtype=np.float32).clip(0, 1),
             "time": np.array([self.steps], dtype=np.int64),
         }

@@ -1,5 +1,5 @@
-"""SteeringEnv: a Gymnasium environment in which one shared input steers two or more particles. Each
-step is one move.
+"""Environments in which one shared input steers two or more particles: `SteeringEnv` with one
+simulated world, `SteeringVectorEnv` with many. Each step is one move.
 """
 
 from __future__ import annotations
@@ -8,14 +8,224 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
-from shoal.envs.options import OptionError, SteeringEnvOptions, check_running, option_errors
-from shoal.envs.single import WorldEnv
-from shoal.envs.worlds import SteeringWorlds
+from shoal.core.episode import Status
+from shoal.core.version import versions
+from shoal.envs.options import (
+    OptionError,
+    SteeringEnvOptions,
+    check_no_options,
+    check_running,
+    option_errors,
+    split_fields,
+)
+from shoal.envs.worlds import WorldEnv, Worlds, WorldsVectorEnv
+from shoal.steering.episode import SteeringEpisode
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.run import run
-from shoal.steering.workspaces.convex import Points
+from shoal.steering.simulation import SteeringBatch
+from shoal.steering.workspaces.convex import TOUCH, Points
+
+Observation = dict[str, Points]
+
+
+class SteeringWorlds(Worlds):
+    """The simulated steering worlds of an environment.
+
+    Parameters
+    ----------
+    count : int
+        Number of simulated worlds.
+    pictured : bool
+        Whether the environment needs pictures of the worlds. Pictures show whole episodes, so a
+        world with pictures stores its episode.
+    **fields
+        Fields of the classes `SteeringProblem` and `SteeringEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+    """
+
+    def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:
+        self.problem, self.options = split_fields(fields, SteeringProblem, SteeringEnvOptions)
+        with option_errors():
+            self.problem.check_at_place()
+            self.batch = SteeringBatch(self.problem, count)
+        n, d = self.problem.n_particles, self.problem.place.dimensions
+        low, high = self._bounds()
+        seen = (
+            (np.full(d, -np.inf), np.full(d, np.inf)) if self.problem.measurement else (low, high)
+        )
+        spaces: dict[str, gymnasium.Space[Any]] = {
+            "particles": _box(seen[0], seen[1], n),
+            "delta": _box(seen[0] - seen[1], seen[1] - seen[0], n - 1),
+            "goals": _box(low, high, n),
+            "goal_delta": _box(low - high, high - low, n - 1),
+        }
+        self.observation_space = gymnasium.spaces.Dict(spaces)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (d,), np.float64)
+        self._pictured = np.full(count, pictured)
+        self._states: list[list[Points]] = [
+            [] for _ in range(count)
+        ]  # of the whole episodes, where there are pictures
+        self._inputs: list[list[Points]] = [[] for _ in range(count)]
+        self._trajectories: list[list[Any]] = [
+            [] for _ in range(count)
+        ]  # of the moves that a picture has shown
+
+    def _bounds(self) -> tuple[Points, Points]:
+        """Return the smallest and the largest possible coordinates of particles and goals."""
+        place = self.problem.place
+        low, high = place.bounds
+        if place.dimensions == 3:
+            caps = (-np.inf, np.inf) if place.open_ends else (0.0, place.height)
+            low, high = np.append(low, caps[0]), np.append(high, caps[1])
+        if self.problem.goal_x is not None:  # a goal may be outside
+            goal = np.array([self.problem.goal_x, self.problem.goal_y])
+            low[:2], high[:2] = np.minimum(low[:2], goal), np.maximum(high[:2], goal)
+        room = TOUCH * place.size  # maximum distance outside of a particle on a wall
+        return low - room, high + room
+
+    def reset(
+        self,
+        where: NDArray[np.bool_] | None = None,
+        *,
+        seed: Any = None,
+        options: dict[str, Any] | None = None,
+    ) -> None:
+        """Start episodes as `SteeringBatch.reset` does. Steering worlds have no reset options."""
+        check_no_options(options)
+        with option_errors():
+            self.batch.reset(where, seed=seed)
+        for world in self._shown(where):
+            self._states[world], self._inputs[world], self._trajectories[world] = (
+                [self.batch.states[world].copy()],
+                [],
+                [],
+            )
+
+    def _shown(self, where: NDArray[np.bool_] | None) -> list[int]:
+        """Return the indices of the selected worlds that appear in pictures."""
+        shown: list[int] = np.flatnonzero(
+            self._pictured & (True if where is None else where)
+        ).tolist()
+        return shown
+
+    def step(
+        self, actions: Any, where: NDArray[np.bool_] | None = None
+    ) -> tuple[NDArray[np.float64], None]:
+        """Send an action to each world, and return the rewards and None (in place of the trace that
+        `SwarmWorlds.step` returns).
+        """
+        batch, options, size = self.batch, self.options, float(self.problem.place.size)
+        moves = self._checked(actions, where)
+        before, moved = batch.errors.copy(), slice(None) if where is None else where
+        inputs = moves * options.longest_move * size
+        batch.send(inputs, where)
+        for world in self._shown(where):
+            self._states[world].append(batch.states[world].copy())
+            self._inputs[world].append(inputs[world])
+        rewards = np.zeros(len(batch))
+        gained = options.progress_reward * (before - batch.errors) / size - options.move_price
+        rewards[moved] = (gained + options.final_bonus * batch.terminated)[moved]
+        return rewards, None
+
+    def _checked(self, actions: Any, where: NDArray[np.bool_] | None) -> Points:
+        shape = (len(self.batch), self.problem.place.dimensions)
+        try:
+            moves = np.asarray(actions, dtype=np.float64)
+        except (TypeError, ValueError):
+            moves = np.zeros(0)
+        if (
+            moves.shape != shape
+            or not (np.abs(moves[slice(None) if where is None else where]) <= 1).all()
+        ):
+            raise gymnasium.error.InvalidAction(
+                f"actions: expected {shape[1]} numbers from -1 to 1 per environment, of shape"
+                f" {shape}, got {shortened(actions)}"
+            )
+        return moves
+
+    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Observation:
+        """Return the observations by name, as new arrays with one row for each world; the argument
+        ``out`` has no effect.
+        """
+        chosen = slice(None) if where is None else where
+        seen, goals = self.batch.seen[chosen].copy(), self.batch.goals[chosen, 0].copy()
+        return {
+            "particles": seen,
+            "delta": seen[:, 1:] - seen[:, :1],
+            "goals": goals,
+            "goal_delta": goals[:, 1:] - goals[:, :1],
+        }
+
+    def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
+        """Return the largest distance of a particle from its goal (``error``), the number of moves
+        and the seed for each world.
+        """
+        batch, chosen = self.batch, slice(None) if where is None else where
+        return {
+            "error": batch.errors[chosen].copy(),
+            "moves": batch.moves[chosen].copy(),
+            "seed": batch.seeds[chosen].copy(),
+        }
+
+    def characters(self, world: int) -> str:
+        """Return the positions and the goals of all particles in a world as text."""
+        batch = self.batch
+        pairs = zip(batch.states[world], batch.goals[world, 0], strict=True)
+        rows = [
+            f"particle {k}: {np.array2string(here, precision=4)} to"
+            f" {np.array2string(goal, precision=4)}"
+            for k, (here, goal) in enumerate(pairs, start=1)
+        ]
+        return "\n".join(
+            [*rows, f"after {batch.moves[world]} moves {batch.errors[world]:.4g} from the goals"]
+        )
+
+    def picture(self, world: int) -> NDArray[np.uint8]:
+        """Return a picture of all moves so far in the episode of a world; uint8, shape (height,
+        width, 3).
+        """
+        from shoal.views.steering.films import HEIGHT, SteeringFilm
+        from shoal.views.steering.trajectories import FilmMoment, trajectories_of
+
+        states, inputs, known = self._states[world], self._inputs[world], self._trajectories[world]
+        known += trajectories_of(self._episode(world, states[len(known) :], inputs[len(known) :]))
+        film = SteeringFilm(self._episode(world, states, inputs), known, height=HEIGHT[".gif"])
+        return next(film.frames([FilmMoment(max(0, len(inputs) - 1), 1.0)]))
+
+    def _episode(self, world: int, states: list[Points], inputs: list[Points]) -> SteeringEpisode:
+        """Return the moves in a world as an episode that the package ``views`` can draw."""
+        batch = self.batch
+        problem = self.problem.replaced(
+            start=states[0], goal=batch.goals[world, 0], execution=0.0, goal_x=None, goal_y=None
+        )
+        status = Status.INCOMPLETE if batch.errors[world] > problem.tolerance else Status.SOLVED
+        return SteeringEpisode(
+            problem=problem,
+            planner="steering",
+            status=status,
+            inputs=np.array(inputs).reshape(-1, problem.place.dimensions),
+            states=np.array(states),
+            order=np.arange(len(states[0])),
+            seed=int(batch.seeds[world]),
+            lower_bound=None,
+            seconds=0.0,
+            versions=versions(),
+        )
+
+
+def _box(low: Points, high: Points, count: int) -> gymnasium.spaces.Box:
+    """Return the observation space of ``count`` points between the coordinates ``low`` and
+    ``high``.
+    """
+    return gymnasium.spaces.Box(
+        np.tile(low, (count, 1)), np.tile(high, (count, 1)), dtype=np.float64
+    )
 
 
 class SteeringEnv(WorldEnv):
@@ -65,18 +275,6 @@ class SteeringEnv(WorldEnv):
     problem: SteeringProblem
     options: SteeringEnvOptions
 
-    def _checked(self, action: Any) -> Points:
-        d = self.problem.place.dimensions
-        try:
-            chosen = np.asarray(action, dtype=np.float64)
-        except (TypeError, ValueError):
-            chosen = np.zeros(0)
-        if chosen.shape != (d,) or not (np.abs(chosen) <= 1).all():
-            raise gymnasium.error.InvalidAction(
-                f"action: expected {d} numbers from -1 to 1, got {shortened(action)}"
-            )
-        return chosen[None]
-
     def expert_actions(self, planner: Any) -> list[Points]:
         """Return the actions with which a planner solves the present episode from its start.
 
@@ -99,3 +297,41 @@ class SteeringEnv(WorldEnv):
                 f" moves of the planner {episode.planner}, got {self.options.longest_move:g}"
             )
         return list(episode.inputs / longest)
+
+
+class SteeringVectorEnv(WorldsVectorEnv):
+    """A vector of environments, each of which behaves exactly like a `shoal.envs.SteeringEnv` with
+    the same seed.
+
+    The function `gymnasium.make_vec` returns a SteeringVectorEnv.
+
+    Parameters
+    ----------
+    num_envs : int
+    autoreset_mode, render_mode : str, optional
+        Autoreset mode and render mode, as in `SwarmVectorEnv`.
+    copy : bool
+        The parameter has no effect, because observations of steering are always separate arrays.
+    **fields
+        Fields of the classes `SteeringProblem` and `SteeringEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+        If an option is invalid. OptionError is a subclass of ValueError and of
+        gymnasium.error.Error.
+
+    Notes
+    -----
+    See docs/how-to/environments.md.
+
+    Examples
+    --------
+    >>> envs = gymnasium.make_vec("shoal.envs:shoal/Steering-v0", num_envs=3, workspace="disk")
+    >>> observations, infos = envs.reset(seed=1)
+    >>> observations["delta"].shape, infos["seed"].tolist()
+    ((3, 1, 2), [1, 2, 3])
+    >>> rewards = envs.step(np.zeros((3, 2)))[1]
+    """
+
+    worlds = SteeringWorlds

@@ -1,4 +1,6 @@
-"""SwarmEnv: a Gymnasium environment for mapping and coverage by a swarm."""
+"""Environments for mapping and coverage by a swarm: `SwarmEnv` with one simulated world,
+`SwarmVectorEnv` with many.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +10,187 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import shortened
+from shoal.core.checks import count_text, shortened
 from shoal.core.errors import InvalidInputError
-from shoal.envs.options import SwarmEnvOptions, check_running, option_errors
-from shoal.envs.single import WorldEnv
-from shoal.envs.worlds import SwarmWorlds
+from shoal.envs.options import (
+    OptionError,
+    SwarmEnvOptions,
+    check_no_options,
+    check_running,
+    option_errors,
+    split_fields,
+)
+from shoal.envs.rendering import SIDE, enlarged
+from shoal.envs.worlds import WorldEnv, Worlds, WorldsVectorEnv
+from shoal.swarm.batch import WorldBatch
 from shoal.swarm.grid.board import LETTERS
+from shoal.swarm.grid.scans import Trace
+from shoal.swarm.maps.workspace import raster_of
 from shoal.swarm.policies.protocol import View
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.run import run
+
+PLANES = ("particles", "free", "obstacles", "frontier")
+"""Planes of an observation: particles per cell; known free cells; known obstacles; frontier cells.
+
+In mapping, frontier cells are unknown cells beside known free cells. In coverage, frontier cells
+are cells not yet visited.
+"""
+
+PARTICLES, FREE, OBSTACLES, FRONTIER = range(4)
+
+
+class SwarmWorlds(Worlds):
+    """The simulated swarm worlds of an environment.
+
+    Parameters
+    ----------
+    count : int
+        Number of simulated worlds.
+    **fields
+        Fields of the classes `SwarmProblem` and `SwarmEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+    """
+
+    action_space: gymnasium.spaces.Discrete
+
+    def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:
+        if "map" not in fields and fields.get("maps"):
+            fields = {"map": fields["maps"][0], **fields}
+        if "map" not in fields:
+            raise OptionError("map: expected the option map or the option maps, got neither")
+        self.problem, self.options = split_fields(fields, SwarmProblem, SwarmEnvOptions)
+        with option_errors():
+            if self.problem.scan_every == "adaptive":
+                raise InvalidInputError(
+                    "scan_every: expected a number, doubling or hyper, because actions cannot"
+                    " choose when to scan, got adaptive"
+                )
+            problems = [self.problem.replaced(map=name) for name in self.options.maps] or [
+                self.problem
+            ]
+            self.batch = WorldBatch(problems, count, seed=None)
+        self.observation_space = observation_space(
+            self.batch.layout.window, self.options, rule=self.problem.rule
+        )
+        self.action_space = gymnasium.spaces.Discrete(2 * self.batch.layout.ndim)
+        self.scanning = self.problem.scanning
+        self._streaks, self._last = np.zeros(count, dtype=np.int64), np.full(count, -1)
+
+    def reset(
+        self,
+        where: NDArray[np.bool_] | None = None,
+        *,
+        seed: Any = None,
+        options: dict[str, Any] | None = None,
+    ) -> None:
+        """Start episodes as `WorldBatch.reset` does.
+
+        The option ``map`` selects the map of each world, by one index for all worlds or by one
+        index for each world.
+        """
+        check_no_options(options or {}, ("map",))
+        maps = (options or {}).get("map")
+        try:
+            with option_errors():
+                self.batch.reset(where, seed=seed, maps=maps)
+        except OptionError as error:
+            raise OptionError(f"reset: {error}") from None
+        self._streaks[slice(None) if where is None else where] = 0
+        self._last[slice(None) if where is None else where] = -1
+
+    def step(
+        self, actions: Any, where: NDArray[np.bool_] | None = None
+    ) -> tuple[NDArray[np.float64], Trace]:
+        """Send to each world the command of its action, once or several times before the next scan.
+
+        The method returns the reward of each world, and a trace with the effect of each command.
+        """
+        batch, commands = self.batch, self._check_actions(actions, where)
+        chosen: Any = slice(None) if where is None else where
+        self._streaks[chosen] = np.where(commands == self._last, self._streaks + 1, 0)[chosen]
+        self._last[chosen] = commands[chosen]
+        repeat: Any = 1
+        if not self.scanning.every_move:
+            repeat = np.array([self.scanning.interval(streak) for streak in self._streaks.tolist()])
+        options, before = self.options, batch.moves.copy()
+        trace = batch.step(commands, repeat=repeat, where=where)
+        done = batch.complete & trace.scanned
+        rewards = (
+            options.classified_reward * trace.classified
+            - options.move_price * (batch.moves - before)
+            + options.final_bonus * done
+        )
+        return np.asarray(rewards), trace
+
+    def _check_actions(self, actions: Any, where: NDArray[np.bool_] | None) -> NDArray[Any]:
+        count, last = len(self.batch), int(self.action_space.n) - 1
+        commands = np.asarray(actions)
+        whole = commands.dtype.kind in "iu" and commands.shape == (count,)
+        if (
+            not whole
+            or ((commands < 0) | (commands > last))[slice(None) if where is None else where].any()
+        ):
+            raise gymnasium.error.InvalidAction(
+                f"actions: expected {count_text(count, 'whole number')} from 0 to {last}, one per"
+                f" environment, got {shortened(actions)}"
+            )
+        return commands
+
+    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
+        """Return the observation of each world."""
+        return observed(self.batch, self.options, where, out)
+
+    def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
+        """Return the info of each world: action mask, number of moves, number of frontier cells,
+        seed and map.
+        """
+        batch, chosen = self.batch, slice(None) if where is None else where
+        columns: dict[str, NDArray[Any]] = {
+            "moves": batch.moves,
+            "frontier": batch.frontier,
+            "seed": batch.seeds,
+            "map": batch.maps,
+        }
+        infos = {name: column[chosen].astype(np.int64) for name, column in columns.items()}
+        return {"action_mask": batch.action_masks(where=where), **infos}
+
+    def picture(self, world: int) -> NDArray[np.uint8]:
+        """Return a picture of a world as a uint8 array of shape (height, width, 3).
+
+        The picture of a three-dimensional map shows the map from a corner, with three slices of the
+        map.
+        """
+        from shoal.views.swarm.volume import CORNER, Fit, Slices, sheet
+
+        codes = self._codes(world)
+        if codes.ndim == 2:
+            return enlarged(raster_of(codes))
+        place = self.batch.problems[int(self.batch.maps[world])].place
+        return sheet(
+            codes,
+            Slices.of(place),
+            azimuth=CORNER,
+            side=SIDE,
+            spacing=place.spacing,
+            fit=Fit.of(place),
+        )
+
+    def characters(self, world: int) -> str:
+        """Return the known cells as text, one character per cell: o particle, . free, # obstacle, ?
+        frontier, blank unknown.
+        """
+        codes = self._codes(world)
+        layers = np.array(list(" ?.#o"))[codes.reshape(-1, *codes.shape[-2:])]
+        return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)
+
+    def _codes(self, world: int) -> NDArray[np.uint8]:
+        from shoal.views.swarm.volume import codes_of
+
+        return codes_of(self.batch.state(world), self.batch.belief(world))
 
 
 class SwarmEnv(WorldEnv):
@@ -60,18 +234,10 @@ class SwarmEnv(WorldEnv):
     problem: SwarmProblem
     options: SwarmEnvOptions
 
-    def _checked(self, action: Any) -> list[Any]:
-        if not self.action_space.contains(action):
-            last = int(self._worlds.action_space.n) - 1
-            raise gymnasium.error.InvalidAction(
-                f"action: expected a whole number from 0 to {last}, got {shortened(action)}"
-            )
-        return [action]
-
     @property
     def planes(self) -> NDArray[np.uint8]:
         """The known states of all cells, as uint8 planes of shape (4, ...) in the order of
-        `shoal.envs.options.PLANES`.
+        `shoal.envs.swarm.PLANES`.
         """
         return np.asarray(self._worlds.batch.planes()[0])
 
@@ -104,13 +270,139 @@ class SwarmEnv(WorldEnv):
         """
         check_running(self._running)
         with option_errors():
-            if not self._worlds.scanning.every_move:
+            if not self.problem.scanning.every_move:
                 raise InvalidInputError(
                     "scan_every: expected 1, because a policy chooses when to scan, got"
-                    f" {self._worlds.scanning.every}"
+                    f" {self.problem.scanning.every}"
                 )
             batch = self._worlds.batch
             problem = batch.problems[int(batch.maps[0])].replaced(policy=policy)
             return [
                 LETTERS.index(letter) for letter in run(problem, seed=int(batch.seeds[0])).commands
             ]
+
+
+class SwarmVectorEnv(WorldsVectorEnv):
+    """A vector of environments, each of which behaves exactly like a `shoal.envs.SwarmEnv` with the
+    same seed.
+
+    The function `gymnasium.make_vec` returns a SwarmVectorEnv.
+
+    Parameters
+    ----------
+    num_envs : int
+    autoreset_mode : str or gymnasium.vector.AutoresetMode
+        The rule that determines when an environment starts its next episode after the end of an
+        episode: "NextStep", "SameStep", or "Disabled". In the mode "Disabled", a call of ``reset``
+        with the option ``reset_mask`` starts the next episode, as in Gymnasium's own vector
+        environments.
+    copy : bool
+        Whether each observation is a separate array. If ``copy`` is false and the option
+        ``observation`` is "planes", each step overwrites the array of the previous observation.
+        Other observations are always separate arrays.
+    render_mode : str, optional
+        Render mode of the environments: "rgb_array" (pictures) or "ansi" (texts).
+    **fields
+        Fields of the classes `SwarmProblem` and `SwarmEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+        If an option is invalid. OptionError is a subclass of ValueError and of
+        gymnasium.error.Error.
+
+    Notes
+    -----
+    See docs/how-to/environments.md.
+
+    Examples
+    --------
+    >>> envs = gymnasium.make_vec("shoal.envs:shoal/Mapping-v0", num_envs=3, map="line:9", particles=4)
+    >>> observations, infos = envs.reset(seed=1)
+    >>> observations.shape, infos["seed"].tolist()
+    ((3, 4, 3, 11), [1, 2, 3])
+    >>> rewards = envs.step([0, 1, 2])[1]
+    """
+
+    worlds = SwarmWorlds
+
+
+def observation_space(
+    window: tuple[int, ...], options: SwarmEnvOptions, *, rule: str
+) -> gymnasium.spaces.Box:
+    """Return the observation space of one simulated world.
+
+    The parameter ``window`` is the shape of the map with a rim of one cell on each side. If the
+    option ``observation`` is "planes", each plane of an observation has the shape ``window``.
+    """
+    if options.observation == "compact":
+        count = 3 * 2 * len(window) + 3 + 3 * len(window)
+        return gymnasium.spaces.Box(-1.0, 1.0, (count,), np.float32)
+    shape = window if options.observation == "planes" else (options.window,) * len(window)
+    return gymnasium.spaces.Box(0, 255 if rule == "merge" else 1, (len(PLANES), *shape), np.uint8)
+
+
+def observed(
+    batch: WorldBatch,
+    options: SwarmEnvOptions,
+    where: NDArray[np.bool_] | None = None,
+    out: Any = None,
+) -> NDArray[Any]:
+    """Return the observation of each world, in the form that the option ``observation`` selects.
+
+    If the form is "planes" and the array ``out`` is given, the function writes the observations
+    into ``out``.
+    """
+    if options.observation == "planes":
+        return batch.planes(PLANES, where=where, out=out)
+    if options.observation == "compact":
+        return compact_of(batch, where)
+    if options.center == "particles":
+        centers = np.rint(batch.measures(where=where).middle).astype(np.int64)
+    else:
+        centers = batch.nearest_frontier(where=where)[2]
+    return batch.windows(PLANES, centers, options.window, where=where)
+
+
+def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
+    """Return the compact observation of each world: for a map with ndim dimensions, 9 ndim + 3
+    numbers from -1 to 1.
+
+    Returns
+    -------
+    ndarray of float32, shape (worlds, 9 ndim + 3)
+        The values of a world form nine groups. Group 1 holds, for each command, the fraction of
+        particles that would enter a frontier cell. Group 2 holds, for each command, the fraction of
+        particles whose next cell is neither a known obstacle nor occupied. Group 3 holds 1 for the
+        command that begins the shortest path to the frontier, and 0 for all other commands. Group 4
+        is 1 divided by the length of the shortest path to the frontier, in cells. Without a path to
+        the frontier, groups 3 to 5 are 0. Group 5 is the vector from the particles' mean position
+        to the frontier cell at the end of the shortest path. Group 6 is the particles' mean
+        position, and group 7 is the standard deviation of their positions along each axis. Groups 5
+        to 7 are divided by the size of the map with its rim. Group 8 is the number of frontier
+        cells divided by the number of known or frontier cells. Group 9 is the used fraction of the
+        maximum number of moves.
+    """
+    sums, (lengths, commands, ends) = (
+        batch.measures(where=where),
+        batch.nearest_frontier(where=where),
+    )
+    size, count = (
+        np.array(batch.layout.window, dtype=np.float64),
+        np.maximum(sums.particles, 1)[:, None],
+    )
+    first = (np.arange(sums.probing.shape[1]) == commands[:, None]) & (lengths[:, None] > 0)
+    moves = batch.moves if where is None else batch.moves[where]
+    limits = np.maximum(1, batch.limits if where is None else batch.limits[where])
+    parts = [
+        sums.probing / count,
+        sums.moving / count,
+        first,
+        np.where(lengths > 0, 1 / np.maximum(lengths, 1), 0)[:, None],
+        np.where(lengths[:, None] > 0, (ends - sums.middle) / size, 0),
+        sums.middle / size,
+        sums.spread / size,
+        (sums.frontier / np.maximum(sums.known, 1))[:, None],
+        np.minimum(1.0, moves / limits)[:, None],
+    ]
+    return np.concatenate(parts, axis=1, dtype=np.float32).clip(-1, 1)

@@ -1,248 +1,60 @@
-"""Worlds behind the environments: one swarm or one steering problem, stepped by actions."""
+"""What swarm and steering environments share: an environment with one simulated world, a vector of
+many, and pictures.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space, iterate
 from numpy.typing import NDArray
 
-from shoal.core.checks import shortened
-from shoal.core.episode import Status
-from shoal.core.errors import InvalidInputError
-from shoal.core.version import versions
-from shoal.envs import options as observations
-from shoal.envs.options import (
-    SIDE,
-    OptionError,
-    SteeringEnvOptions,
-    SwarmEnvOptions,
-    check_no_options,
-    enlarged,
-    option_errors,
-    split_fields,
-)
-from shoal.steering.episode import SteeringEpisode
-from shoal.steering.problem import SteeringProblem
-from shoal.steering.simulation import SteeringBatch
-from shoal.steering.workspaces.convex import TOUCH, Points
-from shoal.swarm.batch import WorldBatch
-from shoal.swarm.grid.scans import Trace
-from shoal.swarm.maps.workspace import raster_of
-from shoal.swarm.problem import SwarmProblem
+from shoal.core.checks import check_integer, shortened
+from shoal.envs.options import OptionError, check_running, option_errors
+from shoal.envs.rendering import MODES, Picture, check_render_mode, close_window, rendered
+
+Infos = dict[str, Any]
+Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]
 
 
-class SwarmWorlds:
-    """The simulated swarm worlds of an environment.
-
-    Parameters
-    ----------
-    count : int
-        Number of simulated worlds.
-    **fields
-        Fields of the classes `SwarmProblem` and `SwarmEnvOptions`.
-
-    Raises
-    ------
-    OptionError
-    """
-
-    def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:
-        if "map" not in fields and fields.get("maps"):
-            fields = {"map": fields["maps"][0], **fields}
-        if "map" not in fields:
-            raise OptionError("map: expected the option map or the option maps, got neither")
-        self.problem, self.options = split_fields(fields, SwarmProblem, SwarmEnvOptions)
-        with option_errors():
-            if self.problem.scan_every == "adaptive":
-                raise InvalidInputError(
-                    "scan_every: expected a number, doubling or hyper, because actions cannot"
-                    " choose when to scan, got adaptive"
-                )
-            problems = [self.problem.replaced(map=name) for name in self.options.maps] or [
-                self.problem
-            ]
-            self.batch = WorldBatch(problems, count, seed=None)
-        self.observation_space = observations.observation_space(
-            self.batch.layout.window, self.options, rule=self.problem.rule
-        )
-        self.action_space = gymnasium.spaces.Discrete(2 * self.batch.layout.ndim)
-        self.scanning = self.problem.scanning
-        self._streaks, self._last = np.zeros(count, dtype=np.int64), np.full(count, -1)
-
-    def reset(
-        self,
-        where: NDArray[np.bool_] | None = None,
-        *,
-        seed: Any = None,
-        options: dict[str, Any] | None = None,
-    ) -> None:
-        """Start episodes as `WorldBatch.reset` does.
-
-        The option ``map`` selects the map of each world, by one index for all worlds or by one
-        index for each world.
-        """
-        check_no_options(options or {}, ("map",))
-        maps = (options or {}).get("map")
-        try:
-            with option_errors():
-                self.batch.reset(where, seed=seed, maps=maps)
-        except OptionError as error:
-            raise OptionError(f"reset: {error}") from None
-        self._streaks[slice(None) if where is None else where] = 0
-        self._last[slice(None) if where is None else where] = -1
-
-    def step(
-        self, actions: Any, where: NDArray[np.bool_] | None = None
-    ) -> tuple[NDArray[np.float64], Trace]:
-        """Send to each world the command of its action, once or several times before the next scan.
-
-        The method returns the reward of each world, and a trace with the effect of each command.
-        """
-        batch, given = self.batch, np.asarray(actions)
-        chosen: Any = slice(None) if where is None else where
-        self._check_actions(given, where)
-        self._streaks[chosen] = np.where(given == self._last, self._streaks + 1, 0)[chosen]
-        self._last[chosen] = given[chosen]
-        repeat: Any = 1
-        if not self.scanning.every_move:
-            repeat = np.array([self.scanning.interval(streak) for streak in self._streaks.tolist()])
-        before = batch.moves.copy()
-        trace = batch.step(given, repeat=repeat, where=where)
-        done = batch.complete & trace.scanned
-        return (
-            observations.rewards_of(trace.classified, batch.moves - before, done, self.options),
-            trace,
-        )
-
-    def _check_actions(self, given: NDArray[Any], where: NDArray[np.bool_] | None) -> None:
-        count, last = len(self.batch), int(self.action_space.n) - 1
-        if given.dtype.kind not in "iu" or given.shape != (count,):
-            raise gymnasium.error.InvalidAction(
-                f"actions: expected {count} whole numbers from 0 to {last}, one per environment,"
-                f" got {given.dtype} {given.shape}"
-            )
-        bad = np.logical_or(given < 0, given > last) & (True if where is None else where)
-        if bad.any():
-            raise gymnasium.error.InvalidAction(
-                f"actions: expected whole numbers from 0 to {last}, got {given[np.argmax(bad)]}"
-            )
-
-    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
-        """Return the observation of each world."""
-        return observations.observed(self.batch, self.options, where, out)
-
-    def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
-        """Return the info of each world: action mask, number of moves, number of frontier cells,
-        seed and map.
-        """
-        batch, chosen = self.batch, slice(None) if where is None else where
-        columns: dict[str, NDArray[Any]] = {
-            "moves": batch.moves,
-            "frontier": batch.frontier,
-            "seed": batch.seeds,
-            "map": batch.maps,
-        }
-        told = {name: column[chosen].astype(np.int64) for name, column in columns.items()}
-        return {"action_mask": batch.action_masks(where=where), **told}
-
-    def picture(self, world: int) -> NDArray[np.uint8]:
-        """Return a picture of a world as a uint8 array of shape (height, width, 3).
-
-        The picture of a three-dimensional map shows the map from a corner, with three slices of the
-        map.
-        """
-        from shoal.views.swarm.volume import CORNER, Fit, Slices, sheet
-
-        codes = self._codes(world)
-        if codes.ndim == 2:
-            return enlarged(raster_of(codes))
-        place = self.batch.problems[int(self.batch.maps[world])].place
-        return sheet(
-            codes,
-            Slices.of(place),
-            azimuth=CORNER,
-            side=SIDE,
-            spacing=place.spacing,
-            fit=Fit.of(place),
-        )
-
-    def characters(self, world: int) -> str:
-        """Return the known cells as text, one character per cell: o particle, . free, # obstacle, ?
-        frontier, blank unknown.
-        """
-        codes = self._codes(world)
-        layers = np.array(list(" ?.#o"))[codes.reshape(-1, *codes.shape[-2:])]
-        return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)
-
-    def _codes(self, world: int) -> NDArray[np.uint8]:
-        from shoal.views.swarm.volume import codes_of
-
-        return codes_of(self.batch.state(world), self.batch.belief(world))
-
-
-Observation = dict[str, Points]
-
-
-class SteeringWorlds:
-    """The simulated steering worlds of an environment.
+class Worlds(ABC):
+    """The simulated worlds behind an environment, stepped together by compiled code.
 
     Parameters
     ----------
     count : int
         Number of simulated worlds.
     pictured : bool
-        Whether the environment needs pictures of the worlds. Pictures show whole episodes, so a
-        world with pictures stores its episode.
+        Whether the environment needs pictures of the worlds.
     **fields
-        Fields of the classes `SteeringProblem` and `SteeringEnvOptions`.
+        Fields of the problem and additional fields of the environment.
 
-    Raises
-    ------
-    OptionError
+    Attributes
+    ----------
+    problem, options
+        What the fields describe.
+    batch
+        The batch that simulates the worlds.
+    observation_space, action_space : gymnasium.Space
+        The spaces of one world.
     """
 
-    def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:
-        self.problem, self.options = split_fields(fields, SteeringProblem, SteeringEnvOptions)
-        with option_errors():
-            self.problem.check_at_place()
-            self.batch = SteeringBatch(self.problem, count)
-        n, d = self.problem.n_particles, self.problem.place.dimensions
-        low, high = self._bounds()
-        seen = (
-            (np.full(d, -np.inf), np.full(d, np.inf)) if self.problem.measurement else (low, high)
-        )
-        spaces: dict[str, gymnasium.Space[Any]] = {
-            "particles": _box(seen[0], seen[1], n),
-            "delta": _box(seen[0] - seen[1], seen[1] - seen[0], n - 1),
-            "goals": _box(low, high, n),
-            "goal_delta": _box(low - high, high - low, n - 1),
-        }
-        self.observation_space = gymnasium.spaces.Dict(spaces)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (d,), np.float64)
-        self._pictured = np.full(count, pictured)
-        self._states: list[list[Points]] = [
-            [] for _ in range(count)
-        ]  # of the whole episodes, where there are pictures
-        self._inputs: list[list[Points]] = [[] for _ in range(count)]
-        self._trajectories: list[list[Any]] = [
-            [] for _ in range(count)
-        ]  # of the moves that a picture has shown
+    problem: Any
+    options: Any
+    batch: Any
+    observation_space: gymnasium.Space[Any]
+    action_space: gymnasium.Space[Any]
 
-    def _bounds(self) -> tuple[Points, Points]:
-        """Return the smallest and the largest possible coordinates of particles and goals."""
-        place = self.problem.place
-        low, high = place.bounds
-        if place.dimensions == 3:
-            caps = (-np.inf, np.inf) if place.open_ends else (0.0, place.height)
-            low, high = np.append(low, caps[0]), np.append(high, caps[1])
-        if self.problem.goal_x is not None:  # a goal may be outside
-            goal = np.array([self.problem.goal_x, self.problem.goal_y])
-            low[:2], high[:2] = np.minimum(low[:2], goal), np.maximum(high[:2], goal)
-        room = TOUCH * place.size  # maximum distance outside of a particle on a wall
-        return low - room, high + room
+    @abstractmethod
+    def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None: ...
 
+    @abstractmethod
     def reset(
         self,
         where: NDArray[np.bool_] | None = None,
@@ -250,136 +62,301 @@ class SteeringWorlds:
         seed: Any = None,
         options: dict[str, Any] | None = None,
     ) -> None:
-        """Start episodes as `SteeringBatch.reset` does. Steering worlds have no reset options."""
-        check_no_options(options)
-        with option_errors():
-            self.batch.reset(where, seed=seed)
-        for world in self._shown(where):
-            self._states[world], self._inputs[world], self._trajectories[world] = (
-                [self.batch.states[world].copy()],
-                [],
-                [],
-            )
+        """Start episodes in the worlds that the mask ``where`` selects, or in all."""
 
-    def _shown(self, where: NDArray[np.bool_] | None) -> list[int]:
-        """Return the indices of the selected worlds that appear in pictures."""
-        shown: list[int] = np.flatnonzero(
-            self._pictured & (True if where is None else where)
-        ).tolist()
-        return shown
-
+    @abstractmethod
     def step(
         self, actions: Any, where: NDArray[np.bool_] | None = None
-    ) -> tuple[NDArray[np.float64], None]:
-        """Send an action to each world, and return the rewards and None (in place of the trace that
-        `SwarmWorlds.step` returns).
+    ) -> tuple[NDArray[np.float64], Any]:
+        """Send one action to each world. Return the rewards, and the effects of the actions if the
+        batch tells them.
         """
-        batch, options, size = self.batch, self.options, float(self.problem.place.size)
-        given = self._checked(actions, where)
-        before, moved = batch.errors.copy(), slice(None) if where is None else where
-        inputs = given * options.longest_move * size
-        batch.send(inputs, where)
-        for world in self._shown(where):
-            self._states[world].append(batch.states[world].copy())
-            self._inputs[world].append(inputs[world])
-        rewards = np.zeros(len(batch))
-        gained = options.progress_reward * (before - batch.errors) / size - options.move_price
-        rewards[moved] = (gained + options.final_bonus * batch.terminated)[moved]
-        return rewards, None
 
-    def _checked(self, actions: Any, where: NDArray[np.bool_] | None) -> Points:
-        shape = (len(self.batch), self.problem.place.dimensions)
-        try:
-            given = np.asarray(actions, dtype=np.float64)
-        except (TypeError, ValueError):
-            given = np.zeros(0)
-        if given.shape != shape:
-            raise gymnasium.error.InvalidAction(
-                f"actions: expected numbers from -1 to 1 of shape {shape}, one row per environment,"
-                f" got {shortened(actions)}"
-            )
-        bad = ~(np.abs(given) <= 1).all(axis=1) & (True if where is None else where)
-        if bad.any():
-            raise gymnasium.error.InvalidAction(
-                f"actions: expected {shape[1]} numbers from -1 to 1 per environment, "
-                f"got {shortened(given[np.argmax(bad)].tolist())}"
-            )
-        return given
+    @abstractmethod
+    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Any:
+        """Return the observations of the worlds, if possible in the array ``out``."""
 
-    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Observation:
-        """Return the observations by name, as new arrays with one row for each world; the argument
-        ``out`` has no effect.
-        """
-        chosen = slice(None) if where is None else where
-        seen, goals = self.batch.seen[chosen].copy(), self.batch.goals[chosen, 0].copy()
-        return {
-            "particles": seen,
-            "delta": seen[:, 1:] - seen[:, :1],
-            "goals": goals,
-            "goal_delta": goals[:, 1:] - goals[:, :1],
-        }
-
+    @abstractmethod
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
-        """Return the largest distance of a particle from its goal (``error``), the number of moves
-        and the seed for each world.
+        """Return the infos of the worlds, by name."""
+
+    @abstractmethod
+    def picture(self, world: int) -> Picture:
+        """Return a picture of a world; uint8, shape (height, width, 3)."""
+
+    @abstractmethod
+    def characters(self, world: int) -> str:
+        """Return a world as text."""
+
+
+class WorldEnv(gymnasium.Env[Any, Any]):
+    """One simulated world with the interface of Gymnasium; a subclass sets the class of its worlds.
+
+    Parameters
+    ----------
+    render_mode : str, optional
+        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a
+        window).
+    **fields
+        Fields of the problem, and additional fields of the environment.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}
+    worlds: ClassVar[type[Worlds]]
+    problem: Any
+    options: Any
+
+    def __init__(self, *, render_mode: str | None = None, **fields: Any) -> None:
+        self._worlds = self.worlds(1, pictured=True, **fields)
+        self.render_mode = check_render_mode(render_mode, MODES)
+        self.problem, self.options = self._worlds.problem, self._worlds.options
+        self.observation_space, self.action_space = (
+            self._worlds.observation_space,
+            self._worlds.action_space,
+        )
+        self._begun = self._running = False
+        self._effects: Any = None  # of the last step
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode in the environment.
+
+        Parameters
+        ----------
+        seed : int, optional
+        options : dict, optional
+            In a swarm environment, ``{"map": k}`` selects map k of ``maps`` instead of a random
+            map. A steering environment has no reset options.
+
+        Raises
+        ------
+        OptionError
         """
-        batch, chosen = self.batch, slice(None) if where is None else where
-        return {
-            "error": batch.errors[chosen].copy(),
-            "moves": batch.moves[chosen].copy(),
-            "seed": batch.seeds[chosen].copy(),
+        super().reset(seed=seed)
+        self._worlds.reset(seed=[seed], options=options)
+        self._begun = self._running = True
+        self._effects = None
+        return self._observe()
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Send an action to the particles, and observe the particles.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            If the method is called before a reset, or after the end of an episode.
+        gymnasium.error.InvalidAction
+            If the action is outside the action space.
+        """
+        check_running(self._running)
+        rewards, self._effects = self._worlds.step([action])
+        batch = self._worlds.batch
+        terminated, truncated = bool(batch.terminated[0]), bool(batch.truncated[0])
+        self._running = not (terminated or truncated)
+        observation, info = self._observe()
+        return observation, float(rewards[0]), terminated, truncated, info
+
+    def _observe(self) -> tuple[Any, dict[str, Any]]:
+        """Return the observation and the info; in the render mode "human", show the picture of the
+        world.
+        """
+        if self.render_mode == "human":
+            self.render()
+        seen = self._worlds.observed()
+        observation = (
+            {name: values[0] for name, values in seen.items()}
+            if isinstance(seen, dict)
+            else seen[0]
+        )
+        info = self._worlds.info()
+        return observation, {
+            name: values[0] if values.ndim > 1 else values[0].item()
+            for name, values in info.items()
         }
 
-    def characters(self, world: int) -> str:
-        """Return the positions and the goals of all particles in a world as text."""
-        batch = self.batch
-        pairs = zip(batch.states[world], batch.goals[world, 0], strict=True)
-        rows = [
-            f"particle {k}: {np.array2string(here, precision=4)} to"
-            f" {np.array2string(goal, precision=4)}"
-            for k, (here, goal) in enumerate(pairs, start=1)
-        ]
-        return "\n".join(
-            [*rows, f"after {batch.moves[world]} moves {batch.errors[world]:.4g} from the goals"]
-        )
+    def render(self) -> Any:
+        """Return a picture (mode "rgb_array") or a text (mode "ansi"), or show a picture in a
+        window (mode "human").
 
-    def picture(self, world: int) -> NDArray[np.uint8]:
-        """Return a picture of all moves so far in the episode of a world; uint8, shape (height,
-        width, 3).
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            If the method is called before the first reset.
         """
-        from shoal.views.steering.films import HEIGHT, SteeringFilm
-        from shoal.views.steering.trajectories import FilmMoment, trajectories_of
+        check_running(self._begun)
+        return rendered(self, lambda: self._worlds.picture(0), lambda: self._worlds.characters(0))
 
-        states, inputs, known = self._states[world], self._inputs[world], self._trajectories[world]
-        known += trajectories_of(self._episode(world, states[len(known) :], inputs[len(known) :]))
-        film = SteeringFilm(self._episode(world, states, inputs), known, height=HEIGHT[".gif"])
-        return next(film.frames([FilmMoment(max(0, len(inputs) - 1), 1.0)]))
-
-    def _episode(self, world: int, states: list[Points], inputs: list[Points]) -> SteeringEpisode:
-        """Return the moves in a world as an episode that the package ``views`` can draw."""
-        batch = self.batch
-        problem = self.problem.replaced(
-            start=states[0], goal=batch.goals[world, 0], execution=0.0, goal_x=None, goal_y=None
-        )
-        status = Status.INCOMPLETE if batch.errors[world] > problem.tolerance else Status.SOLVED
-        return SteeringEpisode(
-            problem=problem,
-            planner="steering",
-            status=status,
-            inputs=np.array(inputs).reshape(-1, problem.place.dimensions),
-            states=np.array(states),
-            order=np.arange(len(states[0])),
-            seed=int(batch.seeds[world]),
-            lower_bound=None,
-            seconds=0.0,
-            versions=versions(),
-        )
+    def close(self) -> None:
+        """Close the window of the environment if the environment has opened one."""
+        close_window(self)
 
 
-def _box(low: Points, high: Points, count: int) -> gymnasium.spaces.Box:
-    """Return the observation space of ``count`` points between the coordinates ``low`` and
-    ``high``.
+class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
+    """The common base class of the vector environments `SwarmVectorEnv` and `SteeringVectorEnv`.
+
+    The class `SwarmVectorEnv` describes the parameters of all vector environments.
     """
-    return gymnasium.spaces.Box(
-        np.tile(low, (count, 1)), np.tile(high, (count, 1)), dtype=np.float64
-    )
+
+    worlds: ClassVar[type[Worlds]]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+        render_mode: str | None = None,
+        **fields: Any,
+    ) -> None:
+        modes = [mode for mode in MODES if mode != "human"]
+        with option_errors():
+            self.num_envs = check_integer(num_envs, what="num_envs", least=1)
+        if autoreset_mode not in {*AutoresetMode, *(mode.value for mode in AutoresetMode)}:
+            names = ", ".join(mode.value for mode in AutoresetMode)
+            raise OptionError(
+                f"autoreset_mode: expected one of {names}, got {shortened(autoreset_mode)}"
+            )
+        self.autoreset_mode, self.copy = AutoresetMode(autoreset_mode), copy
+        self.render_mode = check_render_mode(render_mode, modes)
+        self.metadata = {
+            "render_modes": modes,
+            "render_fps": 10,
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self._worlds = self.worlds(self.num_envs, pictured=render_mode is not None, **fields)
+        self.problem, self.options, self.batch = (
+            self._worlds.problem,
+            self._worlds.options,
+            self._worlds.batch,
+        )
+        self.single_observation_space, self.single_action_space = (
+            self._worlds.observation_space,
+            self._worlds.action_space,
+        )
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+        self._begun = False
+        self._last: Any = None
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[Any], Infos]:
+        """Start episodes in all environments, or in the environments that a mask selects.
+
+        Parameters
+        ----------
+        seed : int, or sequence of int or None, optional
+            One integer, or one seed for each environment. If ``seed`` is an integer, environment i
+            gets the seed ``seed + i``.
+        options : dict, optional
+            ``reset_mask``: mask of the environments to reset, ndarray of bool, shape (num_envs,).
+            ``map`` (only for swarms): one index of a map for all environments, or one index for
+            each environment.
+
+        Raises
+        ------
+        OptionError
+        """
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        settings = dict(options or {})
+        mask = settings.pop("reset_mask", None)
+        if mask is not None and not (
+            isinstance(mask, np.ndarray)
+            and mask.dtype == np.bool_
+            and mask.shape == (self.num_envs,)
+        ):
+            got = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else shortened(mask)
+            raise OptionError(
+                f"reset: reset_mask: expected an array of {self.num_envs} booleans, got {got}"
+            )
+        check_running(self._begun or mask is None)
+        self._worlds.reset(mask, seed=seed, options=settings)
+        self._ended[slice(None) if mask is None else mask] = False
+        self._begun = True
+        return self._observed(), self._infos(mask)
+
+    def step(self, actions: NDArray[Any]) -> Stepped:
+        """Send one action to each environment.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            If the method is called before a reset, or if an episode has ended and the autoreset
+            mode is "Disabled".
+        gymnasium.error.InvalidAction
+            If an action is outside the action space.
+        """
+        check_running(self._begun)
+        resetting = None
+        if self._ended.any():
+            if self.autoreset_mode == AutoresetMode.DISABLED:
+                over = int(np.argmax(self._ended))
+                raise gymnasium.error.ResetNeeded(
+                    f"step: expected a reset of environment {over} first, because its episode has"
+                    " ended, got an action"
+                )
+            resetting = self._ended.copy()
+        rewards, _ = self._worlds.step(actions, None if resetting is None else ~resetting)
+        if resetting is not None:
+            self._worlds.reset(resetting)
+            rewards[resetting] = 0.0
+        terminated, truncated = self.batch.terminated.copy(), self.batch.truncated.copy()
+        if resetting is not None:
+            terminated[resetting] = truncated[resetting] = False
+        ended = terminated | truncated
+        infos: Infos = {}
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            if ended.any():
+                infos = self._final(ended)
+                self._worlds.reset(ended)
+        else:
+            self._ended = ended
+        return self._observed(), rewards, terminated, truncated, infos | self._infos(None)
+
+    def _observed(self) -> Any:
+        self._last = self._worlds.observed(out=None if self.copy else self._last)
+        return self._last
+
+    def _infos(self, mask: NDArray[np.bool_] | None) -> Infos:
+        """Return infos in the vector form of Gymnasium: for each name, an array of values and a
+        mask of the environments.
+
+        For environments outside ``mask``, the values are zero.
+        """
+        infos: Infos = {}
+        there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
+        for name, values in self._worlds.info(mask).items():
+            infos[name] = np.zeros((self.num_envs, *values.shape[1:]), dtype=values.dtype)
+            infos[name][there] = values
+            infos[f"_{name}"] = there.copy()
+        return infos
+
+    def _final(self, ended: NDArray[np.bool_]) -> Infos:
+        """Return the final observations and infos of the episodes that have just ended."""
+        last = np.full(self.num_envs, None, dtype=object)
+        each = iterate(
+            batch_space(self.single_observation_space, int(ended.sum())),
+            self._worlds.observed(ended),
+        )
+        for world, observation in zip(np.flatnonzero(ended), each, strict=True):
+            last[world] = observation
+        return {
+            "final_obs": last,
+            "_final_obs": ended.copy(),
+            "final_info": self._infos(ended),
+            "_final_info": ended.copy(),
+        }
+
+    def render(self) -> tuple[Any, ...]:
+        """Return one picture (mode "rgb_array") or one text (mode "ansi") for each environment."""
+        check_running(self._begun)
+        worlds = self._worlds
+        return tuple(
+            rendered(self, partial(worlds.picture, i), partial(worlds.characters, i))
+            for i in range(self.num_envs)
+        )

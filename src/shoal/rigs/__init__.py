@@ -7,7 +7,7 @@ Every policy works with every rig.
 
 from __future__ import annotations
 
-from shoal.rigs.checks import KINDS, Alarm, Rate, Trust
+from shoal.rigs.checks import KINDS, Alarm, Trust
 from shoal.rigs.driving import (
     Drive,
     DriveError,
@@ -17,18 +17,16 @@ from shoal.rigs.driving import (
     replay_log,
 )
 from shoal.rigs.log import DriveLog, RecordedRig, read_log
+from shoal.rigs.monitor import Rate
+from shoal.rigs.protocol import PROTOCOL, decode_message, encode_message
 from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
-from shoal.rigs.simulated import NoisyRig, SimulatedRig
+from shoal.rigs.rig import NoisyRig, Rig, SimulatedRig
 from shoal.rigs.transports import (
-    PROTOCOL,
     ConnectionCutError,
     ProcessTransport,
-    Rig,
     SerialTransport,
     TcpTransport,
     Transport,
-    decode_message,
-    encode_message,
     open_transport,
 )
 

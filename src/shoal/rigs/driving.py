@@ -20,17 +20,18 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status, Verification
 from shoal.core.errors import InvalidInputError, OutputError, RigError, ShoalError
 from shoal.core.interruption import interruption_held
-from shoal.rigs.checks import Alarm, AlarmRaised, Rate, Trust, trust_of
+from shoal.rigs.checks import Alarm, AlarmRaised, Trust, trust_of
 from shoal.rigs.log import DriveLog, RecordedRig, map_digest, read_log
+from shoal.rigs.monitor import Rate, tail
 from shoal.rigs.remote import LinkCounts
-from shoal.rigs.simulated import NoisyRig, SimulatedRig
+from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
 from shoal.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
-from shoal.rigs.transports import LARGEST_VIEW, PositionError, Rig
 from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.board import RULES, Board, GridLayout, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.noise.model import Noise
 from shoal.swarm.policies import POLICIES, Manual, View, shown_name
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
@@ -38,6 +39,7 @@ from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
 # rounds of test moves in all directions, after which a rig with noise is driven without a verdict
 ROUNDS = 12
 NOISY_CLOSING = 120  # the same on a rig with noise, where several scans establish a motion
+UNLIKELY = 1e-3  # probability of a first scan from which on the expected number cannot be true
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
 
 
@@ -151,6 +153,8 @@ def drive(
     on_moves: OnMoves | None = None,
     test_move: bool = True,
     spacing: tuple[float, ...] | None = None,
+    particles: int | None = None,
+    rule: str | None = None,
     **fields: Any,
 ) -> Drive:
     """Map the workspace of a rig. The policy knows only the positions that the rig reports.
@@ -179,6 +183,10 @@ def drive(
         commands do not prove the map.
     spacing : tuple of float, optional
         Size of a cell along each axis in mm, for scale bars.
+    particles, rule : int and str, optional
+        The expected number of particles and the expected move rule. Another number in the first
+        scan (with noise: fewer than chance allows, or more) and another rule are refused before
+        the first command.
     **fields
         Fields of `SwarmProblem`. The list `shoal.swarm.problem.DRIVEN` contains the fields of
         `SwarmProblem` that are valid for a rig. If ``slip``, ``misplace`` or ``miss`` is given,
@@ -232,12 +240,63 @@ def drive(
             f"{rig.name}: expected a field of view of at most {LARGEST_VIEW} cells, got"
             f" {tuple(rig.shape)}"
         )
+    if rule is not None and check_choice(rule, what="rule", choices=RULES) != rig.rule:
+        raise InvalidInputError(f"rule: expected {rule}, got {rig.rule} from the rig {rig.name}")
+    if particles is not None:
+        check_integer(particles, what="particles", least=1)
     problem = SwarmProblem("rig", rule=rig.rule, **fields)
     problem.check_policy(GridLayout(rig.shape))
     load_drive_kernels(problem)
-    return _driven(
-        rig, problem, seed=seed, log=log, on_moves=on_moves, test_move=test_move, spacing=spacing
-    )
+    return _Driver(rig, problem, seed, log, on_moves, test_move, spacing, particles).run()
+
+
+def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
+    """Replay the commands of a log, and compare the final map and the status with the log.
+
+    Parameters
+    ----------
+    path : path
+    trust : bool
+        Whether Shoal may run a third-party task that the log names.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the file is missing, damaged or not a log.
+    RigError
+        Raised if the recorded positions violate the move rule.
+    """
+    rig = read_log(path, trust=trust)
+    result = _Driver(rig, rig.problem, rig.seed, spacing=rig.spacing).run()
+    ended = rig.ended
+    if ended is None or ended["map"] is None:
+        how = "breaks off" if ended is None else f"was {ended['status']}"
+        if result.status is Status.LIMIT:  # the end of the log is not a limit set by a user
+            episode = (
+                None
+                if result.episode is None
+                else replace(result.episode, status=Status.INTERRUPTED)
+            )
+            result = replace(result, status=Status.INTERRUPTED, episode=episode)
+        return result, Verification(
+            True, f"{result.moves} moves replayed; the log {how} before the end of the run"
+        )
+    if (
+        rig.problem.noise is None
+        and ended["status"] != "alarm"
+        and result.belief.complete != (ended["status"] == "complete")
+    ):
+        return result, Verification(
+            False,
+            f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells"
+            " left",
+        )
+    for name, value in ({"moves": result.moves} | map_digest(result.belief)).items():
+        if ended[name] != value:
+            return result, Verification(
+                False, f"{name}: {ended[name]} in the log, {value} replayed"
+            )
+    return result, Verification(True, f"{result.moves} moves replayed: the same map")
 
 
 def load_drive_kernels(problem: SwarmProblem) -> None:
@@ -280,285 +339,293 @@ def _prepare(rule: str, policy: str, fields: tuple[tuple[str, Any], ...]) -> Non
     rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
     if problem.noise is not None:
         rig = NoisyRig(workspace, [(0, 0)], problem.noise, noise_rng(0))
-    _driven(rig, problem, seed=0)
+    _Driver(rig, problem, 0).run()
 
 
-def _driven(
-    rig: Rig,
-    problem: SwarmProblem,
-    *,
-    seed: int,
-    log: DriveLog | None = None,
-    on_moves: OnMoves | None = None,
-    test_move: bool = True,
-    spacing: tuple[float, ...] | None = None,
-) -> Drive:
-    began, status, recorder = time.perf_counter(), Status.INTERRUPTED, Recorder()
-    recorded = rig if isinstance(rig, RecordedRig) else None
-    policy = (
-        shown_name(problem.chosen_policy, problem.policy) if recorded is None else recorded.policy
-    )
-    alarms: list[Alarm] = []
-    swarm: RigSwarm | None = None
-    failure: BaseException | None = None
-    try:
-        noise = problem.noise
-        swarm = (
-            ExactRigSwarm(rig) if noise is None else NoisyRigSwarm(rig, noise, problem.confidence)
-        )
-        if log is not None:
-            log.begin(rig, problem, policy=policy, seed=seed, spacing=spacing)
-            log.scan(0, swarm.observations[0] if isinstance(swarm, NoisyRigSwarm) else swarm.start)
-            swarm.log = log
-        status = _explored(
-            swarm, problem, recorder, recorded, seed=seed, test=test_move, on_moves=on_moves
-        )
-    except AlarmRaised as raised:
-        alarms, status = [raised.alarm], Status.ALARM
-    except (
-        BaseException
-    ) as error:  # the rig is stopped first; then the error goes on, with what was found until then
-        failure = error
-    try:
-        with interruption_held():
-            rig.stop()
-    except KeyboardInterrupt as error:
-        failure = failure or error
-    except BaseException as error:  # whatever a rig of others raises: the map must not be lost
-        alarms.append(
-            Alarm(
-                "stop",
-                recorder.moves,
-                f"the rig may still move, as its stop failed: {_told(error)}",
-            )
-        )
-    if swarm is None:
-        assert failure is not None
-        raise failure
-    if failure is None:
-        status = _judged(status, swarm, alarms)
-    elif not isinstance(failure, KeyboardInterrupt):
-        alarms.insert(
-            0,
-            Alarm(
-                "outside" if isinstance(failure, PositionError) else "failure",
-                swarm.moves,
-                _told(failure),
-            ),
-        )
-    alarms += swarm.marks()
-    trace = recorder.trace
-    if log is not None:  # even if the rig did not confirm the stop
+@dataclass(eq=False)
+class _Driver:
+    """Runs a policy, or the commands of a log, on a rig, and puts the result together."""
+
+    rig: Rig
+    problem: SwarmProblem
+    seed: int
+    log: DriveLog | None = None
+    on_moves: OnMoves | None = None
+    test_move: bool = True
+    spacing: tuple[float, ...] | None = None
+    particles: int | None = None  # expected
+
+    def __post_init__(self) -> None:
+        self.recorded = self.rig if isinstance(self.rig, RecordedRig) else None
+        chosen = self.problem.chosen_policy
+        self.tests = self.test_move and not (self.recorded or isinstance(chosen, Manual))
+        if self.recorded is None:
+            self.policy = shown_name(chosen, self.problem.policy)
+            self.most = self.problem.max_moves
+        else:
+            self.policy, self.most = self.recorded.policy, len(self.recorded.commands)
+        self.recorder = Recorder()
+        self.alarms: list[Alarm] = []
+        self.swarm: RigSwarm  # since the first scan
+
+    def run(self) -> Drive:
+        """Drive the rig, and stop it whatever happens. Return the result, or raise an error that
+        holds it.
+        """
+        began, status = time.perf_counter(), Status.INTERRUPTED
+        failure: BaseException | None = None
         try:
-            for alarm in alarms if not isinstance(failure, OutputError) else ():
-                log.event("alarm", {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text})
-            log.end(
-                status,
-                moves=trace.moves,
-                belief=None if status is Status.INTERRUPTED else swarm.belief,
-            )
-        except BaseException as error:  # a full disk, or a second Ctrl-C
-            failure = failure or error
-    about: dict[str, Any] = {
-        "trace": trace,
-        "status": status,
-        "policy": policy,
-        "seconds": time.perf_counter() - began,
-    }
-    result = _result(rig, swarm, problem, alarms, about, seed=seed, spacing=spacing)
-    if isinstance(failure, KeyboardInterrupt):
-        raise DriveInterrupted(result) from failure
-    if isinstance(failure, RigError) or (
-        isinstance(failure, Exception) and not isinstance(failure, ShoalError)
-    ):
-        what = str(failure) if isinstance(failure, RigError) else f"{rig.name}: {_told(failure)}"
-        raise DriveError(what, result) from failure
-    if failure is not None:
+            self._begin()
+            status = self._explore()
+        except AlarmRaised as raised:
+            self.alarms, status = [raised.alarm], Status.ALARM
+        except BaseException as error:  # goes on after the stop, with what was found until then
+            failure = error
+        failure = self._stop_rig(failure)
+        if not hasattr(self, "swarm"):
+            assert failure is not None
+            raise failure
+        if failure is None:
+            status = self._judge(status)
+        elif not isinstance(failure, KeyboardInterrupt):
+            kind = "outside" if isinstance(failure, PositionError) else "failure"
+            self.alarms.insert(0, Alarm(kind, self.swarm.moves, _text_of(failure)))
+        self.alarms += self.swarm.marks(quick=isinstance(failure, KeyboardInterrupt))
+        failure = self._close_log(status, failure)
+        result = self._result(status, time.perf_counter() - began)
+        if failure is None:
+            return result
+        if isinstance(failure, KeyboardInterrupt):
+            raise DriveInterrupted(result) from failure
+        if isinstance(failure, RigError):
+            raise DriveError(str(failure), result) from failure
+        if isinstance(failure, Exception) and not isinstance(failure, ShoalError):
+            raise DriveError(f"{self.rig.name}: {_text_of(failure)}", result) from failure
         failure.drive = result  # type: ignore[attr-defined]  # its catchers know its type
         raise failure
-    return result
 
+    def _begin(self) -> None:
+        """Scan the particles for the first time, and begin the log."""
+        noise = self.problem.noise
+        swarm: RigSwarm = (
+            ExactRigSwarm(self.rig)
+            if noise is None
+            else NoisyRigSwarm(self.rig, noise, self.problem.confidence)
+        )
+        if self.particles is not None:
+            check_number_seen(self.rig, self.particles, len(swarm.first_scan), noise)
+        self.swarm = swarm
+        if self.log is not None:
+            self.log.begin(
+                self.rig,
+                policy=self.policy,
+                seed=self.seed,
+                problem=self.problem.to_dict(),
+                spacing=self.spacing,
+            )
+            self.log.scan(0, swarm.first_scan)
+            swarm.log = self.log
 
-def _explored(
-    swarm: RigSwarm,
-    problem: SwarmProblem,
-    recorder: Recorder,
-    recorded: RecordedRig | None,
-    *,
-    seed: int,
-    test: bool,
-    on_moves: OnMoves | None,
-) -> Status:
-    """Test the rig, run the policy, and test the rig again if its last commands moved nothing.
-    Return the status.
-    """
-    most = problem.max_moves if recorded is None else len(recorded.commands)
-    test = test and recorded is None and not isinstance(problem.chosen_policy, Manual)
-
-    def check(_trace: Trace | None = None) -> None:
-        if isinstance(swarm, NoisyRigSwarm):
-            swarm.check()
-
-    def send(command: str) -> None:
-        rows, scanned = swarm.carry_out(command, 1, scan=True)
-        recorder.add(command, rows, scanned=scanned)
-        check()
-        if on_moves is not None:
-            on_moves(recorder.moves, len(swarm.belief.frontier))
-
-    if test:
-        letters = letters_of(swarm.layout.ndim)
-        for turn in range(ROUNDS * len(letters)):
-            if swarm.still is not None or recorder.moves >= most:
+    def _explore(self) -> Status:
+        """Test the rig, run the policy, and test the rig again if its last commands moved nothing.
+        Return the status.
+        """
+        if self.recorded is not None:
+            return self._replay(self.recorded)
+        if self.tests:
+            self._test_rig()
+        swarm = self.swarm
+        decider = make_decider(self.problem, swarm.belief, trial_rng(self.seed), swarm.noisy)
+        for _ in range(CLOSING):
+            status = self._follow(decider)
+            if status is Status.COMPLETE and (self.tests or swarm.doubtful):
+                self._prove_walls()
+            if status is not Status.COMPLETE or swarm.finished:
                 break
-            send(letters[turn % len(letters)])
-        if swarm.still:
-            raise AlarmRaised(_nothing_moved(swarm))
-    if recorded is not None:
+        return self._checked_end(status)
+
+    def _follow(self, decider: Any) -> Status:
+        _, status = closed_loop(
+            self.swarm,
+            decider,
+            max_moves=self.most,
+            on_moves=self.on_moves,
+            on_trace=lambda _trace: self.swarm.check(),
+            recorder=self.recorder,
+        )
+        return status
+
+    def _checked_end(self, status: Status) -> Status:
+        complete = status is Status.COMPLETE
+        return Status.STALLED if complete and not self.swarm.finished else status
+
+    def _replay(self, recorded: RecordedRig) -> Status:
         runs = _RecordedRuns(recorded)
-        _, status = closed_loop(
-            swarm, runs, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder
-        )
+        status = self._follow(runs)
         for command, steps in runs.rest():  # the closing moves, after the map was complete
-            rows, scanned = swarm.carry_out(command, steps, scan=runs.due)
-            recorder.add(command, rows, scanned=scanned)
-            check()
-        return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
-    decider = make_decider(problem, swarm.belief, trial_rng(seed), swarm.noisy)
-    for _ in range(CLOSING):
-        _, status = closed_loop(
-            swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder
+            self._carry_out(command, steps, scan=runs.due)
+        return self._checked_end(status)
+
+    def _test_rig(self) -> None:
+        """Send commands in all directions in turn until it is clear whether they move particles."""
+        letters = letters_of(self.swarm.layout.ndim)
+        for turn in range(ROUNDS * len(letters)):
+            if self.swarm.still is not None or self.recorder.moves >= self.most:
+                break
+            self._send(letters[turn % len(letters)])
+        if self.swarm.still:
+            raise AlarmRaised(self._nothing_moved())
+
+    def _prove_walls(self) -> None:
+        """Send commands that must move particles, as long as walls rest on commands at which
+        nothing was seen to move.
+
+        Under noise no scan proves anything by itself, so that several commands may be necessary.
+        """
+        for _ in range(NOISY_CLOSING if self.swarm.doubtful else CLOSING):
+            if not self.swarm.needs_proof or self.recorder.moves >= self.most:
+                break
+            command = self.swarm.command_that_moves()
+            if command is None:
+                break
+            self._send(command)
+
+    def _send(self, command: str) -> None:
+        self._carry_out(command, 1, scan=True)
+        if self.on_moves is not None:
+            self.on_moves(self.recorder.moves, len(self.swarm.belief.frontier))
+
+    def _carry_out(self, command: str, steps: int, *, scan: bool) -> None:
+        rows, scanned = self.swarm.carry_out(command, steps, scan=scan)
+        self.recorder.add(command, rows, scanned=scanned)
+        self.swarm.check()
+
+    def _stop_rig(self, failure: BaseException | None) -> BaseException | None:
+        """Stop the rig. Return the failure that ended the drive, or Ctrl-C during the stop."""
+        try:
+            with interruption_held():
+                self.rig.stop()
+        except KeyboardInterrupt as error:
+            return failure or error
+        except BaseException as error:  # whatever a rig of others raises: the map must not be lost
+            text = f"the rig may still move, as its stop failed: {_text_of(error)}"
+            self.alarms.append(Alarm("stop", self.recorder.moves, text))
+        return failure
+
+    def _nothing_moved(self) -> Alarm:
+        text = (
+            f"no particle moved at {count_text(self.swarm.moves, 'command')}: the magnets do"
+            " nothing, the camera shows an old picture, or no particle has room to move"
         )
-        # under noise no scan proves anything by itself: a map is only complete after commands that
-        # must move particles
-        if status is Status.COMPLETE and (test or swarm.doubtful):
-            for _ in range(NOISY_CLOSING if swarm.doubtful else CLOSING):
-                open_question = (
-                    swarm.doubtful if isinstance(swarm, NoisyRigSwarm) else swarm.unproven
-                )
-                proof = (
-                    swarm.command_that_moves() if open_question and recorder.moves < most else None
-                )
-                if proof is None:
-                    break
-                send(proof)
-        if status is not Status.COMPLETE or swarm.finished:
-            break
-    return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
+        return Alarm("still", self.swarm.moves, text)
+
+    def _judge(self, status: Status) -> Status:
+        """Return the status that the evidence allows: a map drawn from particles that did not move
+        is not complete.
+        """
+        swarm = self.swarm
+        if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
+            self.alarms.append(Alarm("still", swarm.moves, swarm.doubts()[0]))
+            return Status.ALARM
+        if swarm.moved or status is Status.ALARM:
+            return status
+        if status is Status.COMPLETE or swarm.still:
+            self.alarms.append(self._nothing_moved())
+            return Status.ALARM
+        return status
+
+    def _close_log(self, status: Status, failure: BaseException | None) -> BaseException | None:
+        """Write alarms and the end to the log, even if the rig did not confirm the stop. Return the
+        failure that ended the drive, or that of the log.
+        """
+        if self.log is None:
+            return failure
+        try:
+            if not isinstance(failure, OutputError):
+                for alarm in self.alarms:
+                    about = {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text}
+                    self.log.event("alarm", about)
+            digest = {"moves": self.recorder.moves} | map_digest(self.swarm.belief)
+            self.log.end(status, {} if status is Status.INTERRUPTED else digest)
+        except BaseException as error:  # a full disk, or a second Ctrl-C
+            return failure or error
+        return failure
+
+    def _result(self, status: Status, seconds: float) -> Drive:
+        swarm = self.swarm
+        link: LinkCounts | None = getattr(self.rig, "counts", None)
+        if link is not None and link.doubled:
+            text = (
+                f"{count_text(link.doubled, 'answer')} came twice: the line doubles lines, or the"
+                " rig carries out requests twice"
+            )
+            self.alarms.append(Alarm("twice", swarm.moves, text))
+        about: dict[str, Any] = {
+            "trace": self.recorder.trace,
+            "status": status,
+            "policy": self.policy,
+            "seconds": seconds,
+        }
+        timed = self.recorded is None
+        return Drive(
+            belief=swarm.belief,
+            cells=swarm.state.cells,
+            episode=self._episode(about),
+            link=link,
+            alarms=tuple(self.alarms),
+            trust=trust_of(self.alarms, moved=swarm.moved, doubts=swarm.doubts()),
+            rates=swarm.rates(),
+            seconds_per_command=swarm.sending / swarm.moves if timed and swarm.moves else None,
+            seconds_per_scan=swarm.scanning / swarm.scans if timed and swarm.scans else None,
+            **about,
+        )
+
+    def _episode(self, about: dict[str, Any]) -> SwarmEpisode | None:
+        """Return the run as an episode in the map found, or None if no cell is known to be free.
+
+        Without noise, every particle moves in the map found exactly as it moved on the rig. With
+        noise, the scans are replayed.
+        """
+        swarm = self.swarm
+        free = swarm.belief.open.inner
+        if not free.any():
+            return None
+        workspace = GridWorkspace(free, name=self.rig.name, spacing=self.spacing)
+        start = tuple(map(tuple, swarm.start.tolist())) or None
+        scans = swarm.observations
+        if scans is not None:
+            scans = scans[: 1 + int(about["trace"].scanned.sum())]
+        return SwarmEpisode(
+            problem=self.problem.replaced(map=workspace, start=start),
+            start=swarm.start,
+            first_frontier=swarm.first_frontier,
+            seed=self.seed,
+            observations=None if scans is None else tuple(scans),
+            **about,
+        )
 
 
-def _nothing_moved(swarm: RigSwarm) -> Alarm:
-    text = (
-        f"no particle moved at {count_text(swarm.moves, 'command')}: the magnets do nothing, the"
-        " camera shows an old picture, or no particle has room to move"
-    )
-    return Alarm("still", swarm.moves, text)
+def check_number_seen(rig: Rig, expected: int, seen: int, noise: Noise | None) -> None:
+    """Refuse a rig whose first scan shows another number of particles than expected.
+
+    With noise, a scan never shows more detections than particles. It shows fewer if particles are
+    missed, or if a misplaced one falls on another: the probability of the number seen or of fewer
+    must not be below `UNLIKELY`.
+    """
+    hidden = 0.0 if noise is None else noise.miss + (1 - noise.miss) * noise.misplace
+    if seen > expected or tail(expected - seen, expected, hidden) < UNLIKELY:
+        chance = "" if not hidden or seen > expected else ", too few for the stated noise"
+        raise InvalidInputError(
+            f"particles: expected {expected}, got {seen} in the first scan of the rig"
+            f" {rig.name}{chance}"
+        )
 
 
-def _told(error: BaseException) -> str:
+def _text_of(error: BaseException) -> str:
     """Return the text of an error; of an error that is not Shoal's also the type, because its text
     may say nothing alone.
     """
     return str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
-
-
-def _doubt(swarm: RigSwarm) -> str:
-    """Return why the evidence for the walls is not enough."""
-    unshown = swarm.unshown if isinstance(swarm, NoisyRigSwarm) else []
-    if unshown:
-        return (
-            f"no particle was surely seen to move at command {' or '.join(map(repr, unshown))},"
-            " from which walls were inferred"
-        )
-    return (
-        f"{swarm.unproven} {_cells_were(swarm.unproven)} classified while nothing was seen to move,"
-        " more than the confidence allows: the magnets do nothing any more, the camera shows an"
-        " old picture, or no particle has room to move"
-    )
-
-
-def _cells_were(number: int) -> str:
-    return "cell was" if number == 1 else "cells were"
-
-
-def _judged(status: Status, swarm: RigSwarm, alarms: list[Alarm]) -> Status:
-    """Return the status that the evidence allows: a map drawn from particles that did not move is
-    not complete.
-    """
-    if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
-        alarms.append(Alarm("still", swarm.moves, _doubt(swarm)))
-        return Status.ALARM
-    if swarm.moved or status is Status.ALARM or not (status is Status.COMPLETE or swarm.still):
-        return status
-    alarms.append(_nothing_moved(swarm))
-    return Status.ALARM
-
-
-def _result(
-    rig: Rig,
-    swarm: RigSwarm,
-    problem: SwarmProblem,
-    alarms: list[Alarm],
-    about: dict[str, Any],
-    *,
-    seed: int,
-    spacing: tuple[float, ...] | None,
-) -> Drive:
-    trace: Trace = about["trace"]
-    noisy = swarm if isinstance(swarm, NoisyRigSwarm) else None
-    link: LinkCounts | None = getattr(rig, "counts", None)
-    doubts = []
-    if noisy is not None and swarm.moved and (swarm.doubtful or noisy.unshown):
-        doubts.append(_doubt(swarm))
-    elif noisy is None and swarm.unproven:
-        text = (
-            f"{swarm.unproven} {_cells_were(swarm.unproven)} classified by the last commands, at"
-            " which nothing was seen to move"
-        )
-        doubts.append(text)
-    if link is not None and link.doubled:
-        text = (
-            f"{count_text(link.doubled, 'answer')} came twice: the line doubles lines, or the rig"
-            " carries out requests twice"
-        )
-        alarms.append(Alarm("twice", swarm.moves, text))
-    episode = None
-    if swarm.belief.open.inner.any():
-        # Without noise, every particle moves in the map found exactly as it moved on the rig. With
-        # noise, the scans are replayed.
-        found = GridWorkspace(swarm.belief.open.inner, name=rig.name, spacing=spacing)
-        episode = SwarmEpisode(
-            problem=problem.replaced(
-                map=found, start=tuple(map(tuple, swarm.start.tolist())) or None
-            ),
-            start=swarm.start,
-            first_frontier=swarm.first_frontier,
-            seed=seed,
-            observations=(
-                None if noisy is None else tuple(noisy.observations[: 1 + int(trace.scanned.sum())])
-            ),
-            **about,
-        )
-    return Drive(
-        belief=swarm.belief,
-        cells=swarm.state.cells,
-        episode=episode,
-        link=link,
-        alarms=tuple(alarms),
-        trust=trust_of(alarms, moved=swarm.moved, doubts=doubts),
-        rates={} if noisy is None else noisy.monitor.rates(),
-        seconds_per_command=(
-            swarm.sending / swarm.moves
-            if swarm.moves and not isinstance(rig, RecordedRig)
-            else None
-        ),
-        seconds_per_scan=(
-            swarm.scanning / swarm.scans
-            if swarm.scans and not isinstance(rig, RecordedRig)
-            else None
-        ),
-        **about,
-    )
 
 
 class _RecordedRuns:
@@ -599,52 +666,3 @@ class _RecordedRuns:
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
         """Return true. The log determines when a scan is made."""
         return True
-
-
-def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
-    """Replay the commands of a log, and compare the final map and the status with the log.
-
-    Parameters
-    ----------
-    path : path
-    trust : bool
-        Whether Shoal may run a third-party task that the log names.
-
-    Raises
-    ------
-    InvalidInputError
-        Raised if the file is missing, damaged or not a log.
-    RigError
-        Raised if the recorded positions violate the move rule.
-    """
-    rig = read_log(path, trust=trust)
-    result = _driven(rig, rig.problem, seed=rig.seed, spacing=rig.spacing)
-    ended = rig.ended
-    if ended is None or ended["map"] is None:
-        how = "breaks off" if ended is None else f"was {ended['status']}"
-        if result.status is Status.LIMIT:  # the end of the log is not a limit set by a user
-            episode = (
-                None
-                if result.episode is None
-                else replace(result.episode, status=Status.INTERRUPTED)
-            )
-            result = replace(result, status=Status.INTERRUPTED, episode=episode)
-        return result, Verification(
-            True, f"{result.moves} moves replayed; the log {how} before the end of the run"
-        )
-    if (
-        rig.problem.noise is None
-        and ended["status"] != "alarm"
-        and result.belief.complete != (ended["status"] == "complete")
-    ):
-        return result, Verification(
-            False,
-            f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells"
-            " left",
-        )
-    for name, value in ({"moves": result.moves} | map_digest(result.belief)).items():
-        if ended[name] != value:
-            return result, Verification(
-                False, f"{name}: {ended[name]} in the log, {value} replayed"
-            )
-    return result, Verification(True, f"{result.moves} moves replayed: the same map")

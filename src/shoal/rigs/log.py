@@ -21,7 +21,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.core.version import __version__
-from shoal.rigs.transports import LARGEST_VIEW, Rig
+from shoal.rigs.rig import LARGEST_VIEW
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.state import Belief, check_cells
 from shoal.swarm.problem import SwarmProblem
@@ -60,16 +60,10 @@ class DriveLog:
         self._waiting: list[dict[str, Any]] = []
 
     def begin(
-        self,
-        rig: Rig,
-        problem: SwarmProblem,
-        *,
-        policy: str,
-        seed: int,
-        spacing: tuple[float, ...] | None = None,
+        self, rig: Any, *, policy: str, seed: int, problem: dict[str, Any], spacing: Any = None
     ) -> None:
-        """Write the header of the log: the rig, the problem, the policy, the seed, and the size of
-        a cell along each axis in mm.
+        """Write the header of the log: name and shape of the rig, the policy, the seed, the fields
+        of the problem, and the size of a cell along each axis in mm.
         """
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
@@ -82,7 +76,7 @@ class DriveLog:
             "shape": list(rig.shape),
             "policy": policy,
             "seed": seed,
-            "problem": problem.to_dict(),
+            "problem": problem,
         }
         header |= {} if spacing is None else {"spacing": list(spacing)}
         self._write(header)
@@ -105,15 +99,14 @@ class DriveLog:
         else:
             self._write(entry | {"time": self._time()})
 
-    def end(self, status: Status, *, moves: int, belief: Belief | None) -> None:
-        """Record the status at the end of the run and, unless the run was interrupted, a digest of
-        the map. Close the log file.
+    def end(self, status: Status, digest: dict[str, Any]) -> None:
+        """Record the status at the end of the run and a digest of what was found (of an interrupted
+        run, none). Close the log file.
         """
         if self._file is None:
             return
-        found = {} if belief is None else {"moves": moves} | map_digest(belief)
         try:
-            self._write({"kind": "end", "status": str(status)} | found | {"time": self._time()})
+            self._write({"kind": "end", "status": str(status)} | digest | {"time": self._time()})
         finally:
             with suppress(OSError):  # a full disk, of which the entries have told
                 self._file.close()

@@ -1,13 +1,11 @@
-"""A remote rig behind an unreliable connection. The connection may break, and may
-damage messages.
-"""
+"""A rig behind a connection that may break and may damage messages."""
 
 from __future__ import annotations
 
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,27 +13,24 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError
-from shoal.rigs.transports import (
-    LARGEST_VIEW,
+from shoal.rigs.protocol import (
     PROTOCOL,
     Again,
     Command,
-    ConnectionCutError,
     Done,
     Hello,
     Message,
     Observe,
-    PositionError,
     Positions,
     Refusal,
     Stop,
     Stopped,
-    Transport,
     Welcome,
     decode_message,
     encode_message,
-    open_transport,
 )
+from shoal.rigs.rig import LARGEST_VIEW, PositionError
+from shoal.rigs.transports import ConnectionCutError, Transport, open_transport
 from shoal.swarm.grid.board import RULES, letters_of
 from shoal.swarm.grid.state import check_cells
 
@@ -43,6 +38,7 @@ OnEvent = Callable[[str, dict[str, Any]], None]
 """Function that `RemoteRig` calls for an event and its details: "cut", "reconnected", "damaged",
 "resent" or "doubled".
 """
+Answer = TypeVar("Answer", Done, Positions)
 REPEAT_AFTER, END_AFTER = 5.0, 60.0  # seconds
 FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between two attempts to reconnect
 STOP_EVERY = 0.5  # seconds between two stop commands until the rig confirms one
@@ -73,14 +69,13 @@ class LinkCounts:
     doubled: int = 0
 
 
-class RemoteRig:
-    """A remote rig, which exchanges the messages of `shoal.rigs.transports` with Shoal over a
-    connection.
+class RigSession:
+    """A session with an apparatus over a connection that may break and may damage messages.
 
-    Shoal numbers its requests, and repeats an unanswered request with an unchanged number. The rig
-    carries out a request once, even if Shoal repeats the request. After ``end_after`` seconds
-    without an answer, Shoal raises an error. If the connection is lost, Shoal opens the connection
-    again and continues the session.
+    Shoal numbers its requests, and repeats an unanswered request with an unchanged number. The
+    apparatus carries out a request once, even if Shoal repeats the request. After ``end_after``
+    seconds without an answer, Shoal raises an error. If the connection is lost, Shoal opens the
+    connection again and continues the session.
 
     Parameters
     ----------
@@ -102,8 +97,8 @@ class RemoteRig:
 
     Notes
     -----
-    A `RemoteRig` is a context manager that closes the connection at the end of the ``with`` block.
-    Closing the connection does not stop the rig. To stop the rig, call `stop`.
+    A session is a context manager that closes the connection at the end of the ``with`` block. Closing
+    the connection does not stop the rig. To stop the rig, call `stop`.
     """
 
     def __init__(
@@ -125,22 +120,7 @@ class RemoteRig:
         self._heard = time.monotonic()
         self._welcome = self._connect(new=True)
 
-    @property
-    def name(self) -> str:
-        """Name of the rig, as reported by the rig."""
-        return self._welcome.name
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the rig's field of view, in cells."""
-        return tuple(self._welcome.shape)
-
-    @property
-    def rule(self) -> str:
-        """The rig's move rule."""
-        return self._welcome.rule
-
-    def __enter__(self) -> RemoteRig:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -150,37 +130,37 @@ class RemoteRig:
         """Close the connection to the rig."""
         self.transport.close()
 
-    def send(self, command: str) -> None:
-        """Send one command, and wait until the rig has carried out the command.
-
-        Raises
-        ------
-        InvalidInputError
-            Raised if ``command`` is not a command letter.
-        RigError
-            Raised if the rig does not answer, or if the rig refuses the command.
-        """
-        if len(command) != 1 or command not in letters_of(len(self.shape)):
-            raise InvalidInputError(
-                f"expected one command out of {letters_of(len(self.shape))!r}, got {command!r}"
-            )
-        self._seq += 1
-        self._ask(Command(seq=self._seq, command=command), Done)
-
-    def observe(self) -> NDArray[np.int64]:
-        """Return the cells of all observed particles (int64, shape (n, ndim)).
+    def ask(self, make: Callable[[int], Command | Observe], kind: type[Answer]) -> Answer:
+        """Send the request that ``make`` returns for the next number, and repeat it until the rig
+        answers with a message of the given kind.
 
         Raises
         ------
         RigError
-            Raised if the rig does not answer, or if the answer of the rig contains invalid cells.
+            Raised if the rig does not answer, refuses, or answers something else.
         """
         self._seq += 1
-        answer = self._ask(Observe(seq=self._seq), Positions)
-        try:
-            return check_cells(answer.cells, self.shape, what=f"{self.transport.name}: positions")
-        except InvalidInputError as error:
-            raise PositionError(str(error)) from None
+        request = make(self._seq)
+        self.counts.requests += 1
+        self._heard = time.monotonic()
+        while True:
+            try:
+                self.transport.write(encode_message(request))
+                answer = self._answer(request.seq)
+            except ConnectionCutError as error:
+                self._reconnect(str(error))
+                answer = None
+            if isinstance(answer, kind):
+                return answer
+            if answer is not None:
+                raise RigError(
+                    f"{self.transport.name}: expected the answer {kind.__name__.lower()!r}, got"
+                    f" {answer.type!r}"
+                )
+            self._check_silence()
+            self.counts.resent += 1
+            self._repeated = request.seq
+            self.on_event("resent", {"seq": request.seq})
 
     def stop(self) -> None:
         """Stop the rig, even after an error. Repeat the stop request until the rig confirms the
@@ -205,6 +185,9 @@ class RemoteRig:
             f"{self.transport.name}: the rig has not confirmed the stop command within"
             f" {self.end_after:g} s"
         )
+
+    def _check_device(self, welcome: Welcome) -> None:
+        """Raise RigError if Shoal cannot work with what the rig says about itself."""
 
     def _messages(self, timeout: float) -> Iterator[Message | None]:
         """Yield the messages that arrive within ``timeout`` seconds, and None for each damaged
@@ -237,29 +220,6 @@ class RemoteRig:
         except RigError:
             pass
         return False
-
-    def _ask(self, request: Command | Observe, kind: type[Any]) -> Any:
-        """Send a request, and repeat the request until the rig answers."""
-        self.counts.requests += 1
-        self._heard = time.monotonic()
-        while True:
-            try:
-                self.transport.write(encode_message(request))
-                answer = self._answer(request.seq)
-            except ConnectionCutError as error:
-                self._reconnect(str(error))
-                answer = None
-            if isinstance(answer, kind):
-                return answer
-            if answer is not None:
-                raise RigError(
-                    f"{self.transport.name}: expected the answer {kind.__name__.lower()!r}, got"
-                    f" {answer.type!r}"
-                )
-            self._check_silence()
-            self.counts.resent += 1
-            self._repeated = request.seq
-            self.on_event("resent", {"seq": request.seq})
 
     def _answer(self, seq: int) -> Any:
         """Return the rig's answer to a request, or None if Shoal must repeat the request."""
@@ -350,11 +310,7 @@ class RemoteRig:
                 f"{self.transport.name}: expected a rig that speaks protocol {PROTOCOL}, got"
                 f" {welcome.protocol}"
             )
-        if welcome.rule not in RULES or int(np.prod(welcome.shape, dtype=object)) > LARGEST_VIEW:
-            raise RigError(
-                f"{self.transport.name}: expected a rule out of {', '.join(RULES)} and at most"
-                f" {LARGEST_VIEW} cells, got {welcome.rule!r} and {tuple(welcome.shape)}"
-            )
+        self._check_device(welcome)
         if new:
             if welcome.seq != 0 or welcome.session != self._session:
                 raise RigError(
@@ -368,6 +324,62 @@ class RemoteRig:
                 " unknown"
             )
         return welcome
+
+
+class RemoteRig(RigSession):
+    """A rig of particles on a grid behind a connection. `RigSession` describes the parameters."""
+
+    @property
+    def name(self) -> str:
+        """Name of the rig, as reported by the rig."""
+        return self._welcome.name
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the rig's field of view, in cells."""
+        return tuple(self._welcome.shape)
+
+    @property
+    def rule(self) -> str:
+        """The rig's move rule."""
+        return self._welcome.rule
+
+    def send(self, command: str) -> None:
+        """Send one command, and wait until the rig has carried out the command.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if ``command`` is not a command letter.
+        RigError
+            Raised if the rig does not answer, or if the rig refuses the command.
+        """
+        if len(command) != 1 or command not in letters_of(len(self.shape)):
+            raise InvalidInputError(
+                f"expected one command out of {letters_of(len(self.shape))!r}, got {command!r}"
+            )
+        self.ask(lambda seq: Command(seq=seq, command=command), Done)
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return the cells of all observed particles (int64, shape (n, ndim)).
+
+        Raises
+        ------
+        RigError
+            Raised if the rig does not answer, or if the answer of the rig contains invalid cells.
+        """
+        answer = self.ask(lambda seq: Observe(seq=seq), Positions)
+        try:
+            return check_cells(answer.cells, self.shape, what=f"{self.transport.name}: positions")
+        except InvalidInputError as error:
+            raise PositionError(str(error)) from None
+
+    def _check_device(self, welcome: Welcome) -> None:
+        if welcome.rule not in RULES or int(np.prod(welcome.shape, dtype=object)) > LARGEST_VIEW:
+            raise RigError(
+                f"{self.transport.name}: expected a rule out of {', '.join(RULES)} and at most"
+                f" {LARGEST_VIEW} cells, got {welcome.rule!r} and {tuple(welcome.shape)}"
+            )
 
 
 def open_rig(

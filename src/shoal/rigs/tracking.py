@@ -6,15 +6,18 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
-from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, explain_contradiction
+from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
-from shoal.rigs.transports import PositionError, Rig
+from shoal.rigs.monitor import NoiseMonitor, Rate, change_text, find_change
+from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
@@ -22,6 +25,8 @@ from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.noise.belief import NoisyBelief, padded_shape
 from shoal.swarm.noise.model import LOSS, Noise
 from shoal.swarm.simulation.swarms import distance_of_push, newly_classified
+
+QUICK = 2**25  # scans times cells that can be gone through again in about a second
 
 
 class RigSwarm(ABC):
@@ -39,8 +44,12 @@ class RigSwarm(ABC):
         Observed or estimated cells of all particles.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start.
+    first_scan : ndarray of int64, shape (k, ndim)
+        What the first scan shows.
     first_frontier : int
         Number of frontier cells at the start.
+    observations : list of ndarray of int64, shape (k, ndim), or None
+        For a rig with noise: the cells in which each scan showed particles.
     moves : int
         Number of commands sent to the rig.
     log : DriveLog, optional
@@ -59,7 +68,9 @@ class RigSwarm(ABC):
     belief: Belief
     state: SwarmState
     start: NDArray[np.int64]
+    first_scan: NDArray[np.int64]
     first_frontier: int
+    observations: list[NDArray[np.int64]] | None = None
     moved: bool = False
     unproven: int = 0
     noisy: NoisyBelief | None = None
@@ -89,11 +100,30 @@ class RigSwarm(ABC):
         needed to tell.
         """
 
+    @property
+    def needs_proof(self) -> bool:
+        """Whether walls rest on commands at which nothing was seen to move."""
+        return self.unproven > 0
+
     @abstractmethod
+    def doubts(self) -> list[str]:
+        """Return why the evidence for the walls is not enough, in sentences."""
+
+    def check(self) -> None:  # noqa: B027 - without noise, each scan is checked by `update`
+        """Raise an alarm if the scans so far contradict the commands."""
+
     def command_that_moves(self) -> str | None:
         """Return the command that must move most particles, because the cells ahead of them are
         known to be free, or None.
         """
+        letters = letters_of(self.layout.ndim)
+        best = max(letters, key=self.room)
+        return best if self.room(best) else None
+
+    def room(self, letter: str) -> int:
+        """Return the number of particles that have a free cell without a particle ahead."""
+        occupied = self.state.occupied
+        return len((occupied.shifted(letter) & self.belief.open) - occupied)
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
@@ -111,9 +141,16 @@ class RigSwarm(ABC):
         Return the trace entries (classified, frontier, travelled) of each command.
         """
 
-    def marks(self) -> list[Alarm]:
-        """Return the alarms that mark the result without stopping the drive."""
+    def marks(self, *, quick: bool = False) -> list[Alarm]:
+        """Return the alarms that mark the result without stopping the drive.
+
+        If ``quick`` is true, as after Ctrl-C, leave out what takes long, and say so in `doubts`.
+        """
         return []
+
+    def rates(self) -> dict[str, Rate]:
+        """Return the stated and the observed error rates, by name."""
+        return {}
 
     def observe(self) -> NDArray[np.int64]:
         """Return the cells in which the rig observes particles (int64, shape (n, ndim)).
@@ -153,17 +190,6 @@ class RigSwarm(ABC):
             self.log.scan(self.moves, cells)
         return self.update(command, steps, cells), True
 
-    def _ahead(self, occupied: Board, free: Board) -> str | None:
-        """Return the command for which most particles have a free cell without a particle ahead, or
-        None if there is none.
-        """
-        room = {
-            letter: len((occupied.shifted(letter) & free) - occupied)
-            for letter in letters_of(self.layout.ndim)
-        }
-        best = max(room, key=lambda letter: room[letter])
-        return best if room[best] else None
-
 
 class ExactRigSwarm(RigSwarm):
     """The particles of a rig without noise: all positions that the rig reports are correct.
@@ -179,7 +205,7 @@ class ExactRigSwarm(RigSwarm):
 
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig)
-        self.start = self.observe()
+        self.start = self.first_scan = self.observe()
         self.state = self._state_at(self.start)
         here = self.state.occupied
         self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
@@ -196,11 +222,13 @@ class ExactRigSwarm(RigSwarm):
         """Whether all directions were tried and nothing moved."""
         return False if self.moved else True if len(self._tried) == 2 * self.layout.ndim else None
 
-    def command_that_moves(self) -> str | None:
-        """Return the command that must move most particles, because the cells ahead of them are
-        known to be free, or None.
-        """
-        return self._ahead(self.state.occupied, self.belief.open)
+    def doubts(self) -> list[str]:
+        """Return which walls rest on commands at which nothing was seen to move."""
+        text = (
+            f"{cells_classified(self.unproven)} by the last commands, at which nothing was seen to"
+            " move"
+        )
+        return [text] if self.unproven else []
 
     def predict(self, command: str, steps: int) -> list[Row] | None:
         """Update the belief without a scan if no particle tries to enter an unknown cell.
@@ -333,8 +361,6 @@ class NoisyRigSwarm(RigSwarm):
 
     Attributes
     ----------
-    observations : list of ndarray of int64, shape (k, ndim)
-        Cells in which each scan showed particles.
     monitor : NoiseMonitor
         What the scans say about the stated noise.
 
@@ -345,6 +371,7 @@ class NoisyRigSwarm(RigSwarm):
     """
 
     noisy: NoisyBelief
+    observations: list[NDArray[np.int64]]
 
     def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
         super().__init__(rig)
@@ -354,17 +381,14 @@ class NoisyRigSwarm(RigSwarm):
         )
         self.monitor = NoiseMonitor(rig.shape, noise)
         self.monitor.count(cells)
-        self._confidence, self._shown = confidence, False
+        self._confidence, self._shown, self.counted = confidence, False, True
         self._classified = dict.fromkeys(letters_of(self.layout.ndim), 0)  # cells, by command
         self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
-        self._unseen = 0  # commands since the last scan
+        self._sent: list[tuple[str, bool]] = []  # all commands, and whether a scan followed
         self._take_over()
-        self.start, self.first_frontier, self.observations = (
-            self.state.cells,
-            self.noisy.remaining,
-            [cells],
-        )
+        self.first_scan, self.observations = cells, [cells]
+        self.start, self.first_frontier = self.state.cells, self.noisy.remaining
 
     @property
     def finished(self) -> bool:
@@ -379,7 +403,7 @@ class NoisyRigSwarm(RigSwarm):
         Or by a command that was never seen to move a particle, although the map has room for it.
         """
         return self.unproven > self._allowed or any(
-            self.belief.open.shifted(one) & self.belief.open for one in self.unshown
+            self.belief.open.shifted(letter) & self.belief.open for letter in self.unshown
         )
 
     @property
@@ -392,12 +416,38 @@ class NoisyRigSwarm(RigSwarm):
         """Commands that classified more cells than the confidence allows, but were never seen to
         move a particle.
         """
-        told = self._classified.items()
         return [
             letter
-            for letter, cells in told
+            for letter, cells in self._classified.items()
             if cells > self._allowed and not self.monitor.shows_motion(letter)
         ]
+
+    @property
+    def needs_proof(self) -> bool:
+        """Whether the evidence for the walls is not enough."""
+        return self.doubtful
+
+    def doubts(self) -> list[str]:
+        """Return why the evidence for the walls is not enough."""
+        doubts = []
+        if not self.counted:
+            doubts.append("Ctrl-C left no time to see whether the number of particles changed")
+        if not self.moved:
+            return doubts
+        if unshown := self.unshown:
+            text = (
+                f"no particle was surely seen to move at command {' or '.join(map(repr, unshown))},"
+                " from which walls were inferred"
+            )
+            return [text, *doubts]
+        if self.doubtful:
+            text = (
+                f"{cells_classified(self.unproven)} while nothing was seen to move, more than the"
+                " confidence allows: the magnets do nothing any more, the camera shows an old"
+                " picture, or no particle has room to move"
+            )
+            return [text, *doubts]
+        return doubts
 
     @property
     def still(self) -> bool | None:
@@ -422,11 +472,9 @@ class NoisyRigSwarm(RigSwarm):
         """Number of detections in the first scan without a detection beside it. In a round of all
         directions, each must move.
         """
-        seen = Board.of_cells(self.layout, self.observations[0])
-        beside = [seen.shifted(letter) for letter in letters_of(self.layout.ndim)]
-        crowded = beside[0]
-        for board in beside[1:]:
-            crowded = crowded | board
+        seen = Board.of_cells(self.layout, self.first_scan)
+        beside = (seen.shifted(letter) for letter in letters_of(self.layout.ndim))
+        crowded = reduce(or_, beside)
         return max(1, len(seen - crowded))
 
     def command_that_moves(self) -> str | None:
@@ -437,18 +485,14 @@ class NoisyRigSwarm(RigSwarm):
         other commands make room.
         """
         letters = letters_of(self.layout.ndim)
-        room = {
-            letter: (self.state.occupied.shifted(letter) & self.belief.open) - self.state.occupied
-            for letter in letters
-        }
         for letter in self.unshown:
             back = next(
                 other for other in letters if AXES[other] == (AXES[letter][0], -AXES[letter][1])
             )
             for choice in (letter, back, letters[self.moves % len(letters)]):
-                if room[choice]:
+                if self.room(choice):
                     return choice
-        return self._ahead(self.state.occupied, self.belief.open)
+        return super().command_that_moves()
 
     def predict(self, command: str, steps: int) -> list[Row]:
         """Update the estimated positions of the particles after ``steps`` commands without a scan.
@@ -456,7 +500,7 @@ class NoisyRigSwarm(RigSwarm):
         """
         for _ in range(steps):
             self.noisy.spread(command)
-        self._unseen += steps
+        self._sent += [(command, False)] * steps
         self._take_over()
         return [(0, self.noisy.remaining, 0)] * steps
 
@@ -465,7 +509,8 @@ class NoisyRigSwarm(RigSwarm):
         unknown travelled distance.
         """
         rows = self.predict(command, steps - 1)
-        alone, self._unseen = self._unseen == 0, 0
+        alone = not self._sent or self._sent[-1][1]
+        self._sent.append((command, True))
         if alone:
             inside = self.noisy.state.inside.reshape(padded_shape(self.layout.shape))
             self.monitor.compare(
@@ -491,7 +536,7 @@ class NoisyRigSwarm(RigSwarm):
         if alarm is not None:
             raise AlarmRaised(alarm)
 
-    def marks(self) -> list[Alarm]:
+    def marks(self, *, quick: bool = False) -> list[Alarm]:
         """Return the alarms that mark the result: rates far from the stated ones, drift, another
         number of particles.
         """
@@ -501,12 +546,46 @@ class NoisyRigSwarm(RigSwarm):
                 "no particle is left that scans show: every cell that is still unclassified"
                 " stays so"
             )
-            marks = [
-                Alarm("number", self.moves, text),
-                *(mark for mark in marks if mark.kind != "number"),
-            ]
+            return [Alarm("number", self.moves, text), *marks]
+        work = len(self.observations) * int(np.prod(padded_shape(self.layout.shape)))
+        self.counted = not quick or work <= QUICK
+        change = find_change(self._recounted()) if self.counted else None
+        if change is not None:
+            marks.append(Alarm("number", self.moves, change_text(*change)))
         return marks
+
+    def _recounted(self) -> NDArray[np.float64]:
+        """Return the expected number of particles after each scan, if the map is as it is believed
+        now.
+
+        In a map that is still unknown, the belief overestimates the number: a particle may or may
+        not have entered an unknown cell. With the map of the end, the number is off by the same
+        share all the time, so that a step shows that particles are gone.
+        """
+        noise, confidence, first = self.noisy.noise, self._confidence, self.first_scan
+        seen = Board.of_cells(self.layout, first)
+        belief = NoisyBelief(self.layout.shape, seen, noise, confidence, loss=LOSS)
+        belief.state.logit[:] = self.noisy.state.logit
+        numbers, scans = [belief.particles], iter(self.observations[1:])
+        for command, scanned in self._sent:
+            if not scanned:
+                belief.spread(command)
+                continue
+            belief.update(command, Board.of_cells(self.layout, next(scans)))
+            belief.state.logit[:] = self.noisy.state.logit
+            numbers.append(belief.particles)
+        detections = sum(map(len, self.observations)) / (1 - noise.miss)
+        return np.array(numbers) * (detections / max(sum(numbers), 1e-9))
+
+    def rates(self) -> dict[str, Rate]:
+        """Return the stated and the observed error rates, by name."""
+        return self.monitor.rates()
 
     def _take_over(self) -> None:
         self.belief, self.state = self.noisy.belief, SwarmState(self.noisy.occupied)
         self._once_free = self._once_free | self.belief.open
+
+
+def cells_classified(number: int) -> str:
+    """Return "1 cell was classified" or "7 cells were classified"."""
+    return f"{number} {'cell was' if number == 1 else 'cells were'} classified"

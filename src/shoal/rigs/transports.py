@@ -1,10 +1,9 @@
-"""What travels between Shoal and a rig: the protocol, its messages, and transports (process, TCP,
-serial line).
+"""Connections that carry lines of bytes: a program, TCP, or a serial line. A lost connection can be
+opened again.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import queue
 import re
@@ -14,163 +13,15 @@ import socket
 import subprocess
 import threading
 import time
-import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Annotated, Any, Literal, Protocol, TypeVar, runtime_checkable
+from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
-
-from shoal.core.errors import InvalidInputError, MissingExtraError, RigError
-
-PROTOCOL: Literal[1] = 1
-LONGEST_LINE = 2**24  # bytes, a million positions; a longer line counts as damaged
-_CRC = re.compile(rb',"crc":"([0-9a-f]{8})"}$')
-
-
-class _Message(BaseModel):
-    """Base class of all messages. Shoal ignores unknown members of a message, so that rigs may send
-    additional members.
-    """
-
-    model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
-
-
-class Hello(_Message):
-    """Request to begin a session with a rig, or to resume a session after a lost connection."""
-
-    type: Literal["hello"] = "hello"
-    protocol: int = PROTOCOL
-    session: str
-
-
-class Command(_Message):
-    """Request to move all particles by one command: a letter of ``lurd`` in 2-D, or of ``lurdio``
-    in 3-D.
-    """
-
-    type: Literal["command"] = "command"
-    seq: Annotated[int, Field(ge=1)]
-    command: str
-
-
-class Observe(_Message):
-    """Request to observe all particles and report their positions."""
-
-    type: Literal["observe"] = "observe"
-    seq: Annotated[int, Field(ge=1)]
-
-
-class Stop(_Message):
-    """Request to stop all motion at once. After a stop, the rig refuses further commands of the
-    session.
-    """
-
-    type: Literal["stop"] = "stop"
-
-
-class Welcome(_Message):
-    """Answer of a rig to the request hello: a description of the rig, and the number of the last
-    request carried out.
-    """
-
-    type: Literal["welcome"] = "welcome"
-    protocol: int
-    session: str
-    seq: Annotated[int, Field(ge=0)]
-    shape: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=3)]
-    rule: str = "block"
-    name: str = "rig"
-
-
-class Done(_Message):
-    """Answer of a rig to a command: the rig has carried out the command."""
-
-    type: Literal["done"] = "done"
-    seq: int
-
-
-class Positions(_Message):
-    """Answer of a rig to the request observe: the cells of all observed particles."""
-
-    type: Literal["positions"] = "positions"
-    seq: int
-    cells: list[list[int]]
-
-
-class Stopped(_Message):
-    """Answer of a rig to the request stop: the rig has stopped."""
-
-    type: Literal["stopped"] = "stopped"
-
-
-class Again(_Message):
-    """Report that the last received line was damaged. The receiver of this message must send the
-    damaged line again.
-    """
-
-    type: Literal["again"] = "again"
-
-
-class Refusal(_Message):
-    """Answer of a rig that cannot carry out a request. The member ``text`` gives the reason for the
-    refusal.
-    """
-
-    type: Literal["error"] = "error"
-    seq: int | None = None
-    text: str
-
-
-Message = Hello | Command | Observe | Stop | Welcome | Done | Positions | Stopped | Again | Refusal
-_ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
-
-
-def encode_message(message: Message) -> bytes:
-    r"""Return a message as a line of bytes: a JSON object with a checksum, and a newline.
-
-    The checksum is the CRC-32 (as in zlib) of all bytes of the line before ``,"crc":``, written
-    with eight hexadecimal digits.
-
-    Examples
-    --------
-    >>> encode_message(Command(seq=7, command="l"))
-    b'{"type":"command","seq":7,"command":"l","crc":"07eb29f8"}\n'
-    """
-    text = json.dumps(
-        message.model_dump(exclude_none=True), separators=(",", ":"), ensure_ascii=True
-    ).encode()[:-1]
-    return b'%s,"crc":"%08x"}\n' % (text, zlib.crc32(text))
-
-
-def decode_message(line: bytes) -> Message | None:
-    """Return the message in a line of bytes, or None if the line is damaged.
-
-    Raises
-    ------
-    InvalidInputError
-        Raised if the line has a correct checksum, but contains no message of the protocol. A wrong
-        message with a correct checksum is a fault of the rig, and not of the connection.
-    """
-    line = line.strip()
-    found = _CRC.search(line)
-    if found is None or int(found[1], 16) != zlib.crc32(line[: found.start()]):
-        return None
-    try:
-        return _ANY.validate_json(line)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "type"
-        raise InvalidInputError(
-            f"the rig: expected a message of protocol {PROTOCOL}, got"
-            f" {line[:80].decode(errors='replace')!r} ({where}: {first['msg']})"
-        ) from None
-
+from shoal.core.errors import InvalidInputError, MissingExtraError
 
 T = TypeVar("T")
+LONGEST_LINE = 2**24  # bytes, a million positions; a longer line counts as damaged
 BAUD = 115200
 CHUNK = 65536
 WRITING = 5.0  # seconds after which a blocked write counts as a lost connection
@@ -445,44 +296,3 @@ def open_transport(spec: str) -> Transport:
                 f"rig: expected a command after 'exec:', got {rest[:80]!r}: {error}"
             ) from None
     raise InvalidInputError(f"{expected}, got {spec[:80]!r}")
-
-
-LARGEST_VIEW = 2**22
-"""Maximum number of cells in the field of view of a rig, such as 2048 times 2048: a drive then
-needs less than 1 GiB.
-"""
-
-
-class PositionError(RigError):
-    """Raised if a position is not a cell of the field of view: not two or three whole numbers, or
-    outside.
-    """
-
-
-@runtime_checkable
-class Rig(Protocol):
-    """A real or simulated device that moves particles and observes the particles' positions.
-
-    A rig is at rest between two commands, so that a policy may take any time to compute a command.
-    """
-
-    @property
-    def name(self) -> str:
-        """Name of the rig, as written in summaries and files."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the rig's field of view in cells: (rows, columns) or (layers, rows, columns)."""
-
-    @property
-    def rule(self) -> str:
-        """The rig's move rule: "block", "merge" or "tilt"."""
-
-    def send(self, command: str) -> None:
-        """Carry out one command: a letter of ``lurd`` in 2-D, or a letter of ``lurdio`` in 3-D."""
-
-    def observe(self) -> NDArray[np.int64]:
-        """Return the cells of all observed particles (int64, shape (n, ndim))."""
-
-    def stop(self) -> None:
-        """Stop all motion at once. After `stop`, the rig refuses further commands."""

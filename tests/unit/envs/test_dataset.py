@@ -85,7 +85,7 @@ def test_maps_that_have_no_name_are_no_part_of_the_spec(tmp_path):
 def test_nothing_is_left_of_a_recording_that_fails(tmp_path):
     for policy, words in [
         ("no-such", "unknown policy"),
-        (lambda observation, info: 7, "action: expected"),
+        (lambda observation, info: 7, "actions: expected"),
     ]:
         with pytest.raises(gymnasium.error.Error, match=words):
             shoal.envs.record_episodes(mapping(), policy, tmp_path / "data", episodes=1)

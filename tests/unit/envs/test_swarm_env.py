@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 
 import shoal
 import shoal.envs
-from shoal.envs import options as observations
+from shoal.envs import swarm as observations
 from shoal.swarm.grid.board import LETTERS
 
 IDS = ["shoal/Mapping-v0", "shoal/Coverage-v0", "shoal/SubsetCoverage-v0"]

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import shoal.envs
-from shoal.envs import options as observations
+from shoal.envs import swarm as observations
 from shoal.steering import prism, region, regular_polygon
 from shoal.swarm.policies.protocol import path_to_frontier
 
@@ -191,11 +191,11 @@ def test_compact_numbers_are_those_of_the_planes(options):
             gymnasium.error.InvalidAction,
             "actions: expected 2 whole numbers from 0 to 3, one per",
         ),
-        (lambda envs: envs.step([0.5, 1]), gymnasium.error.InvalidAction, "got float64 (2,)"),
+        (lambda envs: envs.step([0.5, 1]), gymnasium.error.InvalidAction, "got [0.5, 1]"),
         (
             lambda envs: envs.step([0, 4]),
             gymnasium.error.InvalidAction,
-            "actions: expected whole numbers from 0 to 3, got 4",
+            "actions: expected 2 whole numbers from 0 to 3, one per environment, got [0, 4]",
         ),
         (
             lambda envs: envs.reset(seed=[1]),

@@ -37,7 +37,7 @@ from shoal.rigs import (
     read_log,
     replay_log,
 )
-from shoal.rigs.transports import Command, Positions, Stop
+from shoal.rigs.protocol import Command, Positions, Stop
 from shoal.swarm.problem import SwarmProblem
 
 ROOT = Path(__file__).parents[3]

@@ -117,8 +117,10 @@ def drive(
     """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C,
     Shoal stops the rig.
 
-    The options --particles, --placement, --start and --rule apply to a simulated rig; a real rig
-    reports its own values. The options --slip, --misplace and --miss state the error probabilities
+    Of a real rig, --particles and --rule are the expected values: if its first scan shows another
+    number of particles (with --miss or --misplace: fewer than chance allows, or more), or if it
+    reports another rule, the command ends before the first move. The options --placement and
+    --start apply to a simulated rig only. The options --slip, --misplace and --miss state the error probabilities
     of a rig, and a simulated rig makes such errors. If the rig contradicts the commands, or if no
     particle moves, the drive ends with the status alarm and exit code 1. The page
     docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
@@ -152,6 +154,12 @@ def drive(
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN}
+        if rig != "simulated":  # what the user expects of it
+            fields |= {
+                name: getattr(problem, name)
+                for name in ("particles", "rule")
+                if name in problem.given
+            }
         options: dict[str, Any] = {
             "seed": seed,
             "log": book,
@@ -169,7 +177,8 @@ def drive(
             failure, result = error, error.drive
         finally:
             getattr(opened, "close", lambda: None)()
-        _report(result, opened, truth, log, out, film, json_, seed=seed, spacing=spacing)
+        outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
+        _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=log, **outputs)
         if isinstance(failure, KeyboardInterrupt | SystemExit):
             say(_how_to_go_on(result, log, out))
         if failure is not None:
@@ -188,11 +197,9 @@ def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
         expected = "a rig behind a connection, whose answers may be late"
     else:
         given = {
-            name: getattr(problem, name)
-            for name in ("start", "particles", "placement", "rule")
-            if name in problem.given
+            name: getattr(problem, name) for name in ("start", "placement") if name in problem.given
         }
-        expected = "the rig simulated, because a real rig reports its own particles and rule"
+        expected = "the rig simulated, because the particles of a real rig are where they are"
     for name, value in given.items():
         raise InvalidInputError(
             f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
@@ -203,7 +210,7 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
     """Return what can be done after Ctrl-C. A new drive begins with the particles where
     they are.
     """
-    found = f"shoal: stopped after {count_text(result.moves, 'move')}"
+    stopped = f"shoal: stopped after {count_text(result.moves, 'move')}"
     shown = f"the map so far is in {out}" if out is not None and result.episode is not None else ""
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
@@ -212,11 +219,11 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
         "to go on, start the drive again (with another log): it begins with the particles where"
         " they are now"
     )
-    return "; ".join(part for part in (found, shown, again) if part)
+    return "; ".join(part for part in (stopped, shown, again) if part)
 
 
 def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) -> Rig:
-    from shoal.rigs.simulated import NoisyRig, SimulatedRig
+    from shoal.rigs.rig import NoisyRig, SimulatedRig
     from shoal.swarm.grid.board import noise_rng, trial_rng
     from shoal.swarm.grid.tasks import place
 
@@ -293,14 +300,14 @@ def _rounded(seconds: float | None) -> float | None:
 def _report(
     result: Drive,
     rig: Any,
-    truth: GridWorkspace | None,
-    log: Path | None,
+    *,
     out: Path | None,
     film: list[Path] | None,
     json_: bool,
-    *,
     seed: int,
-    spacing: tuple[float, ...] | None = None,
+    spacing: tuple[float, ...] | None,
+    truth: GridWorkspace | None = None,
+    log: Path | None = None,
     verified: Verification | None = None,
 ) -> None:
     from shoal.cli.swarm.exploration import write_outputs
@@ -400,14 +407,12 @@ def replay_drive(
     rig = read_log(log, trust=trust)
     check_seed(log, seed, rig.seed)
     result, verified = replay_log(log, trust=trust)
-    shown = (out, film) if verified else (None, None)
     _report(
         result,
         rig,
-        None,
-        None,
-        *shown,
-        json_,
+        out=out if verified else None,
+        film=film if verified else None,
+        json_=json_,
         seed=rig.seed,
         spacing=rig.spacing,
         verified=verified,

@@ -1,23 +1,62 @@
-"""Simulated rigs with noise and without noise."""
+"""What a rig is, and simulated rigs with and without noise."""
 
 from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.errors import RigError
-from shoal.swarm.grid.board import encode
 from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.kernels import noise as noisy_state
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.belief import inner_of, truth_of
-from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise.world import NoisyWorld
+
+LARGEST_VIEW = 2**22
+"""Maximum number of cells in the field of view of a rig, such as 2048 times 2048: a drive then
+needs less than 1 GiB.
+"""
+
+
+class PositionError(RigError):
+    """Raised if a position is not a cell of the field of view: not two or three whole numbers, or
+    outside.
+    """
+
+
+@runtime_checkable
+class Rig(Protocol):
+    """A real or simulated device that moves particles and observes the particles' positions.
+
+    A rig is at rest between two commands, so that a policy may take any time to compute a command.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the rig, as written in summaries and files."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the rig's field of view in cells: (rows, columns) or (layers, rows, columns)."""
+
+    @property
+    def rule(self) -> str:
+        """The rig's move rule: "block", "merge" or "tilt"."""
+
+    def send(self, command: str) -> None:
+        """Carry out one command: a letter of ``lurd`` in 2-D, or a letter of ``lurdio`` in 3-D."""
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return the cells of all observed particles (int64, shape (n, ndim))."""
+
+    def stop(self) -> None:
+        """Stop all motion at once. After `stop`, the rig refuses further commands."""
 
 
 class SimulatedRig:
-    """A simulated rig without noise, which makes no errors when it moves and observes particles in
-    a workspace.
+    """A simulated rig that makes no errors when it moves and observes particles in a workspace.
 
     Parameters
     ----------
@@ -104,16 +143,13 @@ class NoisyRig(SimulatedRig):
         self, workspace: GridWorkspace, start: ArrayLike, noise: Noise, rng: Generator
     ) -> None:
         super().__init__(workspace, start)
-        self._noisy, self._rng = truth_of(workspace, self._state.cells, noise, CONFIDENCE), rng
+        self._noisy = NoisyWorld(workspace, self._state.cells, noise, rng)
 
     def _move(self, command: str) -> None:
-        noisy_state.move_noisy(self._noisy, encode(command, ndim=len(self.shape))[0], self._rng)
+        self._noisy.step(command)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the rig observes particles (int64, shape (k, ndim)).
-
-        Because of the noise, particles may appear in rim cells outside the workspace. In a
-        workspace of H rows and W columns, a rim cell has the row -1 or H, or the column -1 or W.
+        """Return the cells in which the rig observes particles, also in the rim around the
+        workspace (int64, shape (k, ndim)).
         """
-        noisy_state.look(self._noisy, self._rng)
-        return np.argwhere(inner_of(self._noisy.seen, self.shape, rim=1)) - 1
+        return self._noisy.scan()

@@ -1,0 +1,562 @@
+"""What the scans of a rig with noise say about the stated noise: motion, observed error rates, and
+the number of particles.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from math import log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.checks import count_text
+from shoal.core.dataclass import dataclass
+from shoal.rigs.checks import Alarm
+from shoal.swarm.grid.board import letters_of
+from shoal.swarm.grid.scans import AXES
+from shoal.swarm.noise.model import Noise
+
+# Probabilities. An alarm that stops a drive must not hit one honest drive in many thousands, a mark
+# may hit a few in a thousand.
+CRITICAL = 1e-9  # of the scans under the stated rates, from which on the rates cannot be true
+DEMONSTRATED = 1e-3  # of the scans if a command moved nothing, from which on it moves particles
+LEAPING = 1e-2  # of the motions by two cells, from which on they mark the result
+SURE, EMPTY = (
+    0.9,
+    0.1,
+)  # of a particle: from which on a cell surely holds one, up to which it has none
+
+SIGMAS = 4.0  # standard deviations from which on a motion is established
+INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
+PLAUSIBLE = 7.0  # log-likelihood ratio up to which a cell may still hold a particle at rest
+FEW = 30  # observations from which on a rate is judged
+LEAST = 8  # observations of other particles from which on they say how many stay
+# of the number of particles, from scan to scan (`find_change`)
+SETTLED = 5  # first scans, in which the number is not yet settled
+SIDE = 8  # fewest scans on each side of a change
+CHANGE = 4.6  # standard errors from which on the number has changed, at the likeliest moment of all
+SMALLEST = 0.6  # of a change: one particle that is gone takes .8 to 1.3 with it
+WINDOW = 30  # scans over which the number at the start and now is averaged
+NEAR = 2  # cells within which a particle can be confused with another one in two scans
+RECENT = 100  # particles with a free cell ahead whose motion is remembered
+
+
+@dataclass(frozen=True)
+class Rate:
+    """An error rate as the user stated it and as the drive observed it.
+
+    Parameters
+    ----------
+    stated, observed : float
+    low, high : float
+        Bounds of the 99.9 % confidence interval (Wilson's) of the rate.
+    trials : int
+        Number of observations.
+    """
+
+    stated: float
+    observed: float
+    low: float
+    high: float
+    trials: int
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the interval lies far from the stated rate: more than half above it, or a third
+        below it, and a hundredth.
+        """
+        return self.trials >= FEW and (
+            self.low > 1.5 * self.stated + 0.01 or self.high < self.stated / 1.5 - 0.01
+        )
+
+
+@dataclass
+class Tally:
+    """Number of events in a number of trials."""
+
+    events: int = 0
+    trials: int = 0
+
+    def add(self, events: int, trials: int = 1) -> None:
+        """Add events and the trials in which they happened or did not happen."""
+        self.events += events
+        self.trials += trials
+
+
+class NoiseMonitor:
+    """Compares pairs of scans with one command between them with the stated noise.
+
+    Each pair of scans gives three kinds of evidence. (1) Motion along an axis: the number of pairs
+    of detections one cell ahead minus the number of pairs one cell behind. If nothing moves, the
+    two scans are exchangeable, so that the difference is 0 on average, however dense the particles
+    are. (2) The fate of particles that no other particle is near: missed, moved, stayed, or
+    displaced to the side. (3) How often each cell shows a particle.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    noise : Noise
+        The stated probabilities.
+    """
+
+    def __init__(self, shape: tuple[int, ...], noise: Noise) -> None:
+        self.noise, self.shape, self.ndim = noise, np.array(shape), len(shape)
+        sizes = [size + 8 for size in shape]  # no neighbour of a rim cell wraps around
+        self._strides = np.array(
+            [int(np.prod(sizes[axis + 1 :])) for axis in range(self.ndim)], dtype=np.int64
+        )
+        letters = letters_of(self.ndim)
+        # of single particles: not seen; seen to stay although the cell ahead is free; seen beside
+        # their line; seen to move by two cells
+        self.missed, self.stayed, self.aside, self.leapt = Tally(), Tally(), Tally(), Tally()
+        # by the axis of the command and the axis of the motion; positive along the command
+        self.advance = np.zeros((self.ndim, self.ndim))
+        self.variance = np.zeros((self.ndim, self.ndim))
+        # sum of the displacements of single particles across the axis of the command
+        self.drift = np.zeros(self.ndim)
+        # whether particles with a free cell ahead stayed: the latest, and all by command
+        self.recent: deque[bool] = deque(maxlen=RECENT)
+        self.stays: dict[str, list[bool]] = {letter: [] for letter in letters}
+        # pairs ahead minus pairs behind for each command, and the variance of this number if
+        # nothing moves
+        self._surplus = {letter: [0.0, 0.0] for letter in letters}
+        self._cells = int(np.prod([size + 2 for size in shape]))  # the workspace and its rim
+        # since motion was last established: scans that show each cell, and all scans
+        self._seen, self._scans = np.zeros(int(np.prod(sizes)), dtype=np.int32), 0
+
+    @property
+    def hit(self) -> float:
+        """Probability that a scan shows a particle in its own cell, if it shows the particle."""
+        return 1 - self.noise.misplace
+
+    @property
+    def share(self) -> float:
+        """Probability that a scan shows a particle in one given neighbouring cell, if it shows the
+        particle.
+        """
+        return self.noise.misplace / (2 * self.ndim)
+
+    def compare(
+        self,
+        command: str,
+        before: NDArray[np.int64],
+        after: NDArray[np.int64],
+        inside: NDArray[np.float64],
+        free: NDArray[np.bool_],
+    ) -> None:
+        """Take one pair of scans into account.
+
+        Parameters
+        ----------
+        command : str
+            The command between the scans.
+        before, after : ndarray of int64, shape (k, ndim)
+        inside : ndarray of float64
+            For each cell of the workspace and three cells around it: the probability of a particle,
+            before the command.
+        free : ndarray of bool
+            The cells of the workspace and its rim that have ever been classified as free. Walls do
+            not grow, so later doubts do not count.
+        """
+        axis, sign = AXES[command]
+        axis += self.ndim
+        first, second = self._flat(before), self._flat(after)
+        for other in range(self.ndim):
+            step = sign * self._strides[other]
+            surplus = int(np.isin(first + step, second).sum()) - int(
+                np.isin(first - step, second).sum()
+            )
+            self.advance[axis, other] += surplus
+            touching = np.isin(first + step, first).sum()
+            variance = 4 * (self.noise.miss + self.noise.misplace) * touching
+            variance += (2 * self.noise.misplace / self.ndim + 1e-4) * len(first)
+            self.variance[axis, other] += variance
+            if other == axis:
+                self._surplus[command][0] += surplus
+                self._surplus[command][1] += variance
+        within = ((before >= 0) & (before < self.shape)).all(axis=1)
+        cells = before[within & (inside[tuple((before + 3).T)] > SURE)]
+        if len(cells):
+            ahead = np.zeros(self.ndim, dtype=np.int64)
+            ahead[axis] = sign
+            self.stays[command] += self._see_motion(cells, ahead, first, second, inside, free)
+            if len(after):
+                self._follow(cells, after, ahead, inside)
+
+    def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+        flat: NDArray[np.int64] = (cells + 4) @ self._strides
+        return flat
+
+    def _see_motion(
+        self,
+        cells: NDArray[np.int64],
+        ahead: NDArray[np.int64],
+        first: NDArray[np.int64],
+        second: NDArray[np.int64],
+        inside: NDArray[np.float64],
+        free: NDArray[np.bool_],
+    ) -> list[bool]:
+        """Return which particles stayed, and count them, of those with a free cell ahead and no
+        other particle in their line.
+        """
+        able = np.ones(len(cells), dtype=bool)
+        for distance in (-1, 1, 2):
+            able &= inside[tuple((cells + distance * ahead + 3).T)] < EMPTY
+            able &= ~np.isin(self._flat(cells + distance * ahead), first)
+        there = np.isin(self._flat(cells + ahead), second)
+        far = np.isin(self._flat(cells + 2 * ahead), second)
+        leapt = far[able & (there ^ far) & ~np.isin(self._flat(cells), second)]
+        self.leapt.add(int(leapt.sum()), len(leapt))
+        able &= free[tuple((cells + ahead + 1).T)]
+        there, here = there[able], np.isin(self._flat(cells[able]), second)
+        stayed = here[here ^ there]
+        self.stayed.add(int(stayed.sum()), len(stayed))
+        stays: list[bool] = stayed.tolist()
+        self.recent.extend(stays)
+        return stays
+
+    def _follow(
+        self,
+        cells: NDArray[np.int64],
+        after: NDArray[np.int64],
+        ahead: NDArray[np.int64],
+        inside: NDArray[np.float64],
+    ) -> None:
+        """Count the single particles that were missed, and that were seen to one side of their
+        line.
+        """
+        from scipy.spatial import KDTree
+
+        boxes = np.lib.stride_tricks.sliding_window_view(inside, (2 * NEAR + 1,) * self.ndim)
+        crowd = (
+            boxes[tuple((cells + 3 - NEAR).T)].reshape(len(cells), -1).sum(axis=1)
+            - inside[tuple((cells + 3).T)]
+        )
+        singles = cells[crowd < EMPTY]
+        if not len(singles):
+            return
+        for cell, near in zip(
+            singles, KDTree(after).query_ball_point(singles, NEAR, p=np.inf), strict=True
+        ):
+            if len(near) > 1:
+                continue
+            self.missed.add(not near)
+            if not near:
+                continue
+            shift = after[near[0]] - cell
+            shift[ahead != 0] = 0
+            self.aside.add(bool(shift.any()))
+            self.drift += shift
+
+    def count(self, cells: NDArray[np.int64]) -> bool:
+        """Take one scan into account. Return whether the scans since motion was last established
+        show motion again.
+
+        As long as nothing moves, a cell with a particle shows it in each scan with one and the same
+        high probability, and a cell without one, with a low one: the stated rates of misses and
+        misplacements bound both. Where particles move, cells are occupied for a part of the time.
+        The likelihood ratio compares a free probability for each cell (Krichevsky and Trofimov's
+        mixture) with the bounds. It tests scans at any time, whatever commands a policy chooses:
+        the probability that particles at rest ever reach 1 / `CRITICAL` is at most `CRITICAL`
+        (Ville's inequality).
+        """
+        self._seen[self._flat(cells)] += 1
+        self._scans += 1
+        if self._evidence() < -log(CRITICAL):
+            return False
+        self._seen[:] = 0
+        self._seen[self._flat(cells)] = 1
+        self._scans = 1
+        return True
+
+    def _evidence(self) -> float:
+        """Return the logarithm of the likelihood ratio of motion to rest, for the scans since
+        motion was last established.
+        """
+        from scipy.special import betaln, xlog1py, xlogy
+
+        at = np.flatnonzero(self._seen)
+        seen, scans = self._seen[at].astype(float), self._scans
+        share = min(
+            0.2, max(1.0, seen.sum() / scans) / self._cells
+        )  # of the cells that may be occupied for a while
+
+        def likelihood(
+            counts: NDArray[np.float64], chance: NDArray[np.float64]
+        ) -> NDArray[np.float64]:
+            logs: NDArray[np.float64] = xlogy(counts, chance) + xlog1py(scans - counts, -chance)
+            return logs
+
+        often, counts = (1 - self.noise.miss) * self.hit, np.arange(scans + 1.0)
+        held = likelihood(
+            counts, np.maximum(counts / scans, often)
+        )  # if a particle rests in the cell
+        bare = likelihood(counts, np.minimum(counts / scans, self.noise.misplace))  # if none does
+        likely = (
+            held >= bare - PLAUSIBLE
+        )  # a cell that may hold a particle, which scans may show in the cells beside
+        beside = np.sum(
+            [likely[self._seen[at + sign * step]] for step in self._strides for sign in (-1, 1)],
+            axis=0,
+        )
+        rarely = np.minimum(self.noise.misplace, self.share * beside + 1e-3)
+        rest = np.maximum(held[self._seen[at]], likelihood(seen, np.minimum(seen / scans, rarely)))
+        motion = betaln(seen + 0.5, scans - seen + 0.5) - betaln(0.5, 0.5)
+        ratios = np.logaddexp(np.log1p(-share), np.log(share) + motion - rest)
+        return float(ratios.sum() + (self._cells - len(seen)) * np.log1p(-share))
+
+    @property
+    def along(self) -> bool:
+        """Whether the scans show more motion along the commands than against them. Chance misses
+        may show as much, rarely.
+        """
+        along = float(np.trace(self.advance))
+        return along > max(0.5, SIGMAS * sqrt(np.trace(self.variance)))
+
+    def shows_motion(self, letter: str) -> bool:
+        """Return whether the scans before and after this command establish that it moves particles.
+
+        Either more single particles are seen one cell ahead than wrong observations explain, or
+        there are more pairs of detections ahead than behind, by more than wrong observations
+        explain.
+        """
+        stays, (surplus, variance) = self.stays[letter], self._surplus[letter]
+        moves = len(stays) - sum(stays)
+        if (
+            moves > 1
+            and tail(moves, len(stays), self.share / (self.hit + self.share) + 0.02) < DEMONSTRATED
+        ):
+            return True
+        return surplus > max(3.0, SIGMAS * sqrt(variance))
+
+    @property
+    def staying(self) -> float:
+        """Expected share of particles seen to stay although the cell ahead is free."""
+        slip = self.noise.slip
+        return (slip * self.hit + (1 - slip) * self.share) / (self.hit + self.share)
+
+    def _expected_stay(self, run: int) -> float:
+        """Return the share of stays to expect in a run of stays: as stated, or as observed before,
+        if more particles slip.
+        """
+        events, trials = self.stayed.events - run, self.stayed.trials - run
+        return max(self.staying, 0.1, events / trials if trials > LEAST else 0.0)
+
+    def rates(self) -> dict[str, Rate]:
+        """Return the stated and observed rates of the errors that the drive could observe."""
+        spread = self.hit - self.share
+        counted: dict[str, tuple[Tally, Callable[[float], float]]] = {
+            # a particle is also seen to stay or to move if a scan misplaces it along its line
+            "slip": (
+                self.stayed,
+                lambda seen: (
+                    (seen * (self.hit + self.share) - self.share) / spread if spread > 0.1 else seen
+                ),
+            ),
+            "miss": (self.missed, lambda seen: seen),
+            # a particle is seen aside if either of the two scans misplaced it to one of the sides
+            "misplace": (
+                self.aside,
+                lambda seen: (1 - sqrt(max(0.0, 1 - seen))) * self.ndim / (self.ndim - 1),
+            ),
+        }
+        rates = {}
+        for name, (tally, undo) in counted.items():
+            if tally.trials:
+                shares = (
+                    tally.events / tally.trials,
+                    *wilson(tally.events, tally.trials),
+                )
+                observed, low, high = (min(1.0, max(0.0, undo(share))) for share in shares)
+                stated = getattr(self.noise, name)
+                rates[name] = Rate(stated, observed, low, high, tally.trials)
+        return rates
+
+    def _leaping(self, *, doubtful: bool) -> float:
+        """Probability of as many motions by two cells as scans show, if particles are misplaced as
+        stated or as often as they are surely seen aside (``doubtful``: as often as they may be).
+        """
+        seen = self.rates().get("misplace")
+        misplace = self.noise.misplace
+        if seen is not None:
+            misplace = max(misplace, seen.high if doubtful else seen.low)
+        leaps = self.leapt.events
+        return tail(leaps, self.leapt.trials, misplace / self.ndim + 1e-3) if leaps > 1 else 1.0
+
+    @property
+    def _leaps(self) -> str:
+        return (
+            f"{self.leapt.events} of {count_text(self.leapt.trials, 'particle')} that moved alone moved by two cells:"
+            " commands are carried out twice"
+        )
+
+    def contradiction(self, move: int) -> Alarm | None:
+        """Return the alarm that must stop the drive, or None."""
+        for axis in range(self.ndim):
+            if self.advance[axis, axis] < -max(SIGMAS * sqrt(self.variance[axis, axis]), 3.0):
+                text = (
+                    "the particles move against the commands: an axis of the camera or of the"
+                    " magnets is inverted"
+                )
+                return Alarm(
+                    "direction", move, f"move {move}: {text} (the {axis_name(axis, self.ndim)})"
+                )
+        run = last_stays(self.recent)
+        if self._expected_stay(run) ** run < CRITICAL:
+            text = (
+                f"of the last {count_text(run, 'particle')} with a free cell ahead, none moved,"
+                " which slips do not explain: the magnets do nothing, or the camera shows an old"
+                " picture"
+            )
+            return Alarm("still", move, f"move {move}: {text}")
+        for letter, stays in self.stays.items():
+            others = [
+                stayed for other, seen in self.stays.items() if other != letter for stayed in seen
+            ]
+            expected = max(
+                self.staying, 0.2, sum(others) / len(others) if len(others) > LEAST else 0.0
+            )
+            run = last_stays(stays)
+            if expected**run < CRITICAL or tail(sum(stays), len(stays), expected) < CRITICAL:
+                text = (
+                    f"command {letter!r}: of {count_text(len(stays), 'particle')} with a free cell"
+                    f" ahead, {sum(stays)} stayed, the last {run} in a row, which slips do not"
+                    " explain: this direction of the magnets does nothing"
+                )
+                return Alarm("still", move, f"move {move}: {text}")
+        if self._leaping(doubtful=True) < CRITICAL:
+            return Alarm("twice", move, f"move {move}: {self._leaps}")
+        # as long as nothing moves along the commands, the scans are exchangeable, and motion to the
+        # sides shows as well
+        across = np.abs(self.advance) > np.maximum(SIGMAS * np.sqrt(self.variance), 3.0)
+        if not self.along and (across & ~np.eye(self.ndim, dtype=bool)).any():
+            text = (
+                "the particles move at a right angle to the commands: the picture or the magnets"
+                " are turned"
+            )
+            return Alarm("direction", move, f"move {move}: {text}")
+        return None
+
+    def marks(self, move: int) -> list[Alarm]:
+        """Return the alarms that mark the result, but stop nothing: rates far from the stated ones,
+        drift, numbers.
+        """
+        alarms = []
+        rates = self.rates()
+        for name, rate in rates.items():
+            if rate.wrong:
+                text = (
+                    f"{name}: stated {rate.stated:g}, observed {rate.observed:.3f} (99.9 % interval"
+                    f" {rate.low:.3f} to {rate.high:.3f},"
+                    f" {count_text(rate.trials, 'observation')}): the confidence of the map does"
+                    " not hold"
+                )
+                alarms.append(Alarm("rates", move, text))
+        strayed = "misplace" in rates and rates["misplace"].wrong  # the alarm above may explain it
+        if self._leaping(doubtful=strayed) < LEAPING:
+            alarms.append(Alarm("twice", move, self._leaps))
+        trials = max(1, self.aside.trials)
+        axis = int(np.argmax(np.abs(self.drift)))
+        if (
+            abs(self.drift[axis]) > (SIGMAS + 1) * sqrt(self.noise.misplace * trials + 1)
+            and abs(self.drift[axis]) > 0.02 * trials
+        ):
+            amount = self.drift[axis] / trials
+            text = (
+                f"the particles drift along the {axis_name(axis, self.ndim)} by {amount:+.2f} cells"
+                " a move, whatever the command"
+            )
+            alarms.append(Alarm("drift", move, text))
+        return alarms
+
+
+def find_change(numbers: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return the mean numbers of particles at the start and now, or None if chance explains all
+    differences between scans.
+
+    The means before and after each possible moment are compared. Their difference has the standard
+    error s sqrt((1 + r) / (1 - r) (1 / n_before + 1 / n_after)), where s is the standard deviation
+    around the means of the best fit with one step, and r is the correlation of consecutive scans.
+
+    Parameters
+    ----------
+    numbers : ndarray of float64, shape (scans,)
+        The expected number of particles after each scan.
+
+    Examples
+    --------
+    >>> numbers = 20 + np.random.default_rng(1).normal(0, 0.5, 200)
+    >>> find_change(numbers)
+    >>> np.round(find_change(numbers - (np.arange(200) >= 120)), 1).tolist()
+    [20.0, 19.0]
+    """
+    settled = numbers[SETTLED:]
+    before = np.arange(SIDE, len(settled) - SIDE + 1)
+    if not len(before):
+        return None
+    after = len(settled) - before
+    sums = np.cumsum(settled)
+    left, right = sums[before - 1] / before, (sums[-1] - sums[before - 1]) / after
+    shares = before * after / len(settled)
+    split = int(np.argmax(np.abs(left - right) * np.sqrt(shares)))
+    rest = settled - np.where(np.arange(len(settled)) < before[split], left[split], right[split])
+    variance = max(0.01, float(rest.var()))
+    alike = min(0.8, max(0.0, float((rest[1:] * rest[:-1]).mean()) / variance))
+    errors = np.sqrt(variance * (1 + alike) / (1 - alike) / shares)
+    best = int(np.argmax(np.abs(left - right) / errors))
+    if abs(left[best] - right[best]) < max(SMALLEST, CHANGE * errors[best]):
+        return None
+    start, now = settled[: min(WINDOW, before[split])], settled[-min(WINDOW, after[split]) :]
+    return float(start.mean()), float(now.mean())
+
+
+def change_text(first: float, last: float) -> str:
+    """Return what a change of the number of particles means, for people."""
+    start, now = round(first), round(last)
+    if first > last:
+        now = min(now, start - 1)
+        why = (
+            "particles that scans did not show for longer than the miss rate explains were taken"
+            " out of the belief"
+        )
+    else:
+        now = max(now, start + 1)
+        why = "scans show more particles than at the start"
+    return f"about {start} particles at the start, about {now} now: {why}"
+
+
+def last_stays(stays: Sequence[bool]) -> int:
+    """Return how many particles in a row stayed, up to the last one observed."""
+    return next((i for i, stayed in enumerate(reversed(stays)) if not stayed), len(stays))
+
+
+def axis_name(axis: int, ndim: int) -> str:
+    """Return the name of an axis for people."""
+    return ("layers", "rows", "columns")[axis + 3 - ndim] + " axis"
+
+
+def wilson(events: int, trials: int, sigmas: float = INTERVAL_SIGMAS) -> tuple[float, float]:
+    """Return Wilson's confidence interval of a probability.
+
+    Examples
+    --------
+    >>> [round(bound, 3) for bound in wilson(5, 100)]
+    [0.013, 0.175]
+    """
+    share, square = events / trials, sigmas * sigmas
+    centre = (share + square / (2 * trials)) / (1 + square / trials)
+    half = (
+        sigmas
+        * sqrt(share * (1 - share) / trials + square / (4 * trials * trials))
+        / (1 + square / trials)
+    )
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def tail(events: int, trials: int, probability: float) -> float:
+    """Return the probability of at least ``events`` events in ``trials`` trials."""
+    from scipy.special import bdtrc
+
+    return float(bdtrc(events - 1, trials, probability)) if events else 1.0
