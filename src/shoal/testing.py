@@ -223,7 +223,7 @@ def _check_episodes(problem: SwarmProblem, trial: int) -> None:
     and send equal commands.
     """
     policy, place, limit = (
-        problem.chosen_policy,
+        problem.setup.policy,
         _place(problem.place, problem.rule),
         problem.max_moves,
     )

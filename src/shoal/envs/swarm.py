@@ -79,7 +79,7 @@ class SwarmEnv(WorldEnv):
     def view(self) -> View:
         """The present view of the swarm, in the form that a policy of `shoal.swarm` receives."""
         batch, rule = self._worlds.batch, self.problem.rule
-        mapping = bool(getattr(self.problem.chosen_task, "mapping", True))
+        mapping = self.problem.setup.mapping
         last = (
             (0, 0)
             if self._effects is None

@@ -22,7 +22,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, letters_of
 from shoal.swarm.grid.scans import AXES, states_of_run
 from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise import Noise
 
 NOISY = "if particles slip or are observed wrongly, give the probabilities slip, misplace and miss"
 Level = Literal["high", "limited", "none"]

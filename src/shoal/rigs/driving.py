@@ -27,11 +27,11 @@ from shoal.rigs.simulated import NoisyRig, SimulatedRig
 from shoal.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
 from shoal.rigs.transports import LARGEST_VIEW, PositionError, Rig
 from shoal.swarm.episode import REASONS, SwarmEpisode
-from shoal.swarm.grid.board import RULES, Board, GridLayout, letters_of, noise_rng, trial_rng
+from shoal.swarm.grid.board import RULES, Board, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.policies import POLICIES, Manual, View, shown_name
+from shoal.swarm.policies import POLICIES, Manual, View
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
 
@@ -232,8 +232,8 @@ def drive(
             f"{rig.name}: expected a field of view of at most {LARGEST_VIEW} cells, got"
             f" {tuple(rig.shape)}"
         )
-    problem = SwarmProblem("rig", rule=rig.rule, **fields)
-    problem.check_policy(GridLayout(rig.shape))
+    problem = _in_view(SwarmProblem("rig", rule=rig.rule, **fields), tuple(rig.shape))
+    problem.check_at_place()
     load_drive_kernels(problem)
     return _driven(
         rig, problem, seed=seed, log=log, on_moves=on_moves, test_move=test_move, spacing=spacing
@@ -252,7 +252,7 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
     )
     policy = (
         problem.policy
-        if known and not isinstance(problem.chosen_policy, Manual)
+        if known and problem.policy.partition(":")[0] != Manual.kind
         else "closest-frontier"
     )
     fields = {
@@ -274,13 +274,20 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
 
 @cache
 def _prepare(rule: str, policy: str, fields: tuple[tuple[str, Any], ...]) -> None:
-    problem = SwarmProblem("rig", rule=rule, policy=policy, max_moves=40, **dict(fields))
     workspace = GridWorkspace(np.array([[1, 1, 1], [1, 0, 1]], dtype=np.bool_))
-    problem.check_policy(GridLayout(workspace.shape))
+    problem = _in_view(
+        SwarmProblem("rig", rule=rule, policy=policy, max_moves=40, **dict(fields)), workspace.shape
+    )
+    problem.check_at_place()
     rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
     if problem.noise is not None:
         rig = NoisyRig(workspace, [(0, 0)], problem.noise, noise_rng(0))
     _driven(rig, problem, seed=0)
+
+
+def _in_view(problem: SwarmProblem, shape: tuple[int, ...]) -> SwarmProblem:
+    """Return the problem in the field of view of a rig, of which only the size is known."""
+    return problem.at_place(GridWorkspace(np.ones(shape, dtype=np.bool_), name="rig"))
 
 
 def _driven(
@@ -295,9 +302,7 @@ def _driven(
 ) -> Drive:
     began, status, recorder = time.perf_counter(), Status.INTERRUPTED, Recorder()
     recorded = rig if isinstance(rig, RecordedRig) else None
-    policy = (
-        shown_name(problem.chosen_policy, problem.policy) if recorded is None else recorded.policy
-    )
+    policy = problem.setup.policy_name if recorded is None else recorded.policy
     alarms: list[Alarm] = []
     swarm: RigSwarm | None = None
     failure: BaseException | None = None
@@ -393,7 +398,7 @@ def _explored(
     Return the status.
     """
     most = problem.max_moves if recorded is None else len(recorded.commands)
-    test = test and recorded is None and not isinstance(problem.chosen_policy, Manual)
+    test = test and recorded is None and not isinstance(problem.setup.policy, Manual)
 
     def check(_trace: Trace | None = None) -> None:
         if isinstance(swarm, NoisyRigSwarm):
@@ -424,7 +429,7 @@ def _explored(
             recorder.add(command, rows, scanned=scanned)
             check()
         return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
-    decider = make_decider(problem, swarm.belief, trial_rng(seed), swarm.noisy)
+    decider = make_decider(problem.setup, swarm.belief, trial_rng(seed), swarm.noisy)
     for _ in range(CLOSING):
         _, status = closed_loop(
             swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder

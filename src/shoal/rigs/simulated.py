@@ -11,8 +11,7 @@ from shoal.swarm.grid.board import encode
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as noisy_state
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.belief import inner_of, truth_of
-from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.noise import CONFIDENCE, Noise, inner_of, truth_of
 
 
 class SimulatedRig:

@@ -18,6 +18,7 @@ from shoal.core.checks import check_integer, shortened, world_generators
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import LETTERS, Board, GridLayout, Words, encode, letters_of, trial_rng
+from shoal.swarm.grid.paths import search_of
 from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState
 from shoal.swarm.grid.tasks import check_reachable
@@ -25,10 +26,9 @@ from shoal.swarm.kernels import batches as kernels
 from shoal.swarm.kernels.batches import Steps, Worlds, begin_worlds, step_worlds
 from shoal.swarm.kernels.moves import BLOCK_WORDS
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.policies.protocol import search_of
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import is_compiled
-from shoal.swarm.simulation.swarms import draw_start, swarm_of
+from shoal.swarm.simulation.swarms import begin_swarm
 
 __all__ = ["PLANES", "Boards", "WorldBatch"]
 
@@ -621,8 +621,9 @@ class WorldBatch(Inspection):
             processors() if threads is None else check_integer(threads, what="threads", least=1)
         )
         first = self.problems[0]
-        self._mapping = bool(getattr(first.chosen_task, "mapping", True))
-        self._compiled = first.noise is None and is_compiled(first.chosen_task)
+        self._setups = [one.setup for one in self.problems]
+        self._mapping = self._setups[0].mapping
+        self._compiled = first.noise is None and is_compiled(self._setups[0].task)
         self._rule, self._padded = (
             RULE_CODES[first.rule],
             PaddedMaps([one.place for one in self.problems]),
@@ -714,7 +715,7 @@ class WorldBatch(Inspection):
                 maps, chosen, len(self), what="maps", least=0, below=len(self.problems)
             ).tolist()
         starts = [
-            draw_start(self.problems[number], trial_rng(own))
+            self._setups[number].draw_start(trial_rng(own))
             for number, own in zip(numbers, seeds, strict=True)
         ]
         if self._compiled:
@@ -722,7 +723,7 @@ class WorldBatch(Inspection):
             boards = self._first_boards(numbers, starts)
         else:
             swarms = [
-                swarm_of(self.problems[number], *start, own)
+                begin_swarm(self._setups[number], *start, own)
                 for number, start, own in zip(numbers, starts, seeds, strict=True)
             ]
         if not self._rngs:

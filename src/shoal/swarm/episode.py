@@ -21,8 +21,7 @@ from shoal.swarm.grid.scans import Trace, WithTrace, lengths_and_times
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.belief import Moment
-from shoal.swarm.noise.model import MapErrors, Noise
+from shoal.swarm.noise import MapErrors, Moment, Noise
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 from shoal.swarm.simulation import episode_file
 from shoal.swarm.simulation.replay import ExactReplay, NoisyReplay, ObservedReplay, Replay
@@ -252,7 +251,7 @@ class SwarmEpisode(WithTrace, Episode):
             )
         return ExactReplay(
             GridWorld(self.workspace, self.rule),
-            problem.chosen_task,
+            problem.setup.task,
             self.start,
             self.targets,
             self.trace,

@@ -26,7 +26,7 @@ from shoal.rigs import (
 )
 from shoal.rigs.checks import NoiseMonitor
 from shoal.swarm.grid.tasks import place
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise import Noise
 
 OPPOSITE = dict(zip("lurdio", "rdluoi", strict=True))
 NOISE = Noise(0.05, 0.01, 0.02)

@@ -13,8 +13,8 @@ from tests.swarm_runs import run
 from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
 from shoal.rigs import DriveLog, NoisyRig, drive, replay_log
+from shoal.swarm import noise as moments
 from shoal.swarm.noise import Noise
-from shoal.swarm.noise import belief as moments
 from shoal.views import film
 from shoal.views.swarm import films as recording
 from shoal.views.swarm.figures import map_figure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 from shoal.core.checks import shortened
@@ -10,8 +11,11 @@ from shoal.core.registry import Registry, configured
 from shoal.swarm.policies.compiled import (
     ClosestFrontier,
     Compiled,
+    DepthFirst,
     ElectParticle,
+    Manual,
     RandomMoves,
+    WallSweep,
     check_rules,
     check_scanning,
 )
@@ -21,7 +25,6 @@ from shoal.swarm.policies.planners.offline import Offline
 from shoal.swarm.policies.planners.planner_policy import Budgeted, PlannerPolicy
 from shoal.swarm.policies.planners.rollout import Rollout
 from shoal.swarm.policies.protocol import Decision, Policy, View
-from shoal.swarm.policies.walks import DepthFirst, Manual, WallSweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
 for _policy in (
@@ -34,9 +37,9 @@ for _policy in (
     Rollout,
     BeamRollout,
     Manual,
+    Offline,
 ):
     POLICIES.add(_policy.kind, _policy)
-POLICIES.add(Offline.kind, Offline)
 POLICIES.add("best", BeamRollout)  # an alias, which may denote another policy in a later version
 
 
@@ -92,13 +95,19 @@ def with_budget(policy: Policy, **wanted: float) -> Policy:
         Raised if the policy has no planning limit, or if a limit is out of range.
     """
     for name, value in wanted.items():
-        if name not in getattr(policy, "__dataclass_fields__", {}):
-            able = "best, beam-rollout, rollout" + (" or offline" if name == "budget" else "")
+        if name not in _fields_of(policy):
+            able = [kind for kind in POLICIES if name in _fields_of(POLICIES.get(kind))]
             option = "budget" if name == "budget" else "time-per-move"
-            raise InvalidInputError(f"{option}: expected a planner ({able}), got {policy.name}")
+            raise InvalidInputError(
+                f"{option}: expected a planner ({', '.join(able)}), got {policy.name}"
+            )
         # a policy with this field is a dataclass
         policy = replace(policy, **{name: value})  # type: ignore[type-var]
     return policy
+
+
+def _fields_of(policy: object) -> Collection[str]:
+    return getattr(policy, "__dataclass_fields__", ())
 
 
 __all__ = [

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.core.episode import Status
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
+from shoal.swarm.grid.paths import search_of, slides_of
 from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule, Trace
 from shoal.swarm.grid.state import (
     RULE_CODES,
@@ -30,10 +31,9 @@ from shoal.swarm.kernels import episodes as planner_episode
 from shoal.swarm.kernels import moves
 from shoal.swarm.kernels.moves import new_record
 from shoal.swarm.kernels.prediction import expected_gain, lookahead
-from shoal.swarm.noise.belief import Lookout, NoisyBelief
+from shoal.swarm.noise import Lookout, NoisyBelief
 from shoal.swarm.policies import PlannerPolicy
 from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, seed_of
-from shoal.swarm.policies.protocol import search_of, slides_of
 
 RUNNING = planner_episode.RUNNING
 STATUSES = {

@@ -17,10 +17,10 @@ from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState, field_of
 from shoal.swarm.kernels import episodes as policy_episode
 from shoal.swarm.kernels.noise import PATIENCE as NOISY_PATIENCE
 from shoal.swarm.kernels.noise import TIMES
-from shoal.swarm.noise.belief import Lookout, NoisyBelief
+from shoal.swarm.noise import Lookout, NoisyBelief
+from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.policies.protocol import Policy, View
-from shoal.swarm.policies.walks import Manual
-from shoal.swarm.problem import SwarmProblem
+from shoal.swarm.problem import SwarmSetup
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 PATIENCE = policy_episode.PATIENCE
@@ -59,21 +59,22 @@ class Decider(Protocol):
 
 
 def make_decider(
-    problem: SwarmProblem, belief: Belief, rng: Generator, noisy: NoisyBelief | None
+    setup: SwarmSetup, belief: Belief, rng: Generator, noisy: NoisyBelief | None
 ) -> Decider:
     """Return the decider for the policy and the scan rule of a problem.
 
     ``belief`` is the belief at the start of the episode. ``noisy`` is the belief that an episode
     with noise changes in place.
     """
-    policy, scanning = problem.chosen_policy, problem.scanning
+    problem, policy, scanning = setup.problem, setup.policy, setup.problem.scanning
     if noisy is not None:
         return ReplannedRuns(policy, noisy, rng, every=scanning.step, max_moves=problem.max_moves)
     if scanning.kind != "adaptive":
         return PlannedRuns(scanning, policy, rng)
     options = {name: getattr(policy, name) for name in ("ties", "neighbours")}
-    mapping = getattr(problem.chosen_task, "mapping", True)
-    return AdaptiveRuns(belief, rule=problem.rule, mapping=mapping, scanning=scanning, **options)
+    return AdaptiveRuns(
+        belief, rule=problem.rule, mapping=setup.mapping, scanning=scanning, **options
+    )
 
 
 class PlannedRuns:

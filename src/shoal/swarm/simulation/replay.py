@@ -19,9 +19,8 @@ from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.belief import Moment, NoisyBelief, inner_of, looks_of, noisy_belief
-from shoal.swarm.noise.model import LOSS, Noise
-from shoal.swarm.policies.walks import Manual
+from shoal.swarm.noise import LOSS, Moment, Noise, NoisyBelief, inner_of, looks_of, noisy_belief
+from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.simulation.compiled import SearchGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.swarms import ExactSwarm
 

@@ -12,9 +12,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmEpisode
+from shoal.swarm import noise as moments
 from shoal.swarm.maps.workspace import PALETTE, in_strips
 from shoal.swarm.noise import Moment
-from shoal.swarm.noise import belief as moments
 from shoal.views.drawing.charts import bar_length
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.swarm.volume import Fit, Slices, codes_by_move, palette_of_cells, sheet

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import SwarmEpisode
+from shoal.swarm import noise as moments
 from shoal.swarm.noise import Noise
-from shoal.swarm.noise import belief as moments
 from shoal.views.player import render
 from shoal.views.swarm.films import packed_moments
 from shoal.views.swarm.volume import FRONTIER_TINT

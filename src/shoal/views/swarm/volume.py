@@ -11,9 +11,9 @@ from PIL import Image
 
 from shoal.core.dataclass import dataclass
 from shoal.swarm import Belief, GridWorkspace, SwarmEpisode, SwarmState
+from shoal.swarm import noise as moments
 from shoal.swarm.maps import workspace as raster
 from shoal.swarm.maps.workspace import PALETTE
-from shoal.swarm.noise import belief as moments
 from shoal.views.drawing.canvas import Canvas
 
 WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
