@@ -166,7 +166,7 @@ def _part_rows(parts: dict[str, Any], problem: SwarmProblem) -> list[tuple[str, 
 
 
 def _place_text(place: dict[str, list[int]], problem: SwarmProblem) -> str:
-    from shoal.swarm.maps.pictures import PICTURES
+    from shoal.swarm.maps.pages import PICTURES
 
     ends = ", ".join(f"{side} {first} to {last}" for side, (first, last) in place.items())
     what = "the largest part lies" if problem.largest_component else "the free cells lie"

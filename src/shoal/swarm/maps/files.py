@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core import notices
 from shoal.core.checks import check_file, check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
@@ -21,35 +20,32 @@ from shoal.core.files import atomic
 from shoal.core.notices import tell_once
 from shoal.swarm.maps import imaging
 from shoal.swarm.maps.generators import generate_cached, is_spec
+from shoal.swarm.maps.pages import LARGEST_FILE, PICTURES, scale_of_width
 from shoal.swarm.maps.pictures import (
-    LARGEST_FILE,
-    PICTURES,
     encode_picture,
     read_picture,
     read_pixels,
     read_slices,
-    scale_of_width,
 )
-from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
+from shoal.swarm.maps.reading import KINDS, Cells, Kind, MapOptions, Mask, check_used
 from shoal.swarm.maps.resampling import (
-    MOST_COUNTED,
-    diagonal_contacts,
     factors_of_width,
     join_diagonals,
     scale_cells,
+    tell_of_contacts,
 )
 from shoal.swarm.maps.text import (
     encode_csv,
     encode_movingai,
     encode_npy,
     encode_rows,
-    free_in_array,
     read_csv,
     read_matlab,
     read_movingai,
     read_npy,
     read_rows,
 )
+from shoal.swarm.maps.values import free_in_array
 from shoal.swarm.maps.volumes import (
     DICOM,
     NIFTI,
@@ -62,12 +58,6 @@ from shoal.swarm.maps.volumes import (
     read_series,
 )
 from shoal.swarm.maps.workspace import GridWorkspace
-
-Cells = tuple[NDArray[Any], tuple[float, ...] | None]
-"""The content of a map file: the free cells, and the size of a cell along each axis (mm).
-
-The size of a cell is None if the file does not contain the size.
-"""
 
 
 @dataclass(frozen=True)
@@ -95,9 +85,7 @@ class MapFormat:
     kind: Kind = Kind("a file of this format")
 
 
-def _unsized(
-    read: Callable[[Path, MapOptions], NDArray[Any]],
-) -> Callable[[Path, MapOptions], Cells]:
+def _unsized(read: Callable[[Path, MapOptions], Mask]) -> Callable[[Path, MapOptions], Cells]:
     return lambda path, options: (read(path, options), None)
 
 
@@ -316,8 +304,14 @@ def open_map(
     if not isinstance(place, str | os.PathLike):
         check_used(KINDS["numbers"], given)
         array = np.asarray(place)
-        decided = chosen.by_number or chosen.invert or chosen.join_diagonals
-        workspace = GridWorkspace(free_in_array(array, chosen, where="map") if decided else array)
+        if chosen.by_number or chosen.invert or chosen.join_diagonals:
+            if array.ndim not in (2, 3) or array.dtype.kind not in "biuf":
+                raise InvalidInputError(
+                    f"map: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions of"
+                    f" {array.dtype}"
+                )
+            array = free_in_array(array, chosen, where="map")
+        workspace = GridWorkspace(array)
         if chosen.join_diagonals:
             workspace = GridWorkspace(join_diagonals(workspace.free))
         return fit_width(workspace, width)
@@ -351,17 +345,12 @@ def open_map(
     if width is not None and (scale := scale_of_width(path, width, chosen.scale)) is not None:
         options = options | {"scale": scale}
     workspace = fit_width(read_map(path, **options), width, where=str(path))
-    counted = notices.listeners and workspace.free.size <= MOST_COUNTED
-    if counted and (contacts := diagonal_contacts(workspace.free)):
-        separate = (
-            "1 diagonal contact separates"
-            if contacts == 1
-            else f"{contacts} diagonal contacts separate"
-        )
-        tell_once(
-            f"shoal: warning: {path}: {separate} parts of the map, because particles cannot move"
-            " diagonally (--join-diagonals opens one cell at each contact)"
-        )
+    tell_of_contacts(
+        workspace.free,
+        f"{path}:",
+        "parts of the map, because particles cannot move diagonally (--join-diagonals opens one cell"
+        " at each contact)",
+    )
     return workspace
 
 

@@ -8,13 +8,24 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field, fields
+from importlib import import_module
 from math import prod
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from shoal.core.checks import check_bool, check_integer, check_number, shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, MissingExtraError, ShoalError
+
+Mask = NDArray[np.bool_]
+
+Cells = tuple[Mask, tuple[float, ...] | None]
+"""The content of a map file: the free cells, and the size of a cell along each axis (mm), or None
+if the file does not contain the size.
+"""
 
 MAX_CELLS = 2**28
 """Maximum number of cells in a map (16384 x 16384)."""
@@ -321,6 +332,63 @@ def index_of(
     raise InvalidInputError(f"{where}: {axis}: expected one of {there}, got {shortened(channel)}")
 
 
+AXES = {"frame": "a time axis", "channel": "channels"}
+"""The axis of a file of which a reading option chooses an entry."""
+
+
+class AxisChoices:
+    """The entries of the axes of one file that the reading options choose. Each option must find
+    its axis.
+
+    Parameters
+    ----------
+    path : path
+    options : MapOptions
+    """
+
+    def __init__(self, path: Path, options: MapOptions) -> None:
+        self.path = path
+        self._unused: dict[str, int | str] = {
+            name: value for name in AXES if (value := getattr(options, name)) is not None
+        }
+
+    def take(self, axis: str) -> int | str | None:
+        """Return the choice for an axis that the file has, or None if the user has made none."""
+        return self._unused.pop(axis, None)
+
+    def index(self, axis: str, count: int) -> int:
+        """Return the index of the chosen one of ``count`` volumes along an axis.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if there are several volumes and none is chosen, or if a choice has no effect.
+        """
+        if count == 1 and self._unused.get(axis, 1) != 1:
+            self.check_used(axis)
+        choice = self.take(axis)
+        if count > 1 and choice is None:
+            raise InvalidInputError(
+                f"{self.path}: expected one volume, got {AXES[axis]} of {count} (choose one with"
+                f" --{axis}, from 1 to {count})"
+            )
+        return index_of([""] * count, choice, where=str(self.path), axis=axis)
+
+    def check_used(self, axis: str = "") -> None:
+        """Refuse a choice that was not taken, of the given axis or of any.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        for name, value in self._unused.items():
+            if axis in ("", name):
+                raise InvalidInputError(
+                    f"{self.path}: {name}: expected no {name} for a file without {AXES[name]}, got"
+                    f" {value}"
+                )
+
+
 def check_layers(where: Path, count: int) -> None:
     """Refuse a map of more than `MAX_LAYERS` layers.
 
@@ -379,3 +447,55 @@ def reading(path: Path, what: str) -> Iterator[None]:
             raise InvalidInputError(
                 f"{path}: expected {what}, got a damaged or truncated file: {why}"
             ) from None
+
+
+def library(module: str, needed: str, *, extra: str) -> Any:
+    """Import a library of an extra. ``needed`` says what needs it, such as "NRRD volumes need
+    pynrrd".
+
+    Raises
+    ------
+    MissingExtraError
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingExtraError(f"{needed}: pip install 'shoal[{extra}]'") from None
+
+
+_MILLIMETRES = {
+    "nm": 1e-6,
+    "nanometer": 1e-6,
+    "nanometre": 1e-6,
+    "um": 1e-3,
+    "µm": 1e-3,
+    "μm": 1e-3,
+    "\\u00b5m": 1e-3,
+    "micron": 1e-3,
+    "microns": 1e-3,
+    "micrometer": 1e-3,
+    "micrometre": 1e-3,
+    "mm": 1.0,
+    "millimeter": 1.0,
+    "millimetre": 1.0,
+    "cm": 10.0,
+    "centimeter": 10.0,
+    "centimetre": 10.0,
+    "m": 1000.0,
+    "meter": 1000.0,
+    "metre": 1000.0,
+    "inch": 25.4,
+    "in": 25.4,
+}
+
+
+def millimetres(unit: str) -> float | None:
+    """Return a unit of length in millimetres, or None for a text that is no unit of length, such as
+    "pixel".
+
+    Examples
+    --------
+    >>> millimetres("micron"), millimetres("µm"), millimetres("pixel")
+    (0.001, 0.001, None)
+    """
+    return _MILLIMETRES.get(unit.strip().lower())

@@ -15,6 +15,7 @@ from shoal.core.checks import check_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.display import displayed
 from shoal.core.errors import InvalidInputError
+from shoal.jit.kernels.connected import connected_parts
 from shoal.swarm.maps.reading import MAX_CELLS
 
 UNKNOWN, FRONTIER, FREE, OBSTACLE, PARTICLE = range(5)
@@ -244,10 +245,6 @@ class GridWorkspace:
         """The label of each cell's connected component, or 0 for obstacles (int32, with the shape
         of ``free``).
         """
-        from shoal.jit.kernels.connected import (
-            connected_parts,  # needs Numba, which is slow to import
-        )
-
         return connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
@@ -329,41 +326,3 @@ class GridWorkspace:
 
     def _repr_png_(self) -> object:
         return png_bytes(self.picture) if self.ndim == 2 else displayed("png", self)
-
-
-_MILLIMETRES = {
-    "nm": 1e-6,
-    "nanometer": 1e-6,
-    "nanometre": 1e-6,
-    "um": 1e-3,
-    "µm": 1e-3,
-    "μm": 1e-3,
-    "\\u00b5m": 1e-3,
-    "micron": 1e-3,
-    "microns": 1e-3,
-    "micrometer": 1e-3,
-    "micrometre": 1e-3,
-    "mm": 1.0,
-    "millimeter": 1.0,
-    "millimetre": 1.0,
-    "cm": 10.0,
-    "centimeter": 10.0,
-    "centimetre": 10.0,
-    "m": 1000.0,
-    "meter": 1000.0,
-    "metre": 1000.0,
-    "inch": 25.4,
-    "in": 25.4,
-}
-
-
-def millimetres(unit: str) -> float | None:
-    """Return a unit of length in millimetres, or None for a text that is no unit of length, such as
-    "pixel".
-
-    Examples
-    --------
-    >>> millimetres("micron"), millimetres("µm"), millimetres("pixel")
-    (0.001, 0.001, None)
-    """
-    return _MILLIMETRES.get(unit.strip().lower())

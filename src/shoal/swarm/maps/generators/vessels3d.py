@@ -9,8 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.maps.generators.mazes import Mask, crop
+from shoal.swarm.kernels.search import nearest_cells
 from shoal.swarm.maps.generators.vessels import Points
+from shoal.swarm.maps.reading import Mask
+from shoal.swarm.maps.resampling import crop
 
 CELLS_A_TIP = 60  # free cells per tip, before the tree is scaled
 TIP_RADIUS = 0.8  # cells
@@ -225,8 +227,6 @@ def _trimmed(free: Mask, count: int) -> Mask:
     """Return a map of the ``count`` free cells with the shortest paths to the inlet, without border
     layers of obstacles.
     """
-    from shoal.swarm.kernels.search import nearest_cells  # needs Numba, which is slow to import
-
     padded = np.pad(free, 1)
     lowest = int(np.flatnonzero(padded.any(axis=(0, 2)))[-1])
     inlet = (layer_column := np.argwhere(padded[:, lowest])[0])[0], lowest, layer_column[1]

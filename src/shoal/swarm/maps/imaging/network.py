@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.generators.mazes import Mask, crop, largest_part
+from shoal.jit.kernels.connected import connected_parts
 from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
-from shoal.swarm.maps.resampling import box_of
+from shoal.swarm.maps.reading import Mask
+from shoal.swarm.maps.resampling import box_of, crop, largest_part
 
 Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -356,8 +357,6 @@ def dropped_parts(mask: Mask) -> tuple[int, float]:
     The function counts parts after the bridging of gaps, and cells that share only a corner as
     connected.
     """
-    from shoal.jit.kernels.connected import connected_parts
-
     dropped = mask & ~_joined_parts(mask)
     pixels = int(np.count_nonzero(mask)) or 1
     return connected_parts(dropped, corners=True)[1], int(np.count_nonzero(dropped)) / pixels

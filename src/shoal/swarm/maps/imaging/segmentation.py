@@ -4,7 +4,6 @@ photograph shows vessels.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable
 from functools import reduce
 from typing import Any, NamedTuple
@@ -15,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass, one_line
-from shoal.core.errors import InvalidInputError, MissingExtraError
-from shoal.swarm.maps.generators.mazes import Mask
+from shoal.core.errors import InvalidInputError
+from shoal.swarm.maps.reading import Mask, library
 
 Grey = NDArray[np.float64]
 
@@ -588,12 +587,8 @@ def _check_thresholds(low: float, high: float) -> None:
 
 def imaging_module(module: str) -> Any:
     """Import a module of scikit-image, which has no type annotations and is slow to import."""
-    try:
-        return importlib.import_module(f"skimage.{module}")
-    except ImportError:
-        raise MissingExtraError(
-            "finding vessels in a picture needs scikit-image: pip install 'shoal[imaging]'"
-        ) from None
+    needed = "finding vessels in a picture needs scikit-image"
+    return library(f"skimage.{module}", needed, extra="imaging")
 
 
 def _levels(picture: Photograph, thickest: float) -> int:

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.generators.mazes import Mask
 from shoal.swarm.maps.imaging.network import CentreLines, Segment, centre_lines
 from shoal.swarm.maps.imaging.segmentation import imaging_module
+from shoal.swarm.maps.reading import Mask
 
 Values = NDArray[np.float64]
 
