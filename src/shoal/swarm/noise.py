@@ -218,12 +218,10 @@ class NoisyBelief:
         noisy: kernels.NoisyState
         | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
-        self.layout, self.noise, self.confidence, self.loss = (
-            GridLayout(shape),
-            noise,
-            confidence,
-            loss,
-        )
+        self.layout = GridLayout(shape)
+        self.noise = noise
+        self.confidence = confidence
+        self.loss = loss
         self.state = noisy_state_of(self.layout, noise, confidence) if noisy is None else noisy
         self.guard = guard_of(self.layout)
         self._field = new_field(self.layout)
@@ -373,9 +371,8 @@ class NoisyBelief:
             for way in (-1, 1):
                 np.maximum(behind, np.roll(around, way, axis), out=behind)
         walls = np.zeros(self.layout.window, dtype=np.bool_)
-        walls[inner] = (belief.obstacles & belief.open.dilated()).mask[
-            inner
-        ]  # beyond the rim, nothing is hidden
+        # beyond the rim, nothing is hidden
+        walls[inner] = (belief.obstacles & belief.open.dilated()).mask[inner]
         walls &= behind > 0
         if not walls.any():
             return Board.empty(self.layout)
@@ -488,19 +485,15 @@ class Lookout:
             reached = reached | layer
         between = (belief.obstacles & reached.dilated() & (belief.open - reached).dilated()).mask
         odds = np.where(between, self.noisy.logit, -np.inf)
-        return Board(
-            reached.layout, reached.layout.pack(between & (odds > odds.max() - 1))
-        )  # the next push changes more
+        # the next push changes more
+        return Board(reached.layout, reached.layout.pack(between & (odds > odds.max() - 1)))
 
 
 LEVELS = 8
 """Number of shades between an unknown cell and a classified cell."""
 
-OBSTACLE, UNKNOWN, FREE = (
-    0,
-    LEVELS,
-    2 * LEVELS,
-)  # values of looks: shades from classified obstacle to classified free,
+# values of looks: shades from classified obstacle to classified free,
+OBSTACLE, UNKNOWN, FREE = 0, LEVELS, 2 * LEVELS
 FRONTIER = 2 * LEVELS + 1  # the same shades for frontier cells start here,
 FALSE_FREE = 2 * FRONTIER  # an obstacle wrongly classified as free,
 FALSE_OBSTACLE = FALSE_FREE + 1  # a free cell wrongly classified as obstacle

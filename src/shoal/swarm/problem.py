@@ -627,9 +627,8 @@ class SwarmProblem(Problem):
 
     def place_is_file(self) -> bool:
         """Return whether the problem's map is a file or a folder."""
-        return isinstance(self.map, str) and os.path.exists(
-            self.map
-        )  # unlike Path.exists, it accepts names of any length
+        # unlike Path.exists, it accepts names of any length
+        return isinstance(self.map, str) and os.path.exists(self.map)
 
     def place_digest(self) -> bytes:
         """Return the shape and the free cells of the map as bytes."""

@@ -147,9 +147,8 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     """
     source, chosen = Path(path), MapOptions(**options)
     suffix = _suffix(source)
-    folder = bool(source.name) and os.path.isdir(
-        source
-    )  # unlike Path.is_dir, it accepts names of any length
+    # unlike Path.is_dir, it accepts names of any length
+    folder = bool(source.name) and os.path.isdir(source)
     if not folder and suffix not in FORMATS:
         raise InvalidInputError(
             f"{source}: expected a map file ({' '.join(FORMATS)}), got the suffix {suffix!r}"
@@ -317,9 +316,8 @@ def open_map(
         return fit_width(workspace, width)
     text = os.fspath(place)
     path = Path(text)
-    named = is_spec(text) and not os.path.isfile(
-        path
-    )  # unlike Path.is_file, it accepts names of any length
+    # unlike Path.is_file, it accepts names of any length
+    named = is_spec(text) and not os.path.isfile(path)
     if named or (not path.suffix and not os.path.exists(path)):
         check_used(Kind(f"the generated map {text!r}"), given)
         return GridWorkspace(generate_cached(text), name=text)
@@ -330,10 +328,8 @@ def open_map(
         tell_once(imaging.dropped_text(str(path), mask))
         return named_after(path, imaging.map_of_vessels(mask, width=width))
     is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
-    beside = (
-        "width",
-        *(["vessels"] if is_picture else []),
-    )  # the reader of the file checks the other options
+    # the reader of the file checks the other options
+    beside = "width", *(["vessels"] if is_picture else [])
     check_used(
         Kind(
             "a file that is no picture" if "vessels" in given else "a map file",

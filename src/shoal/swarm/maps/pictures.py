@@ -224,9 +224,8 @@ def _free_layers(files: list[Path], options: MapOptions, *, folder: Path | None 
             free = bands[0] if len(bands) == 1 else np.concatenate(bands)
             del bands
             free = free.reshape(-1, source.rows, free.shape[1])
-            if (
-                options.join_diagonals
-            ):  # before scaling: a smaller map no longer shows which pixels touched
+            # before scaling: a smaller map no longer shows which pixels touched
+            if options.join_diagonals:
                 free = join_diagonals(free)
             free = scale_cells(free, factors, where=where)
         check_size(where, *free.shape)
@@ -310,9 +309,8 @@ class _Source:
                 f"{where}: join-diagonals: expected at most {MOST_JOINED} pixels before scaling,"
                 f" got {layers * self.cells}"
             )
-        check_data(
-            where, layers * found[0] * found[1], most=LARGEST_PICTURE
-        )  # one byte a pixel until the map is scaled
+        # one byte a pixel until the map is scaled
+        check_data(where, layers * found[0] * found[1], most=LARGEST_PICTURE)
         return found
 
     def numbers(self) -> Iterator[NDArray[Any]]:
@@ -430,9 +428,8 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
             f" {page.reduced} (--threshold takes a share of white; a TIFF file keeps all bits)"
         )
     if page.palette is not None:
-        if (
-            option == "label" and page.numbered
-        ):  # the same on all pages, whatever colours a page shows
+        # the same on all pages, whatever colours a page shows
+        if option == "label" and page.numbered:
             return page.numbers
         used = page.palette[np.unique(page.numbers)]
         if (used[:, :3] == used[:, :1]).all():

@@ -198,17 +198,15 @@ def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
     )
     counts: NDArray[Any] = free
     largest = prod(-(-side // blocks) for side, blocks in zip(free.shape, shape, strict=True))
-    number = np.min_scalar_type(
-        largest
-    )  # a count of four bytes for each of 2^28 pixels would take 1 GiB
+    # a count of four bytes for each of 2^28 pixels would take 1 GiB
+    number = np.min_scalar_type(largest)
     pixels = np.ones((), dtype=np.float32)
     for axis, blocks in enumerate(shape):
         if blocks == free.shape[axis]:  # nothing to add
             pixels = np.multiply.outer(pixels, np.ones(blocks, dtype=np.float32))
             continue
-        begins = -(
-            -np.arange(blocks) * free.shape[axis] // blocks
-        )  # cell i belongs to block i * blocks // side
+        # cell i belongs to block i * blocks // side
+        begins = -(-np.arange(blocks) * free.shape[axis] // blocks)
         counts = np.add.reduceat(counts, begins, axis=axis, dtype=number)
         sizes = np.diff([*begins, free.shape[axis]]).astype(np.float32)
         pixels = np.multiply.outer(pixels, sizes)
@@ -307,9 +305,8 @@ def _thin(free: Mask, share: Shares) -> None:
             for step in passes:
                 near = cells[left[:, None] + steps]
                 degree = near.sum(axis=1)
-                stump = (degree == 1) & core[
-                    left + steps[near.argmax(axis=1)]
-                ]  # beside a thick vessel: no end of a line
+                # beside a thick vessel: no end of a line
+                stump = (degree == 1) & core[left + steps[near.argmax(axis=1)]]
                 fit = ~cells[left + step] & ((degree > 1) | stump) if step else near.all(axis=1)
                 _remove_simple(cells, left[fit], steps, padded.shape)
                 left = left[cells[left]]
@@ -396,9 +393,8 @@ def join_diagonals(free: Mask) -> Mask:
            [0, 0, 1]])
     """
     joined = free.copy()
-    for axes in range(
-        2, free.ndim + 1
-    ):  # contacts at edges first: they may connect parts that also touch at a corner
+    # contacts at edges first: they may connect parts that also touch at a corner
+    for axes in range(2, free.ndim + 1):
         for one, step in _contacts(connected_parts(joined)[0], axes):
             at = one.copy()
             for axis in reversed(np.flatnonzero(step)[1:]):

@@ -178,9 +178,8 @@ def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
             f"{path}, line 1: expected a row of cells, got"
             f" {'a comment' if lines[0] else 'an empty line'}"
         )
-    single = all(
-        row.isascii() and row.isdigit() for _, row in rows()
-    )  # one digit a cell, without anything between the digits
+    # one digit a cell, without anything between the digits
+    single = all(row.isascii() and row.isdigit() for _, row in rows())
     known: set[float] = set()  # the number of free cells, as soon as it is known
     first = _numbers(path, *next(rows()), single=single, options=options, known=known)
     check_size(path, count, len(first))

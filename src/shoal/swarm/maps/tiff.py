@@ -63,9 +63,8 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
         return not exact or (photometric == 0 and bits[0] > 8)
     extra = tags.get(338, ())
     extra = extra if isinstance(extra, tuple) else (extra,)
-    plain = {1: 1, 2: 3, 5: 4, 6: 3, 8: 3}.get(
-        photometric, 0
-    )  # samples by photometric interpretation
+    # samples by photometric interpretation
+    plain = {1: 1, 2: 3, 5: 4, 6: 3, 8: 3}.get(photometric, 0)
     known = samples == plain or (
         samples == plain + 1 and extra and extra[0] in (1, 2) and photometric in (1, 2)
     )
@@ -297,9 +296,8 @@ class Tiff:
                 )
             packed = packed[: height * line].reshape(height, line)
             order: Literal["little", "big"] = "little" if key.fillorder == 2 else "big"
-            for row, octets in enumerate(
-                packed, start=first
-            ):  # row by row: the bits of a whole strip need eight times its bytes
+            # row by row: the bits of a whole strip need eight times its bytes
+            for row, octets in enumerate(packed, start=first):
                 one = np.unpackbits(octets, count=width * bits, bitorder=order).reshape(width, bits)
                 page[plane, row] = one @ (1 << np.arange(bits, dtype=np.int64)[::-1])
         shape = (

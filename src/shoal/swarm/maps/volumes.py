@@ -286,9 +286,8 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
     nrrd = library("nrrd", "NRRD volumes need pynrrd", extra="volumes")
     with reading(path, "a NRRD file"):
         with path.open("rb") as file:
-            start = io.BytesIO(
-                file.read(CHUNK)
-            )  # a header ends at an empty line, and other files may have lines without end
+            # a header ends at an empty line, and other files may have lines without end
+            start = io.BytesIO(file.read(CHUNK))
         header = nrrd.read_header(start)
         begin = start.tell()
         sides = [int(side) for side in header["sizes"]]
@@ -585,10 +584,8 @@ def _dicom_cells(
             pixels = _dicom_pixels(files[index], image)
             pixels = pixels if colour is None else pixels[..., colour]
             pixels = pixels if moment is None else pixels[moment]
-            slope, shift = (
-                float(image.get("RescaleSlope", 1) or 1),
-                float(image.get("RescaleIntercept", 0) or 0),
-            )
+            slope = float(image.get("RescaleSlope", 1) or 1)
+            shift = float(image.get("RescaleIntercept", 0) or 0)
             yield pixels if (slope, shift) == (1.0, 0.0) else pixels * slope + shift
 
     layers = free_by_number(pieces, options, where=str(where))

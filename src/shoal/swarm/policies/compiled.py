@@ -333,11 +333,9 @@ def check_rules(policy: Policy, layout: GridLayout, rule: str) -> None:
 
 
 def _check_stated(policy: Policy | Compiled, layout: GridLayout, rule: str) -> None:
-    name, rules, dimensions = (
-        getattr(policy, "kind", policy.name),
-        getattr(policy, "rules", RULES),
-        getattr(policy, "dimensions", (2, 3)),
-    )
+    name = getattr(policy, "kind", policy.name)
+    rules = getattr(policy, "rules", RULES)
+    dimensions = getattr(policy, "dimensions", (2, 3))
     if rule not in rules:
         raise InvalidInputError(
             f"policy {name}: expected rule {' or '.join(sorted(rules))}, got {rule}"

@@ -48,10 +48,8 @@ KINDS = {
     "adaptive": planner_episode.ADAPTIVE,
 }
 LONGEST_RUN = 500  # maximum number of commands in the runs that the adaptive scan rule compares
-SHOWN_FIRST, SHOWN_EVERY = (
-    16,
-    0.1,
-)  # moves of the first piece and seconds of later pieces, if a progress function is given
+# moves of the first piece and seconds of later pieces, if a progress function is given
+SHOWN_FIRST, SHOWN_EVERY = 16, 0.1
 TIMED_PIECE = 8  # number of moves after which the computing time is checked
 NOISY_PIECE = (
     256  # moves with noise between two points at which progress is shown and Ctrl-C takes effect
@@ -99,9 +97,8 @@ def compiled_loop(
     For a replay, ``scanned`` tells for each command whether a scan follows the command.
     """
     watched = on_moves is not None or on_trace is not None or stop is not None
-    first = (
-        2048 if not watched else SHOWN_FIRST if on_trace is not None else 1
-    )  # one move of a large swarm may take a second
+    # one move of a large swarm may take a second
+    first = 2048 if not watched else SHOWN_FIRST if on_trace is not None else 1
     room, moves, ended = min(first, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     stopped = False
@@ -271,12 +268,10 @@ class PlannerGame:
         rng: Generator,
     ) -> None:
         seed = 0 if belief.complete else seed_of(rng)
-        self.code, self.rule, self.mapping, self.pace = (
-            policy.code,
-            RULE_CODES[rule],
-            mapping,
-            Pace(policy.milliseconds),
-        )
+        self.code = policy.code
+        self.rule = RULE_CODES[rule]
+        self.mapping = mapping
+        self.pace = Pace(policy.milliseconds)
         self.field = field_of(free.words, state, belief)
         self.largest = largest_piece(self.field)
         options = policy.settings(len(state.occupied))
@@ -286,11 +281,9 @@ class PlannerGame:
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Compute one piece of the episode, as `Game` describes."""
-        moves, status, piece = (
-            0,
-            RUNNING,
-            TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves),
-        )
+        moves = 0
+        status = RUNNING
+        piece = TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves)
         while moves < trace.moves and status == RUNNING:
             part = trace.part(moves, moves + piece)
             with self.pace.timed(self.planner, part.moves):

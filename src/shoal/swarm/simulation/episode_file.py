@@ -92,9 +92,8 @@ def write(
     }
     if targets is not None:
         arrays["targets"] = np.packbits(targets)
-    buffer = (
-        io.BytesIO()
-    )  # written in memory first, which is fast, because Ctrl-C has to wait for it
+    # written in memory first, which is fast, because Ctrl-C has to wait for it
+    buffer = io.BytesIO()
     with interruption_held():
         np.savez_compressed(buffer, allow_pickle=False, **arrays)
     with atomic(target) as temporary:
@@ -138,9 +137,8 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     file.seek(0)
     needed = ("header", "free", "start", *_COLUMNS, "scanned")
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # about unusual array headers: the relevant parts are checked below
+        # about unusual array headers: the relevant parts are checked below
+        warnings.simplefilter("ignore")
         try:
             with np.load(file, allow_pickle=False) as archive:
                 arrays = {

@@ -191,13 +191,11 @@ class ReplannedRuns:
     def __init__(
         self, policy: Policy, noisy: NoisyBelief, rng: Generator, *, every: int, max_moves: int
     ) -> None:
-        self.policy, self.noisy, self.rng, self.every, self.max_moves = (
-            policy,
-            noisy,
-            rng,
-            every,
-            max_moves,
-        )
+        self.policy = policy
+        self.noisy = noisy
+        self.rng = rng
+        self.every = every
+        self.max_moves = max_moves
         self.lookout = None if isinstance(policy, Manual) else Lookout(noisy)
         self.unseen, self.due = 0, True
         self.memory: Any = None
@@ -208,12 +206,8 @@ class ReplannedRuns:
         planned = self._planned(view)
         if planned is not None or self.lookout is None or self.noisy.finished:
             return planned
-        self.plan, self.memory, self.unseen, self.due = (
-            "",
-            None,
-            0,
-            True,
-        )  # the policy begins anew where the particles then are
+        # the policy begins anew where the particles then are
+        self.plan, self.memory, self.unseen, self.due = "", None, 0, True
         code = self.lookout.next()
         return None if code is None else (LETTERS[code], 1)
 
@@ -221,9 +215,8 @@ class ReplannedRuns:
         self.in_vain = 0 if view.classified else self.in_vain + 1
         if self.in_vain > NOISY_TIMES * (NOISY_PATIENCE + TIMES * len(view.belief.open)):
             return None
-        if (
-            not view.belief.open
-        ):  # if scans are often wrong, the first free cell needs several moves
+        # if scans are often wrong, the first free cell needs several moves
+        if not view.belief.open:
             self.wakes, self.unseen, self.due = self.wakes + 1, 0, True
             letters = letters_of(view.occupied.layout.ndim)
             return (

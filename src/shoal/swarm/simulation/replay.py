@@ -122,9 +122,8 @@ class ExactReplay:
             trace, _ = compiled_loop(game, self.trace.moves, scanned=self.trace.scanned)
             if trace.moves == self.trace.moves:
                 return End(*game.final, trace, first)
-            state, belief = (
-                self._begin()
-            )  # compiled code stops at completion, but a drive of a rig ends with closing moves
+            # compiled code stops at completion, but a drive of a rig ends with closing moves
+            state, belief = self._begin()
         swarm, recorder = ExactSwarm(self.world, self.task, state, belief), Recorder()
         for command, scanned in zip(
             decode(self.trace.commands), self.trace.scanned.tolist(), strict=True

@@ -51,9 +51,8 @@ class ExactSwarm:
             travelled = classified = 0
             for after in pushes:
                 still, stuck = stuck, after is self.state
-                if (
-                    still and stuck
-                ):  # the previous command moved no particle either, and it found the walls
+                # the previous command moved no particle either, and it found the walls
+                if still and stuck:
                     continue
                 travelled += distance_of_push(self.state, after, command)
                 updated = self.task.update(

@@ -143,10 +143,8 @@ def lower_bound(
     else:
         chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
         wanted = chosen & ~particles & (distances < FAR)
-    n, left = (
-        len(cells),
-        np.bincount(distances[wanted]) if wanted.any() else np.zeros(1, dtype=np.int64),
-    )
+    n = len(cells)
+    left = np.bincount(distances[wanted]) if wanted.any() else np.zeros(1, dtype=np.int64)
     beyond = left.sum() - np.cumsum(left)  # cells farther than d
     farthest = max((d + -(-int(more) // n) for d, more in enumerate(beyond) if more), default=0)
     axes = 0

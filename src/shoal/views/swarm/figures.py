@@ -77,11 +77,9 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
         if moves is None
         else check_integer(moves, what="moves", least=0, most=episode.moves)
     )
-    workspace, palette, codes = (
-        episode.workspace,
-        palette_of_cells(episode),
-        codes_after(episode, moves),
-    )
+    workspace = episode.workspace
+    palette = palette_of_cells(episode)
+    codes = codes_after(episode, moves)
     if workspace.ndim == 3:
         slices, fit = Slices.of(workspace), Fit.of(workspace)
         sheet = volume_sheet(

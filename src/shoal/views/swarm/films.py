@@ -23,10 +23,8 @@ _SECONDS = 20.0
 _FONT = f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf"
 ARROWS = dict(zip("lrud", "\u2190\u2192\u2191\u2193", strict=True))  # in and out have no arrows
 LEGEND = {name: name for name in ("particle", "frontier", "free", "obstacle", "unknown")}
-SHORT_SIDE, LONG_SIDE = (
-    720,
-    1920,
-)  # pixels: minimum side, and maximum side unless the map has more cells
+# pixels: minimum side, and maximum side unless the map has more cells
+SHORT_SIDE, LONG_SIDE = 720, 1920
 CAPTION = 68  # pixels below the cells
 TURNS = 2  # pixels of a volume in a film
 VOLUME_SIDE = 720  # pixels of the rotating view
@@ -46,9 +44,8 @@ def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
         side=None,
         quality=26,
-        palette=(
-            None if volume else palette_of_cells(episode).rgb.tobytes()
-        ),  # a volume is drawn with shading
+        # a volume is drawn with shading
+        palette=(None if volume else palette_of_cells(episode).rgb.tobytes()),
     )
 
 
@@ -153,12 +150,10 @@ def _draw_scale_bar(sheet: Image.Image, workspace: GridWorkspace, times: int) ->
     pixels = times * Fit.of(workspace).pixels_a_cell(VOLUME_SIDE) if turned else times
     size = (min(workspace.spacing) if turned else workspace.spacing[1]) / pixels
     length = bar_length(0.2 * sheet.width * size)
-    pen, font, right, low = (
-        ImageDraw.Draw(sheet),
-        _font(sheet.width),
-        sheet.width - 10,
-        sheet.height - CAPTION + 20,
-    )
+    pen = ImageDraw.Draw(sheet)
+    font = _font(sheet.width)
+    right = sheet.width - 10
+    low = sheet.height - CAPTION + 20
     pen.line((right - length / size, low, right, low), _colour("obstacle"), width=3)
     pen.text(
         (right - length / size - 8, low), f"{length:g} mm", _colour("obstacle"), font, anchor="rm"

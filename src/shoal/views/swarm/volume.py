@@ -119,10 +119,8 @@ THROUGH = 0.45  # visibility of a hidden particle through its vessel's wall
 BACKGROUND = tuple(bytes.fromhex(PALETTE["obstacle"][1:]))
 FINEST = 4  # pixels per cell, before the picture is enlarged
 GAP = 8  # pixels between the parts of a sheet
-NARROWEST, WIDEST = (
-    0.31,
-    0.42,
-)  # relative to the side of a sheet: width of its slices, and of their names
+# relative to the side of a sheet: width of its slices, and of their names
+NARROWEST, WIDEST = 0.31, 0.42
 LEAST_LINE = 13  # pixels per line of text
 
 
@@ -178,10 +176,8 @@ class Fit:
         z, y, x = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
         away = np.hypot(places[:, 0] - z, places[:, 2] - x)
         height = (places[:, 1] - y) * np.cos(elevation)
-        top, bottom = (
-            float((height - away * np.sin(elevation)).min()),
-            float((height + away * np.sin(elevation)).max()),
-        )
+        top = float((height - away * np.sin(elevation)).min())
+        bottom = float((height + away * np.sin(elevation)).max())
         return cls(
             (z, y, x),
             2 * (float(away.max()) + margin),
@@ -236,9 +232,8 @@ def turned_view(
     if not len(cells):
         return np.full((side, side, 3), background, dtype=np.uint8)
     largest = max(fit.wide, fit.tall)
-    coarse = max(
-        1, int(0.96 * side / largest * float(sizes.max()) / FINEST)
-    )  # large cells need no high resolution
+    # large cells need no high resolution
+    coarse = max(1, int(0.96 * side / largest * float(sizes.max()) / FINEST))
     small = -(-side // coarse)
     picture = np.full((small, small, 3), background, dtype=np.uint8)
     scale = 0.96 * small / largest
@@ -248,10 +243,8 @@ def turned_view(
         cells: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
         z, y, x = ((cells + 0.5) * sizes - np.array(fit.centre)).T * scale
-        across, away = (
-            x * np.cos(azimuth) + z * np.sin(azimuth),
-            z * np.cos(azimuth) - x * np.sin(azimuth),
-        )
+        across = x * np.cos(azimuth) + z * np.sin(azimuth)
+        away = z * np.cos(azimuth) - x * np.sin(azimuth)
         down = y * np.cos(elevation) - away * np.sin(elevation) - fit.middle * scale
         left, top = (
             np.floor(place + small / 2 - size / 2).astype(np.int64) for place in (across, down)
@@ -369,10 +362,8 @@ def sheet(
         zip(slice_pictures(codes, slices, palette), lengths, names, strict=True)
     ):
         scale = min(room[0] / (picture.shape[0] * tall), room[1] / (picture.shape[1] * wide))
-        height, width = (
-            max(1, int(picture.shape[0] * tall * scale)),
-            max(1, int(picture.shape[1] * wide * scale)),
-        )
+        height = max(1, int(picture.shape[0] * tall * scale))
+        width = max(1, int(picture.shape[1] * wide * scale))
         method = Image.Resampling.NEAREST if height >= picture.shape[0] else Image.Resampling.BOX
         drawn = np.asarray(Image.fromarray(picture).resize((width, height), method))
         top, left = number * (room[0] + line + GAP), side + GAP

@@ -170,12 +170,10 @@ def _colonise(
         # Opposing targets can cancel each other. Remove a target that no vessel approaches, so that
         # growth ends.
         left = (distance > 0.6 * spacing) & (patience > 0)
-        targets, distance, nearest, patience = (
-            targets[left],
-            distance[left],
-            nearest[left],
-            patience[left],
-        )
+        targets = targets[left]
+        distance = distance[left]
+        nearest = nearest[left]
+        patience = patience[left]
         seen = distance < sight
         if not seen.any():
             return points, parents

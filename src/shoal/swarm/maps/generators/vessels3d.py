@@ -130,9 +130,8 @@ def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDAr
     if length > 0:
         offset = offset - np.outer(offset @ along, along) / length**2
     widest = np.linalg.eigh(offset.T @ offset)[1][:, -1]
-    widest = widest * (
-        1 if widest[np.argmax(np.abs(widest))] > 0 else -1
-    )  # fix the sign, which differs between libraries
+    # fix the sign, which differs between libraries
+    widest = widest * (1 if widest[np.argmax(np.abs(widest))] > 0 else -1)
     place = offset @ widest
     size = int(np.clip(round(float(rng.uniform(*UNEVEN)) * len(points)), 1, len(points) - 1))
     first = np.zeros(len(points), dtype=np.bool_)

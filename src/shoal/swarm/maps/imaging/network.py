@@ -192,10 +192,8 @@ def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
                 one, two = links[chain[-1]]
                 chain.append(two if one == chain[-2] else one)
             inside = len(chain) == 2 and node_of[step] == node  # both in the same junction
-            if not inside and (chain[0], chain[1]) <= (
-                chain[-1],
-                chain[-2],
-            ):  # once, not from both of its ends
+            # once, not from both of its ends
+            if not inside and (chain[0], chain[1]) <= (chain[-1], chain[-2]):
                 chains.append(chain)
     return chains, node_of
 
@@ -218,10 +216,8 @@ def _joined(
     """Return the centre lines after joining all connected junctions with overlapping discs."""
     from scipy import sparse
 
-    pixels, nodes = (
-        np.array(list(node_of), dtype=np.int64),
-        np.array(list(node_of.values()), dtype=np.int64),
-    )
+    pixels = np.array(list(node_of), dtype=np.int64)
+    nodes = np.array(list(node_of.values()), dtype=np.int64)
     count = int(nodes.max(initial=-1)) + 1
     radii = np.zeros(count)
     np.maximum.at(radii, nodes, depth[pixels] - 0.5)

@@ -25,9 +25,8 @@ LINE_WINDOW = (
 )
 THICKEST_VESSEL = 10  # pixels, from the published filters
 FLATTENING = 19  # pixels, standard deviation of the Gaussian for the background
-RIDGES = tuple(
-    (width, 3 * width + 4) for width in (1.2, 1.7, 2.4, 3.4)
-)  # standard deviations across and along a vessel, in pixels
+# standard deviations across and along a vessel, in pixels
+RIDGES = tuple((width, 3 * width + 4) for width in (1.2, 1.7, 2.4, 3.4))
 RIDGE_WEIGHT = 0.5  # weight of the ridge filters relative to the line detector
 
 
@@ -51,10 +50,8 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
         step = 2**level
         small = scipy.ndimage.uniform_filter(flat, step)[::step, ::step]
         inside = view[::step, ::step]
-        lines, ridges = (
-            standardised(_line_strength(small, inside), inside),
-            standardised(_ridge_strength(small), inside),
-        )
+        lines = standardised(_line_strength(small, inside), inside)
+        ridges = standardised(_ridge_strength(small), inside)
         answer = standardised(lines + RIDGE_WEIGHT * ridges, inside)
         if level:
             answer = _enlarged(answer, view.shape, step)
@@ -138,10 +135,8 @@ def _line(length: int, angle: float) -> Grey:
     """
     weights = np.zeros((length + 2, length + 2))
     for step in np.arange(length) - (length - 1) / 2:
-        row, column = (
-            (length + 1) / 2 + step * np.sin(angle),
-            (length + 1) / 2 + step * np.cos(angle),
-        )
+        row = (length + 1) / 2 + step * np.sin(angle)
+        column = (length + 1) / 2 + step * np.cos(angle)
         top, left = int(row), int(column)
         down, right = row - top, column - left
         weights[top : top + 2, left : left + 2] += np.outer([1 - down, down], [1 - right, right])
@@ -164,10 +159,8 @@ def _ridge_strength(grey: Grey) -> Grey:
     def answers() -> Iterable[Grey]:
         for width, length in RIDGES:
             for angle in np.pi * np.arange(ANGLES) / ANGLES:
-                along, across = (
-                    right * np.cos(angle) + down * np.sin(angle),
-                    down * np.cos(angle) - right * np.sin(angle),
-                )
+                along = right * np.cos(angle) + down * np.sin(angle)
+                across = down * np.cos(angle) - right * np.sin(angle)
                 weights = across**2 * np.exp(
                     -2 * np.pi**2 * (width**2 * across**2 + length**2 * along**2)
                 )
@@ -334,22 +327,16 @@ CLEARLY_BRIGHTER = (
 )
 SMALLEST_PART = 40  # pixels
 LEAST_CONFIDENCE, SURE = 0.25, 0.45
-NOISE, CLEAR = (
-    1.04,
-    1.44,
-)  # strength of lines relative to noise of the same spectrum, for confidence 0 and for confidence 1
+# strength of lines relative to noise of the same spectrum, for confidence 0 and for confidence 1
+NOISE, CLEAR = 1.04, 1.44
 EDGE = 0.2  # minimum step at a vessel's edge, as a fraction of the vessel's depth
 # contrast of a network to its background, in standard deviations of the background, that noise does
 # not reach
 FAINT = 3.0
-EDGES, LINES = (
-    0.5,
-    0.9,
-)  # fraction of the network that differs from both of its sides, for confidence 0 and for confidence 1
-SPECKS, TREES = (
-    0.2,
-    0.65,
-)  # mean extent of a connected part relative to the picture's larger side, for confidence 0 and 1
+# fraction of the network that differs from both of its sides, for confidence 0 and for confidence 1
+EDGES, LINES = 0.5, 0.9
+# mean extent of a connected part relative to the picture's larger side, for confidence 0 and 1
+SPECKS, TREES = 0.2, 0.65
 # alignment of all lines with one direction, from 0 to 1; above this limit the confidence is reduced
 WOVEN = 0.2
 # length in pixels over which a line keeps its direction: short networks are aligned by chance
@@ -503,9 +490,8 @@ class VesselFinder:
             ways = [self.bright]
         else:
             ratio = _strength(flat, view) / (_strength(-flat, view) + 1e-12)
-            ways = (
-                [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
-            )  # an optic disc is also bright
+            # an optic disc is also bright
+            ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
         for way in ways:
             if (levels, way) not in self._filtered:
                 self._filtered[levels, way] = _filter(flat if way else -flat, self.picture, levels)
@@ -645,10 +631,8 @@ def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
     if not middle.any():
         return 0.0
     two_sided, woven = _shape_of_lines(flat, network, middle)
-    lines, connected = (
-        (two_sided - EDGES) / (LINES - EDGES),
-        (_mean_extent(network, middle) - SPECKS) / (TREES - SPECKS),
-    )
+    lines = (two_sided - EDGES) / (LINES - EDGES)
+    connected = (_mean_extent(network, middle) - SPECKS) / (TREES - SPECKS)
     by_chance = np.sqrt(STRAIGHT / np.count_nonzero(middle))
     most = 1.0 if woven < WOVEN + by_chance else (LEAST_CONFIDENCE + SURE) / 2
     return float(np.clip(min(stands_out, lines, connected), 0, most))
