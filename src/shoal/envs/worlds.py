@@ -177,7 +177,7 @@ class SwarmWorlds:
         return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)
 
     def _codes(self, world: int) -> NDArray[np.uint8]:
-        from shoal.views.swarm.volume import codes_of
+        from shoal.views.swarm.colours import codes_of
 
         return codes_of(self.batch.state(world), self.batch.belief(world))
 

@@ -17,10 +17,10 @@ from shoal.swarm import noise as moments
 from shoal.swarm.noise import Noise
 from shoal.views import film
 from shoal.views.swarm import films as recording
+from shoal.views.swarm.colours import NOISY, PLAIN, codes_after, codes_by_move
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.films import film_frames
 from shoal.views.swarm.page import page_data
-from shoal.views.swarm.volume import NOISY, PLAIN, codes_after, codes_by_move
 
 NOISE = Noise(slip=0.2, misplace=0.1, miss=0.1)
 

@@ -20,8 +20,9 @@ from shoal.swarm.maps.workspace import PALETTE, in_strips
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
 from shoal.views.swarm import films, page
+from shoal.views.swarm.colours import LEGEND
 from shoal.views.swarm.figures import frontier_figure, map_figure
-from shoal.views.swarm.films import CAPTION, LEGEND, film_frames, pictures_with_legend, shown_moves
+from shoal.views.swarm.films import CAPTION, film_frames, pictures_with_legend, shown_moves
 from shoal.views.swarm.page import player_page
 
 

@@ -32,7 +32,7 @@ PALETTE: dict[str, str] = {
     "obstacle": "#1b222c",
     "particle": "#d55e00",
 }
-_COLOURS = np.array(
+COLOURS = np.array(
     [tuple(bytes.fromhex(colour[1:])) for colour in PALETTE.values()], dtype=np.uint8
 )
 MOST_LINES = 200  # a map with more rows, counted over all layers, is not printed as rows of text
@@ -55,7 +55,7 @@ def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if codes.ndim == 3:
         gap = np.full((codes.shape[1], 1), FREE, dtype=codes.dtype)  # white columns between layers
         codes = np.hstack([part for layer in codes for part in (layer, gap)][:-1])
-    return _COLOURS[codes]
+    return COLOURS[codes]
 
 
 def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
