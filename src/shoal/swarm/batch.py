@@ -424,10 +424,6 @@ class WorldBatch:
         ndarray of uint8, shape (worlds, planes, ...)
             The planes of the selected worlds. The last axes have the shape `layout.window`, which
             includes a rim of one cell, because the particles must also classify rim cells.
-
-        Raises
-        ------
-        InvalidInputError
         """
         codes = _codes_of(names)
         chosen = self._chosen(where)
@@ -656,10 +652,6 @@ class PaddedMaps:
     ----------
     places : sequence of GridWorkspace
         The maps. Either all maps must be 2-D, or all maps must be 3-D.
-
-    Raises
-    ------
-    InvalidInputError
     """
 
     def __init__(self, places: Sequence[GridWorkspace]) -> None:

@@ -57,10 +57,6 @@ class Noise:
     miss : float
         Probability that a scan does not show a particle.
 
-    Raises
-    ------
-    InvalidInputError
-
     Notes
     -----
     The page docs/concepts/noise.md explains the noise model.
@@ -83,10 +79,6 @@ class Noise:
 def bound_of(confidence: Any) -> float:
     """Return the log-odds of a confidence. The confidence must exceed the prior probability that an
     unknown cell is an obstacle.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------
@@ -178,10 +170,6 @@ class NoisyBelief:
     loss : float
         Probability that a particle disappears at a move. With a loss above 0, a particle that scans
         do not show for longer than the miss rate explains loses its probability.
-
-    Raises
-    ------
-    InvalidInputError
 
     Notes
     -----

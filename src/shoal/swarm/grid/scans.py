@@ -43,10 +43,6 @@ class ScanRule:
         Price of one scan and price of one move, in any common unit. Neither price may be negative,
         and at least one price must exceed 0.
 
-    Raises
-    ------
-    InvalidInputError
-
     Notes
     -----
     Sources: paper M, section III.A.3, extended to two dimensions, and docs/concepts/scanning.md.
@@ -117,10 +113,6 @@ class ScanRule:
         cls, every: str | int, *, scan_cost: float = SCAN_COST, move_cost: float = MOVE_COST
     ) -> ScanRule:
         """Parse the text of a scan rule: a number of commands, "doubling", "hyper" or "adaptive".
-
-        Raises
-        ------
-        InvalidInputError
 
         Examples
         --------

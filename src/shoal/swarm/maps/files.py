@@ -325,8 +325,9 @@ def open_map(
         check_used(KINDS["photograph"], given, where=text)
         limits = {name: given[name] for name in ("low", "high") if name in given}
         mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **_axes(chosen)).mask
-        tell_once(imaging.dropped_text(str(path), mask))
-        return named_after(path, imaging.map_of_vessels(mask, width=width))
+        mapped = imaging.VesselMap(mask, width=width)
+        tell_once(mapped.notice(str(path)))
+        return named_after(path, mapped.free)
     is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
     # the reader of the file checks the other options
     beside = "width", *(["vessels"] if is_picture else [])

@@ -133,10 +133,6 @@ def check_used(kind: Kind, given: Mapping[str, Any], *, where: str = "") -> None
         Name and value of each option that the user has set.
     where : str
         Name of the map in the error message.
-
-    Raises
-    ------
-    InvalidInputError
     """
     for name, value in given.items():
         if name not in kind.options:
@@ -251,10 +247,6 @@ class MapOptions:
 
 def check_channel(given: Any) -> int | str | None:
     """Check the name or the number of a channel. A text of digits is a number.
-
-    Raises
-    ------
-    InvalidInputError
 
     Examples
     --------
@@ -375,12 +367,7 @@ class AxisChoices:
         return index_of([""] * count, choice, where=str(self.path), axis=axis)
 
     def check_used(self, axis: str = "") -> None:
-        """Refuse a choice that was not taken, of the given axis or of any.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Refuse a choice that was not taken, of the given axis or of any."""
         for name, value in self._unused.items():
             if axis in ("", name):
                 raise InvalidInputError(
@@ -390,23 +377,13 @@ class AxisChoices:
 
 
 def check_layers(where: Path, count: int) -> None:
-    """Refuse a map of more than `MAX_LAYERS` layers.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Refuse a map of more than `MAX_LAYERS` layers."""
     if count > MAX_LAYERS:
         raise InvalidInputError(f"{where}: expected at most {MAX_LAYERS} layers, got more")
 
 
 def check_size(where: Path | str, *sides: int) -> None:
-    """Refuse a map of more than `MAX_CELLS` cells.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Refuse a map of more than `MAX_CELLS` cells."""
     if prod(int(side) for side in sides) > MAX_CELLS:
         raise InvalidInputError(
             f"{where}: expected at most {MAX_CELLS} cells, got {'x'.join(map(str, sides))}"
@@ -414,12 +391,7 @@ def check_size(where: Path | str, *sides: int) -> None:
 
 
 def check_data(where: Path | str, size: int, *, most: int | None = None) -> None:
-    """Refuse a file whose data unfold to more than ``most`` bytes (by default, `LARGEST_DATA`).
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Refuse a file whose data unfold to more than ``most`` bytes (by default, `LARGEST_DATA`)."""
     most = LARGEST_DATA if most is None else most
     if size > most:
         raise InvalidInputError(f"{where}: expected at most {most} bytes of data, got {size}")
@@ -429,10 +401,6 @@ def check_data(where: Path | str, size: int, *, most: int | None = None) -> None
 def reading(path: Path, what: str) -> Iterator[None]:
     """Convert exceptions that a library raises for damaged files into one-sentence errors. Hide the
     warnings of the library.
-
-    Raises
-    ------
-    InvalidInputError
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -452,10 +420,6 @@ def reading(path: Path, what: str) -> Iterator[None]:
 def library(module: str, needed: str, *, extra: str) -> Any:
     """Import a library of an extra. ``needed`` says what needs it, such as "NRRD volumes need
     pynrrd".
-
-    Raises
-    ------
-    MissingExtraError
     """
     try:
         return import_module(module)

@@ -110,20 +110,6 @@ def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
     return buffer.getvalue()
 
 
-def check_finite(array: NDArray[np.generic], *, what: str) -> None:
-    """Refuse an array that contains NaN or infinity.
-
-    Raises
-    ------
-    InvalidInputError
-        Raised if a value is not finite. The error message names the first cell with a value that is
-        not finite.
-    """
-    if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
-        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InvalidInputError(f"{what}: expected finite numbers, got {array[bad]} at cell {bad}")
-
-
 def check_free(free: ArrayLike) -> NDArray[np.bool_]:
     """Return ``free`` as a read-only boolean array with at least one free cell.
 
@@ -150,7 +136,11 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
         )
     if array.dtype.kind not in "biuf":
         raise InvalidInputError(f"workspace: expected booleans or numbers, got dtype {array.dtype}")
-    check_finite(array, what="workspace")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InvalidInputError(
+            f"workspace: expected finite numbers, got {array[bad]} at cell {bad}"
+        )
     if array.size == 0:
         raise InvalidInputError(f"workspace: expected at least one cell, got shape {array.shape}")
     if array.size > MAX_CELLS:
@@ -278,12 +268,7 @@ class GridWorkspace:
 
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> GridWorkspace:
-        """Return the workspace for JSON data that `to_dict` returned.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Return the workspace for JSON data that `to_dict` returned."""
         rows: Any = told.get("rows")
         if (
             not isinstance(rows, list)

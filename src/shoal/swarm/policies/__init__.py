@@ -54,10 +54,6 @@ def make_policy(policy: str | Policy) -> Policy:
         text "module:attribute" that names a third-party object or class; or an object with the
         methods of `Policy`. If the attribute is a class, the policy is an object of this class,
         made without arguments.
-
-    Raises
-    ------
-    UnknownNameError, InvalidInputError
     """
     made = configured(POLICIES, policy) if isinstance(policy, str) else policy
     if not isinstance(made, Policy):

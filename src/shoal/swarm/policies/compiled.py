@@ -45,12 +45,7 @@ class Compiled:
         return self.kind + (":" + ",".join(changed) if changed else "")
 
     def check(self, layout: GridLayout, rule: str) -> None:
-        """Refuse a move rule or a number of dimensions that the policy does not support.
-
-        Raises
-        ------
-        InvalidInputError
-        """
+        """Refuse a move rule or a number of dimensions that the policy does not support."""
         _check_stated(self, layout, rule)
 
 
@@ -321,10 +316,6 @@ def check_rules(policy: Policy, layout: GridLayout, rule: str) -> None:
 
     A policy without the attributes ``rules`` and ``dimensions`` supports all move rules, and two
     and three dimensions.
-
-    Raises
-    ------
-    InvalidInputError
     """
     if isinstance(policy, Compiled):
         policy.check(layout, rule)
@@ -346,12 +337,7 @@ def _check_stated(policy: Policy | Compiled, layout: GridLayout, rule: str) -> N
 
 
 def check_scanning(scanning: ScanRule, policy: Policy, rule: str) -> None:
-    """Refuse a scan rule that the policy or the move rule does not support.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Refuse a scan rule that the policy or the move rule does not support."""
     if scanning.every_move:
         return
     if rule == "tilt":

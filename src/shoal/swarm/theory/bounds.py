@@ -116,10 +116,6 @@ def lower_bound(
     rule : str
         The move rule: "block" or "merge".
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> line = GridWorkspace([[1, 1, 1, 1, 1, 1]])

@@ -272,10 +272,6 @@ def save_picture(picture: NDArray[Any], path: Path) -> Path:
     file.
 
     The suffix of ``path`` determines the format.
-
-    Raises
-    ------
-    OutputError
     """
     encoded = io.BytesIO()  # Pillow does not detect a partial write on a full disk
     jpeg = path.suffix.lower() in {".jpg", ".jpeg"}

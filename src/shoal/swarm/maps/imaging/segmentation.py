@@ -441,7 +441,7 @@ class VesselFinder:
         if thickest is not None:
             check_number(thickest, what="thickest", above=0, most=0.5)
         self.picture, self.shape, self.bright = read_photograph(image), np.shape(image)[:2], bright
-        levels = _levels(
+        levels = levels_of(
             self.picture, THICKEST[self.picture.has_surround] if thickest is None else thickest
         )
         self.tried = (levels,) if thickest is not None else (levels, levels + 1)
@@ -523,19 +523,6 @@ class _Filtered:
         return _in_own_pixels(self.network(low, high), self.response, low * self.split, shape)
 
 
-def photograph_response(image: ArrayLike) -> Grey:
-    """Return the vessel response, shape (H, W), of each pixel of a photograph with dark vessels,
-    such as a photograph of an eye.
-    """
-    picture = read_photograph(image)
-    levels = _levels(picture, THICKEST[picture.has_surround])
-    flat = without_ground(picture.grey, picture.view, FLATTENING * 2 ** (levels - 1))
-    return resized(
-        vessel_response(_without_opposite(-flat, picture.view), picture.view, levels),
-        np.shape(image)[:2],
-    )
-
-
 def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
     """Return the filter response of a picture on ``levels`` picture sizes, and the threshold
     between vessels and background.
@@ -543,7 +530,7 @@ def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
     from scipy.ndimage import gaussian_filter, grey_dilation
 
     filters, view = imaging_module("filters"), picture.view
-    flat = _without_opposite(flat, view)
+    flat = without_opposite(flat, view)
     response = vessel_response(flat, view, levels)
     shares = SHARES[picture.has_surround]
     least, most = np.quantile(response[view], [1 - share for share in shares])[::-1]
@@ -556,7 +543,7 @@ def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
     return _Filtered(flat, response, split, levels)
 
 
-def _without_opposite(flat: Grey, view: Mask) -> Grey:
+def without_opposite(flat: Grey, view: Mask) -> Grey:
     """Clip the low values of a picture with a flat background.
 
     Without clipping, the vessel filters would respond to pixels beside very dark structures.
@@ -577,7 +564,7 @@ def imaging_module(module: str) -> Any:
     return library(f"skimage.{module}", needed, extra="imaging")
 
 
-def _levels(picture: Photograph, thickest: float) -> int:
+def levels_of(picture: Photograph, thickest: float) -> int:
     """Return the number of picture sizes on which the vessel filters must run to detect the
     thickest vessel.
     """
