@@ -230,6 +230,7 @@ def test_large_pictures_become_smaller_while_they_are_read(tmp_path, monkeypatch
     whole = open_map(path, **option)
     packed = []
     monkeypatch.setattr(pictures, "MOST_COUNTED", 1000)
+    monkeypatch.setattr(reader, "MOST_COUNTED", 1000)
     monkeypatch.setattr(reader, "PIECE", 700)
     shares = pictures.shares_of_bands
     monkeypatch.setattr(

@@ -135,7 +135,7 @@ def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
     return {
         "parts": found.number,
         "largest_share": found.share,
-        "place": _place(mapped.box),
+        "place": _place(box),
         **size,
     }
 
