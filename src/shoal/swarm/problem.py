@@ -508,6 +508,15 @@ class SwarmProblem(Problem):
                 f" beforehand, got {self.scan_every}"
             )
 
+    def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
+        """Return the problem's fields and its ``kind`` as JSON data, without a placement if the
+        problem has start cells, which exclude it.
+        """
+        fields = super().to_dict(defaults=defaults)
+        if self.start is not None:
+            fields.pop("placement", None)
+        return fields
+
     @cached_property
     def scanning(self) -> ScanRule:
         """The problem's scan rule, with the costs of scans and moves."""

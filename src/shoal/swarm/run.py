@@ -207,22 +207,17 @@ def _game(setup: SwarmSetup, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> 
     one_by_one = isinstance(policy, RandomMoves) and not scanning.every_move
     if not isinstance(policy, Compiled) or not is_compiled(setup.task) or one_by_one:
         return None
-    options: dict[str, Any] = {
-        "rule": setup.problem.rule,
-        "mapping": setup.mapping,
-        "rng": rng,
-    }
     if isinstance(policy, PlannerPolicy):
-        return PlannerGame(policy, swarm.world.free, swarm.state, swarm.belief, **options)
-    return SearchGame(
-        policy,
-        swarm.world.free,
-        swarm.state,
-        swarm.belief,
-        **options,
-        n_free=setup.workspace.n_free,
-        scanning=scanning,
-    )
+        return PlannerGame(
+            policy,
+            swarm.world.free,
+            swarm.state,
+            swarm.belief,
+            rule=swarm.rule,
+            mapping=setup.mapping,
+            rng=rng,
+        )
+    return SearchGame(policy, swarm, rng, scanning=scanning)
 
 
 def load_kernels(problem: SwarmProblem) -> None:

@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.moves import (
+    COMPLETE,
     DOWN,
     LEFT,
     RIGHT,
+    RUNNING,
+    STALLED,
     UP,
     ZERO,
     has,
@@ -138,7 +141,6 @@ def last_run(field, mapping, plan, at, length, scan_planner):
     return steps
 
 
-RUNNING, COMPLETE, STALLED = 0, 1, 2
 MANUAL, RANDOM, CLOSEST, ELECT, DEPTH_FIRST, SWEEP = 0, 1, 2, 3, 4, 5
 
 MEMORY = record_type(

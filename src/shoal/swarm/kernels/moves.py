@@ -89,6 +89,7 @@ def put(words, width, row, column):
 
 
 BLOCK, MERGE, TILT = 0, 1, 2
+RUNNING, COMPLETE, STALLED = 0, 1, 2  # the status of an episode
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
 # number of words in a block of a board, or one row if a row is longer; kernels use several boards
 # at once

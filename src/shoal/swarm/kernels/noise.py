@@ -8,7 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.moves import ONE, TOP, ZERO, popcount, put, record_type
+from shoal.swarm.kernels.moves import (
+    COMPLETE,
+    ONE,
+    RUNNING,
+    STALLED,
+    TOP,
+    ZERO,
+    popcount,
+    put,
+    record_type,
+)
 from shoal.swarm.kernels.search import ahead, nearest
 
 FAINT = 1e-5  # the belief sets lower probabilities of a particle to 0
@@ -297,7 +307,6 @@ def classify(noisy, open_words, known_words, occupied_words, width):
                 occupied_words[word + k] = held
 
 
-RUNNING, COMPLETE, STALLED = 0, 1, 2
 MEMORY = record_type(
     np.int64,
     # number of moves that the guard still allows without progress, or -1 before the first plan

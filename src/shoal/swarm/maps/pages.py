@@ -283,11 +283,11 @@ def _check_tiles(path: Path, image: Image) -> None:
     missing pixels as black.
     """
     tiles: list[Any] = getattr(image, "tile", [])
-    told = sum((right - left) * (low - high) for _, (left, high, right, low), *_ in tiles)
-    if tiles and told < image.width * image.height:
+    pixels = sum((right - left) * (low - high) for _, (left, high, right, low), *_ in tiles)
+    if tiles and pixels < image.width * image.height:
         raise InvalidInputError(
             f"{path}: expected data for {image.width}x{image.height} pixels, got data for only"
-            f" {told}"
+            f" {pixels}"
         )
 
 

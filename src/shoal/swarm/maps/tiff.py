@@ -344,7 +344,7 @@ class Tiff:
         self.spacing: tuple[float | None, float, float] | None = None
         if self._file.is_ome:
             pixels = re.search(r"<(?:\w+:)?Pixels\b[^>]*", self._file.ome_metadata or "")
-            told = dict(
+            sizes = dict(
                 re.findall(
                     r'\b(PhysicalSize[XYZ](?:Unit)?)="([^"]{0,40})"',
                     pixels.group(0) if pixels else "",
@@ -352,7 +352,7 @@ class Tiff:
             )
             sides = [
                 self._length(
-                    told.get(f"PhysicalSize{axis}"), told.get(f"PhysicalSize{axis}Unit", "µm")
+                    sizes.get(f"PhysicalSize{axis}"), sizes.get(f"PhysicalSize{axis}Unit", "µm")
                 )
                 for axis in "ZYX"
             ]

@@ -263,30 +263,30 @@ class GridWorkspace:
         precedes each layer.
         """
         rows = self.text.split("\n")
-        told: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
-        return told if self.spacing is None else told | {"spacing": list(self.spacing)}
+        data: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
+        return data if self.spacing is None else data | {"spacing": list(self.spacing)}
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> GridWorkspace:
+    def from_dict(cls, data: Mapping[str, Any]) -> GridWorkspace:
         """Return the workspace for JSON data that `to_dict` returned."""
-        rows: Any = told.get("rows")
+        rows: Any = data.get("rows")
         if (
             not isinstance(rows, list)
-            or set(told) - {"name", "rows", "spacing"}
+            or set(data) - {"name", "rows", "spacing"}
             or not all(isinstance(row, str) for row in rows)
         ):
             raise InvalidInputError(
                 "map: expected a name, a path, an array, or an object with name, rows and spacing,"
-                f" got {shortened(told)}"
+                f" got {shortened(data)}"
             )
         for row in rows:
             if set(row) - {".", "#"}:
                 raise InvalidInputError(f"map: expected rows of . and #, got {shortened(row)}")
         layers = [layer.split("\n") for layer in "\n".join(rows).strip("\n").split("\n\n")]
         free: Any = [[[letter == "." for letter in row] for row in layer] for layer in layers]
-        name = check_text(told.get("name", "workspace"), what="map")
+        name = check_text(data.get("name", "workspace"), what="map")
         return cls(
-            free if rows and not rows[0] else free[0], name=name, spacing=told.get("spacing")
+            free if rows and not rows[0] else free[0], name=name, spacing=data.get("spacing")
         )
 
     def __eq__(self, other: object) -> bool:

@@ -21,6 +21,7 @@ from shoal.swarm.grid.paths import (
     step_from,
 )
 from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.kernels import episodes as kernels
 from shoal.swarm.policies.protocol import Decision, Policy, View
 
 
@@ -29,7 +30,7 @@ class Compiled:
     """Base class of the built-in policies that kernels can run without Python code."""
 
     kind: ClassVar[str]
-    code: ClassVar[int]  # the policy's constant in shoal.swarm.kernels.episodes
+    code: ClassVar[int]  # the policy's constant in the kernels
     rules: ClassVar[frozenset[str]] = frozenset(RULES)
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     runs: ClassVar[bool] = True  # whether the policy works with one scan after several commands
@@ -84,7 +85,7 @@ class ClosestFrontier(Searching):
     """
 
     kind: ClassVar[str] = "closest-frontier"
-    code: ClassVar[int] = 2
+    code: ClassVar[int] = kernels.CLOSEST
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the commands of the path to the nearest frontier cell."""
@@ -117,7 +118,7 @@ class ElectParticle(Searching):
     """
 
     kind: ClassVar[str] = "elect-particle"
-    code: ClassVar[int] = 3
+    code: ClassVar[int] = kernels.ELECT
     runs: ClassVar[bool] = False
     rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
 
@@ -172,7 +173,7 @@ class RandomMoves(Compiled):
     """Send uniformly random commands. Source: paper M, algorithm 1."""
 
     kind: ClassVar[str] = "random-moves"
-    code: ClassVar[int] = 1
+    code: ClassVar[int] = kernels.RANDOM
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return one random command."""
@@ -205,7 +206,7 @@ class DepthFirst(Compiled):
     """
 
     kind: ClassVar[str] = "depth-first"
-    code: ClassVar[int] = 4
+    code: ClassVar[int] = kernels.DEPTH_FIRST
     runs: ClassVar[bool] = False
     rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
 
@@ -264,7 +265,7 @@ class WallSweep(Compiled):
     """
 
     kind: ClassVar[str] = "sweep"
-    code: ClassVar[int] = 5
+    code: ClassVar[int] = kernels.SWEEP
     runs: ClassVar[bool] = False
     dimensions: ClassVar[tuple[int, ...]] = (2,)
 
@@ -297,7 +298,7 @@ class Manual(Compiled):
     """
 
     kind: ClassVar[str] = "manual"
-    code: ClassVar[int] = 0
+    code: ClassVar[int] = kernels.MANUAL
     commands: str = ""
 
     def check(self, layout: GridLayout, rule: str) -> None:

@@ -29,17 +29,17 @@ from shoal.swarm.grid.state import (
 from shoal.swarm.grid.tasks import Coverage, Mapping
 from shoal.swarm.kernels import episodes as planner_episode
 from shoal.swarm.kernels import moves
-from shoal.swarm.kernels.moves import new_record
+from shoal.swarm.kernels.moves import COMPLETE, RUNNING, STALLED, new_record
 from shoal.swarm.kernels.prediction import expected_gain, lookahead
 from shoal.swarm.noise import Lookout, NoisyBelief
 from shoal.swarm.policies import PlannerPolicy
 from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, seed_of
+from shoal.swarm.simulation.swarms import ExactSwarm
 
-RUNNING = planner_episode.RUNNING
 STATUSES = {
-    planner_episode.RUNNING: Status.LIMIT,
-    planner_episode.COMPLETE: Status.COMPLETE,
-    planner_episode.STALLED: Status.STALLED,
+    RUNNING: Status.LIMIT,
+    COMPLETE: Status.COMPLETE,
+    STALLED: Status.STALLED,
 }
 KINDS = {
     "equal": planner_episode.EQUAL,
@@ -157,44 +157,32 @@ class SearchGame:
     Parameters
     ----------
     policy : Compiled
-    free : Board
-    state : SwarmState
-    belief : Belief
-    rule : str
-    mapping : bool
-    n_free : int
-        Number of free cells in the workspace.
+    swarm : ExactSwarm
+        The swarm at the start. The game changes no part of it.
     rng : Generator
     scanning : ScanRule or None
         The scan rule, or None for a replay, which takes the scans from the recorded trace.
     """
 
     def __init__(
-        self,
-        policy: Any,
-        free: Board,
-        state: SwarmState,
-        belief: Belief,
-        *,
-        rule: str,
-        mapping: bool,
-        n_free: int,
-        rng: Generator,
-        scanning: ScanRule | None,
+        self, policy: Any, swarm: ExactSwarm, rng: Generator, *, scanning: ScanRule | None
     ) -> None:
-        self.code, self.rule, self.mapping, self.rng = policy.code, RULE_CODES[rule], mapping, rng
-        self.layout, self.field = state.occupied.layout, field_of(free.words, state, belief)
+        state, belief = swarm.state, swarm.belief
+        self.code, self.rng = policy.code, rng
+        self.rule, self.mapping = RULE_CODES[swarm.rule], swarm.task.mapping
+        self.layout = state.occupied.layout
+        self.field = field_of(swarm.world.free.words, state, belief)
         self.largest = largest_piece(self.field)
         options = {
             name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)
         }
         plan = getattr(policy, "commands", "")
         self.play, space_of = PLAYED.get(policy.code, PLAYED[planner_episode.CLOSEST])
-        if rule == "tilt" and policy.code == planner_episode.CLOSEST:
+        if swarm.rule == "tilt" and policy.code == planner_episode.CLOSEST:
             self.play, space_of = planner_episode.play_tilts, slides_of
         self.policy_state = policy_state_of(
             self.layout,
-            n_free,
+            swarm.world.workspace.n_free,
             belief,
             plan=plan,
             scanning=scanning,
@@ -254,7 +242,7 @@ class SearchGame:
 
 
 class PlannerGame:
-    """An episode of a planner in compiled code. `SearchGame` explains the parameters."""
+    """An episode of a planner in compiled code."""
 
     def __init__(
         self,
@@ -342,11 +330,7 @@ class NoisyGame:
             )
             moves += played
             if status != RUNNING:
-                status = (
-                    planner_episode.COMPLETE
-                    if belief.finished
-                    else self._look(trace.part(moves, moves + 1))
-                )
+                status = COMPLETE if belief.finished else self._look(trace.part(moves, moves + 1))
                 moves += int(status == RUNNING)
         return moves, status
 
@@ -356,7 +340,7 @@ class NoisyGame:
         """
         code = None if self.belief.undecided else self.lookout.next()
         if code is None:
-            return int(planner_episode.STALLED)
+            return int(STALLED)
         step.commands[0], step.scanned[0] = code, True
         self.belief.follow(self.rng, step)
         self.belief.guard.memory.budget = -1  # of a cell that is found to be no wall
