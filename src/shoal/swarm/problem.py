@@ -32,13 +32,12 @@ from shoal.swarm.grid.tasks import (
     place,
 )
 from shoal.swarm.grid.world import check_start
-from shoal.swarm.maps.files import open_map
 from shoal.swarm.maps.reading import MAX_CELLS, check_channel
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import Noise
 
-# The policies bring the kernels of all planners. They are imported when a policy is checked or
-# shown, because commands without a policy, such as `shoal maps`, would start a tenth slower.
+# The policies bring the kernels of all planners, and `open_map` the readers of all files. They are
+# imported on use, because help and commands without a policy would start a tenth slower.
 if TYPE_CHECKING:
     from shoal.swarm.policies import Policy
 
@@ -105,11 +104,11 @@ def _registered(find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]]) 
     """
 
     def check(given: Any) -> Any:
+        if isinstance(given, str) and given == "auto":
+            return given
         known, make = find()
         # objects in third-party modules are not imported yet
-        if not isinstance(given, str) or (
-            given != "auto" and (given.partition(":")[0] in known or ":" not in given)
-        ):
+        if not isinstance(given, str) or given.partition(":")[0] in known or ":" not in given:
             make(given)
         return given
 
@@ -598,6 +597,8 @@ class SwarmProblem(Problem):
 
     def open_place(self) -> GridWorkspace:
         """Open the problem's map and return the workspace."""
+        from shoal.swarm.maps.files import open_map
+
         reading = {name: getattr(self, name) for name in READING if name in self.given}
         workspace = open_map(self.map, **reading)
         if self.cell_size is not None:
