@@ -32,9 +32,9 @@ from shoal.swarm.grid.tasks import (
     place,
 )
 from shoal.swarm.grid.world import check_start
-from shoal.swarm.maps.reading import MAX_CELLS, check_channel
+from shoal.swarm.maps.reading import HIGH, LOW, MAX_CELLS, REASONS, check_channel
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise import Noise
+from shoal.swarm.noise import CONFIDENCE, MOST, PRIOR, SUREST, Noise
 
 # The policies bring the kernels of all planners, and `open_map` the readers of all files. They are
 # imported on use, because help and commands without a policy would start a tenth slower.
@@ -43,22 +43,7 @@ if TYPE_CHECKING:
 
 Cells = tuple[tuple[int, ...], ...]
 
-READING = (
-    "vessels",
-    "width",
-    "low",
-    "high",
-    "bright",
-    "thickest",
-    "threshold",
-    "invert",
-    "scale",
-    "level",
-    "label",
-    "channel",
-    "frame",
-    "join_diagonals",
-)
+READING = tuple(REASONS)
 """Names of the problem fields that control the reading of a map file."""
 
 DRIVEN = (
@@ -185,7 +170,7 @@ def _check_scan_every(given: Any) -> int | str:
 
 
 def _rate(help: str) -> Any:  # noqa: A002 - as in option
-    return option(0.0, help=help, least=0, most=0.5)
+    return option(0.0, help=help, least=0, most=MOST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,13 +313,13 @@ class SwarmProblem(Problem):
     misplace: float = _rate("Probability that a scan shows a particle in a neighbouring cell.")
     miss: float = _rate("Probability that a scan does not show a particle.")
     confidence: float = option(
-        0.99,
+        CONFIDENCE,
         help=(
             "Under noise: probability from which a cell counts as known to be free, or as known to"
             " be an obstacle."
         ),
-        above=0.75,
-        most=0.99999,
+        above=1 - PRIOR,
+        most=SUREST,
     )
     vessels: bool = option(
         False,
@@ -350,7 +335,7 @@ class SwarmProblem(Problem):
         least=1,
     )
     low: float = option(
-        0.6,
+        LOW,
         help=(
             "With --vessels: lower threshold of the filter response, as a multiple of the automatic"
             " threshold. A vessel ends where its response falls below the lower threshold."
@@ -359,7 +344,7 @@ class SwarmProblem(Problem):
         most=10,
     )
     high: float = option(
-        1.2,
+        HIGH,
         help=(
             "With --vessels: upper threshold of the filter response, as a multiple of the automatic"
             " threshold. At least one pixel of each vessel exceeds the upper threshold. A smaller"

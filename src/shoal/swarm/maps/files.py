@@ -27,7 +27,7 @@ from shoal.swarm.maps.pictures import (
     read_pixels,
     read_slices,
 )
-from shoal.swarm.maps.reading import KINDS, Cells, Kind, MapOptions, Mask, check_used
+from shoal.swarm.maps.reading import HIGH, KINDS, LOW, Cells, Kind, MapOptions, Mask, check_used
 from shoal.swarm.maps.resampling import (
     factors_of_width,
     join_diagonals,
@@ -378,8 +378,8 @@ def _axes(options: MapOptions) -> dict[str, Any]:
 def vessels_in(
     path: str | os.PathLike[str],
     *,
-    low: float = imaging.LOW,
-    high: float = imaging.HIGH,
+    low: float = LOW,
+    high: float = HIGH,
     **options: Any,
 ) -> imaging.Vessels:
     """Return the vessels in a photograph. Reuse the last result if the file and the options have

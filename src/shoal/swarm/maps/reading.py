@@ -46,6 +46,11 @@ PIECE = 1 << 22
 memory than its map.
 """
 
+LOW, HIGH = 0.6, 1.2
+"""Usual thresholds of vessels in a photograph, as multiples of the threshold that best splits the
+responses of the filters.
+"""
+
 WHITE = 0.5
 """Smallest brightness of a free pixel if no ``threshold`` is given."""
 
@@ -93,6 +98,12 @@ each map of the kind.
 """
 
 REASONS: dict[str, str] = {
+    "vessels": "vessels are found in a photograph",
+    "width": "the size of a map file can be changed",
+    **dict.fromkeys(
+        ("low", "high", "bright", "thickest"),
+        "it belongs to the option vessels, which finds vessels in a photograph",
+    ),
     "threshold": (
         "a threshold is a share of the brightness of white in a picture; --level gives a number"
     ),
@@ -102,15 +113,9 @@ REASONS: dict[str, str] = {
     "label": "a label needs one number for each cell",
     "channel": "only pictures, arrays and volumes have channels",
     "frame": "only pictures and volumes have several points in time",
-    "vessels": "vessels are found in a photograph",
-    "width": "the size of a map file can be changed",
     "join_diagonals": "diagonal contacts are joined in map files",
-    **dict.fromkeys(
-        ("low", "high", "bright", "thickest"),
-        "it belongs to the option vessels, which finds vessels in a photograph",
-    ),
 }
-"""For each reading option, the reason for which a kind of map does not take it."""
+"""All reading options, each with the reason for which a kind of map does not take it."""
 
 PHOTOGRAPH_REASONS: dict[str, str] = {
     "threshold": "--low and --high are the thresholds of vessels",

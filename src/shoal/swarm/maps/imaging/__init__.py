@@ -16,7 +16,7 @@ from shoal.swarm.maps.imaging.network import (
     map_of_vessels,
     segment_vessels,
 )
-from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, VesselFinder, Vessels, find_vessels
+from shoal.swarm.maps.imaging.segmentation import VesselFinder, Vessels, find_vessels
 from shoal.swarm.maps.imaging.vessel_statistics import (
     VesselStatistics,
     box_dimension,
@@ -25,8 +25,6 @@ from shoal.swarm.maps.imaging.vessel_statistics import (
 )
 
 __all__ = [
-    "HIGH",
-    "LOW",
     "CentreLines",
     "Segment",
     "VesselFinder",

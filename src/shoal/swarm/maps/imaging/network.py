@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
 from shoal.jit.kernels.connected import connected_parts
-from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
-from shoal.swarm.maps.reading import Mask
+from shoal.swarm.maps.imaging.segmentation import find_vessels, imaging_module
+from shoal.swarm.maps.reading import HIGH, LOW, Mask
 from shoal.swarm.maps.resampling import Box, box_of, crop, largest_part
 
 Points = NDArray[np.float64]

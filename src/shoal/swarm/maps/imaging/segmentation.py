@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass, one_line
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.reading import Mask, library
+from shoal.swarm.maps.reading import HIGH, LOW, Mask, library
 
 Grey = NDArray[np.float64]
 
@@ -311,7 +311,6 @@ def _at_size_of_filters(grey: NDArray[np.float32], view: Mask) -> Photograph:
     return Photograph(small, depth > RIM, depth > RIM - MIRRORED)
 
 
-LOW, HIGH = 0.6, 1.2  # thresholds, as multiples of the threshold that best splits the responses
 SHARES = {True: (0.09, 0.16), False: (0.02, 0.4)}
 """Minimum and maximum fraction of pixels above the threshold: for photographs with a surround
 (True) and without one (False).
