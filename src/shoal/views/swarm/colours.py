@@ -58,7 +58,7 @@ class CellPalette:
 
 
 def rgb_of(text: str) -> tuple[int, ...]:
-    """Return the numbers from 0 to 255 of a colour such as ``#ffffff``."""
+    """Return red, green and blue, from 0 to 255, of a colour as the web writes it."""
     return tuple(bytes.fromhex(text[1:]))
 
 
