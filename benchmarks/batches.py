@@ -25,7 +25,6 @@ from benchmarks.timing import best_seconds, row
 from shoal.swarm import GridWorld, SwarmProblem
 from shoal.swarm.batch import WorldBatch, processors
 from shoal.swarm.grid.board import LETTERS, trial_rng
-from shoal.swarm.simulation.swarms import draw_start
 
 SMALL = {"map": "vessels:1000", "particles": 100}
 LARGE = {"map": "vessels:5000", "particles": 1000}
@@ -90,8 +89,8 @@ def speed_of_loop(fields: dict, *, planes: bool, worlds: int = 2) -> float:
     planes from boards.
     """
     problem = problem_of(fields)
-    world, task = GridWorld(problem.place, problem.rule), problem.chosen_task
-    starts = [world.initial(draw_start(problem, trial_rng(seed))[0]) for seed in range(worlds)]
+    world, task = GridWorld(problem.place, problem.rule), problem.setup.task
+    starts = [world.initial(problem.setup.draw_start(trial_rng(seed))[0]) for seed in range(worlds)]
     commands = np.random.default_rng(0).integers(0, 4, (MOVES, worlds))
     out = np.empty((worlds, 4, *world.layout.window), dtype=np.uint8)
 

@@ -13,7 +13,8 @@ from shoal.swarm import GridWorkspace, GridWorld, make_policy, make_task
 from shoal.swarm.grid.board import trial_rng
 from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.tasks import place
-from shoal.swarm.simulation.compiled import RUNNING, PlannerGame
+from shoal.swarm.kernels.moves import RUNNING
+from shoal.swarm.simulation.compiled import PlannerGame
 
 MAPS = ("htree:5000", "rectangle:50x100", "line:5000", "vessels:5000")
 PARTICLES, TRIALS = 1000, 3

@@ -23,8 +23,7 @@ from tests.swarm_runs import run, run_trials
 from shoal import GridWorkspace, open_map
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.noise import Noise
-from shoal.swarm.noise.model import PRIOR
+from shoal.swarm.noise import PRIOR, Noise
 
 MAP, PARTICLES = "vessels:5000", 1000
 NOISE = Noise(slip=0.05, misplace=0.01)

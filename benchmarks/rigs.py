@@ -18,7 +18,7 @@ import numpy as np
 from shoal import open_map
 from shoal.rigs import Drive, NoisyRig, drive
 from shoal.swarm.grid.tasks import place
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise import Noise
 
 NOISES = (
     Noise(0.05, 0.01, 0),

@@ -22,7 +22,16 @@ from scipy import ndimage
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.imaging import find_vessels
-from shoal.swarm.maps.imaging.segmentation import photograph_response
+from shoal.swarm.maps.imaging.segmentation import (
+    FLATTENING,
+    THICKEST,
+    levels_of,
+    read_photograph,
+    resized,
+    vessel_response,
+    without_ground,
+    without_opposite,
+)
 
 HEIGHT, WIDTH, RADIUS, FINER = 584, 565, 268, 4
 NO_VESSELS = (
@@ -248,6 +257,17 @@ def others() -> dict[str, NDArray[Any]]:
 
 def _told(row: dict[str, float]) -> str:
     return "  ".join(f"{name} {value:.3f}" for name, value in row.items())
+
+
+def photograph_response(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return the vessel response, shape (H, W), of each pixel of a photograph with dark vessels."""
+    picture = read_photograph(image)
+    levels = levels_of(picture, THICKEST[picture.has_surround])
+    flat = without_ground(picture.grey, picture.view, FLATTENING * 2 ** (levels - 1))
+    return resized(
+        vessel_response(without_opposite(-flat, picture.view), picture.view, levels),
+        image.shape[:2],
+    )
 
 
 def main() -> None:

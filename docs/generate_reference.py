@@ -212,9 +212,9 @@ def row(declared: Declaration) -> str:
     ]
     told = "; ".join(filter(None, limits))
     meaning = (
-        re.sub(r"\.( |$)", lambda end: f" ({told}){end[0]}", option.help, count=1)
+        re.sub(r"\.( |$)", lambda end: f" ({told}){end[0]}", declared.help, count=1)
         if told
-        else option.help
+        else declared.help
     )
     return cells(f"`{declared.name}`", kind, default, meaning)
 

@@ -236,7 +236,7 @@ def _check_episodes(problem: SwarmProblem, trial: int) -> None:
     """Check the first decision of a problem's policy, and check that three runs of one trial end
     and send equal commands.
     """
-    policy = problem.chosen_policy
+    policy = problem.setup.policy
     place = _place(problem.place, problem.rule)
     limit = problem.max_moves
     _check_view(policy, problem.place, problem.start, problem.rule)

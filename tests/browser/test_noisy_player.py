@@ -9,8 +9,8 @@ from tests.swarm_runs import run
 
 from shoal import GridWorkspace, open_map
 from shoal.rigs import NoisyRig, drive
+from shoal.swarm import noise as moments
 from shoal.swarm.noise import Noise
-from shoal.swarm.noise import belief as moments
 from shoal.views.swarm.page import page_data
 
 pytestmark = pytest.mark.browser

@@ -25,7 +25,7 @@ from shoal.swarm.grid.tasks import PLACEMENTS, TASKS, place
 from shoal.swarm.maps import generators
 from shoal.swarm.maps.files import open_map, read_map
 from shoal.swarm.maps.generators import GENERATORS
-from shoal.swarm.maps.pictures import PICTURES
+from shoal.swarm.maps.pages import PICTURES
 from shoal.swarm.policies import POLICIES
 
 SUFFIXES = (*PICTURES, ".txt", ".map", ".npy", ".csv", ".mat", ".nrrd", ".dcm")

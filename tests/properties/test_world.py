@@ -108,7 +108,7 @@ def test_a_path_always_settles_its_target(swarm, data):
     """Playing a whole path of closest-frontier classifies the frontier cell at its end, under every
     rule.
     """
-    from shoal.swarm.policies.protocol import path_to_frontier
+    from shoal.swarm.grid.paths import path_to_frontier
 
     workspace, start = swarm
     rule = data.draw(st.sampled_from(RULES))

@@ -13,8 +13,7 @@ from tests.reference import noise as plain
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise import Noise, NoisyBelief
-from shoal.swarm.noise.belief import inner_of, truth_of
+from shoal.swarm.noise import Noise, NoisyBelief, inner_of, truth_of
 
 
 def tuples(cells):

@@ -14,7 +14,7 @@ from shoal.steering import PLANNERS
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps import files
 from shoal.swarm.maps.files import FORMATS as MAP_FORMATS
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise import Noise
 from shoal.testing import (
     check_allocator,
     check_map_format,

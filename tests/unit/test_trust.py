@@ -79,17 +79,17 @@ def test_the_names_of_the_declarations_are_those_of_the_registries():
         "allocation": ALLOCATORS,
     }
     declared = {
-        name: one.option.names
+        name: one.names
         for part in parts.PARTS
         for name, one in parts.problem_type(part).declarations().items()
-        if one.option.names is not None
+        if one.names is not None
     }
     assert {name: sorted(names) for name, names in declared.items()} == {
         name: sorted(found) for name, found in registries.items()
     }
     for part in parts.PARTS:  # whoever adds a field that takes code must say so
         for name, one in parts.problem_type(part).declarations().items():
-            assert ("MODULE:ATTRIBUTE" in one.option.help) == (one.option.names is not None), name
+            assert ("MODULE:ATTRIBUTE" in one.help) == (one.names is not None), name
 
 
 @pytest.mark.parametrize(("field", "problem"), PROBLEMS, ids=[field for field, _ in PROBLEMS])

@@ -265,7 +265,7 @@ def help_of(declared: Declaration) -> str:
     option = declared.option
     unit = f" Unit: {option.unit}." if option.unit else ""
     choices = f" One of {', '.join(option.choices)}." if option.choices else ""
-    return f"{option.help}{choices}{unit}"
+    return f"{declared.help}{choices}{unit}"
 
 
 def _flags(declared: Declaration) -> str:

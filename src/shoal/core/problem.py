@@ -60,9 +60,10 @@ class Option:
         default check for the type of the field.
     dump : callable, optional
         Function that converts the field's value to JSON data.
-    names : tuple of str, optional
+    names : iterable of str, or callable, optional
         The built-in values of a field that also accepts third-party code, named as
-        MODULE:ATTRIBUTE.
+        MODULE:ATTRIBUTE: for example a registry, or a function that returns it, for a registry
+        whose import takes long. ``{names}`` in the help text stands for them.
     """
 
     help: str
@@ -79,7 +80,7 @@ class Option:
     parse: Callable[[Any], Any] | None = None
     check: Callable[[Any], Any] | None = None
     dump: Callable[[Any], Any] | None = None
-    names: tuple[str, ...] | None = None
+    names: Iterable[str] | Callable[[], Iterable[str]] | None = None
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,18 @@ class Declaration:
     def required(self) -> bool:
         """Whether the field has no default."""
         return self.default is REQUIRED
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """The built-in values of a field that also accepts third-party code, otherwise None."""
+        names = self.option.names
+        return None if names is None else tuple(names() if callable(names) else names)
+
+    @property
+    def help(self) -> str:
+        """The help text, with the names of the built-in values in place."""
+        text = self.option.help
+        return text.replace("{names}", ", ".join(self.names or ())) if "{names}" in text else text
 
     @property
     def range(self) -> str:
@@ -366,12 +379,9 @@ class Problem:
         """
         known = cls.declarations()
         for name in known if names is None else names:
-            built_in, value = (
-                known[name].option.names,
-                data.get(name) if isinstance(data, Mapping) else None,
-            )
+            value = data.get(name) if isinstance(data, Mapping) else None
             module, colon, _ = value.partition(":") if isinstance(value, str) else ("", "", "")
-            if built_in is not None and colon and module not in built_in:
+            if colon and (built_in := known[name].names) is not None and module not in built_in:
                 raise InvalidInputError(
                     f"{where}: {name}: expected a built-in {name}, got {shortened(value)}, which"
                     f" runs the code of the Python module {shortened(module)}: allow it with"

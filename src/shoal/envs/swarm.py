@@ -188,7 +188,7 @@ class SwarmWorlds(Worlds):
         return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)
 
     def _codes(self, world: int) -> NDArray[np.uint8]:
-        from shoal.views.swarm.volume import codes_of
+        from shoal.views.swarm.colours import codes_of
 
         return codes_of(self.batch.state(world), self.batch.belief(world))
 
@@ -245,7 +245,7 @@ class SwarmEnv(WorldEnv):
     def view(self) -> View:
         """The present view of the swarm, in the form that a policy of `shoal.swarm` receives."""
         batch, rule = self._worlds.batch, self.problem.rule
-        mapping = bool(getattr(self.problem.chosen_task, "mapping", True))
+        mapping = self.problem.setup.mapping
         last = (
             (0, 0)
             if self._effects is None

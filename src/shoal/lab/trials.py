@@ -124,7 +124,7 @@ def run_trials(
     workers = default_workers() if workers is None else workers
     trials = check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
     workers = check_integer(workers, what="workers", least=1)
-    compiled = isinstance(problem.chosen_policy, Compiled)
+    compiled = isinstance(problem.setup.policy, Compiled)
     alone = min(workers, trials) == 1  # an extra process would cost more than it saves
     if not (compiled or alone):
         _check_importable(problem.policy)

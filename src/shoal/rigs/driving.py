@@ -27,12 +27,12 @@ from shoal.rigs.remote import LinkCounts
 from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
 from shoal.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
 from shoal.swarm.episode import REASONS, SwarmEpisode
-from shoal.swarm.grid.board import RULES, Board, GridLayout, letters_of, noise_rng, trial_rng
+from shoal.swarm.grid.board import RULES, Board, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.model import Noise
-from shoal.swarm.policies import POLICIES, Manual, View, shown_name
+from shoal.swarm.noise import Noise
+from shoal.swarm.policies import POLICIES, Manual, View
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
 
@@ -244,8 +244,8 @@ def drive(
         raise InvalidInputError(f"rule: expected {rule}, got {rig.rule} from the rig {rig.name}")
     if particles is not None:
         check_integer(particles, what="particles", least=1)
-    problem = SwarmProblem("rig", rule=rig.rule, **fields)
-    problem.check_policy(GridLayout(rig.shape))
+    problem = _in_view(SwarmProblem("rig", rule=rig.rule, **fields), tuple(rig.shape))
+    problem.check_at_place()
     load_drive_kernels(problem)
     return _Driver(rig, problem, seed, log, on_moves, test_move, spacing, particles).run()
 
@@ -311,7 +311,7 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
     )
     policy = (
         problem.policy
-        if known and not isinstance(problem.chosen_policy, Manual)
+        if known and problem.policy.partition(":")[0] != Manual.kind
         else "closest-frontier"
     )
     fields = {
@@ -333,13 +333,20 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
 
 @cache
 def _prepare(rule: str, policy: str, fields: tuple[tuple[str, Any], ...]) -> None:
-    problem = SwarmProblem("rig", rule=rule, policy=policy, max_moves=40, **dict(fields))
     workspace = GridWorkspace(np.array([[1, 1, 1], [1, 0, 1]], dtype=np.bool_))
-    problem.check_policy(GridLayout(workspace.shape))
+    problem = _in_view(
+        SwarmProblem("rig", rule=rule, policy=policy, max_moves=40, **dict(fields)), workspace.shape
+    )
+    problem.check_at_place()
     rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
     if problem.noise is not None:
         rig = NoisyRig(workspace, [(0, 0)], problem.noise, noise_rng(0))
     _Driver(rig, problem, 0).run()
+
+
+def _in_view(problem: SwarmProblem, shape: tuple[int, ...]) -> SwarmProblem:
+    """Return the problem in the field of view of a rig, of which only the size is known."""
+    return problem.at_place(GridWorkspace(np.ones(shape, dtype=np.bool_), name="rig"))
 
 
 @dataclass(eq=False)
@@ -357,10 +364,11 @@ class _Driver:
 
     def __post_init__(self) -> None:
         self.recorded = self.rig if isinstance(self.rig, RecordedRig) else None
-        chosen = self.problem.chosen_policy
-        self.tests = self.test_move and not (self.recorded or isinstance(chosen, Manual))
+        self.tests = self.test_move and not (
+            self.recorded or isinstance(self.problem.setup.policy, Manual)
+        )
         if self.recorded is None:
-            self.policy = shown_name(chosen, self.problem.policy)
+            self.policy = self.problem.setup.policy_name
             self.most = self.problem.max_moves
         else:
             self.policy, self.most = self.recorded.policy, len(self.recorded.commands)
@@ -435,7 +443,7 @@ class _Driver:
         if self.tests:
             self._test_rig()
         swarm = self.swarm
-        decider = make_decider(self.problem, swarm.belief, trial_rng(self.seed), swarm.noisy)
+        decider = make_decider(self.problem.setup, swarm.belief, trial_rng(self.seed), swarm.noisy)
         for _ in range(CLOSING):
             status = self._follow(decider)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):

@@ -16,7 +16,7 @@ from shoal.core.dataclass import dataclass
 from shoal.rigs.checks import Alarm
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.scans import AXES
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise import Noise
 
 # Probabilities. An alarm that stops a drive must not hit one honest drive in many thousands, a mark
 # may hit a few in a thousand.

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.errors import RigError
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.model import Noise
-from shoal.swarm.noise.world import NoisyWorld
+from shoal.swarm.noise import Noise, NoisyWorld
 
 LARGEST_VIEW = 2**22
 """Maximum number of cells in the field of view of a rig, such as 2048 times 2048: a drive then

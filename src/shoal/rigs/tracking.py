@@ -22,8 +22,7 @@ from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
 from shoal.swarm.grid.tasks import Mapping
-from shoal.swarm.noise.belief import NoisyBelief, padded_shape
-from shoal.swarm.noise.model import LOSS, Noise
+from shoal.swarm.noise import LOSS, Noise, NoisyBelief, padded_shape
 from shoal.swarm.simulation.swarms import distance_of_push, newly_classified
 
 QUICK = 2**25  # scans times cells that can be gone through again in about a second

@@ -60,7 +60,7 @@ def _property(declared: Declaration) -> dict[str, Any]:
     option = declared.option
     schema: dict[str, Any] = {
         "title": declared.name.replace("_", " "),
-        "description": _as_in_forms(option.help),
+        "description": _as_in_forms(declared.help),
     }
     kind = _JSON_TYPES.get(declared.type)
     if kind is not None:
@@ -83,8 +83,8 @@ def _property(declared: Declaration) -> dict[str, Any]:
     schema |= {word: limit for word, limit in limits.items() if math.isfinite(limit)}
     if option.choices:
         schema["enum"] = list(option.choices)
-    if option.names is not None:
-        schema["names"] = [*(["auto"] if declared.default == "auto" else []), *option.names]
+    if declared.names is not None:
+        schema["names"] = [*(["auto"] if declared.default == "auto" else []), *declared.names]
     if option.unit:
         schema["unit"] = option.unit
     schema |= {

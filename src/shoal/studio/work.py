@@ -125,15 +125,14 @@ def play_live(problem: Any, seed: int, say: Say) -> Any:
     from shoal.swarm.episode import SwarmEpisode
     from shoal.swarm.grid.board import decode, trial_rng
     from shoal.swarm.grid.scans import Trace
-    from shoal.swarm.policies import shown_name
     from shoal.swarm.run import run
-    from shoal.swarm.simulation.swarms import draw_start
     from shoal.views.swarm.page import page_data
 
-    problem.check_at_place()
-    start, targets = draw_start(problem, trial_rng(seed, 0))
-    policy = shown_name(problem.chosen_policy, problem.policy)
-    begun = SwarmEpisode(problem, start, Trace.empty(0), Status.LIMIT, policy, 0, targets, seed)
+    setup = problem.setup
+    start, targets = setup.draw_start(trial_rng(seed, 0))
+    begun = SwarmEpisode(
+        problem, start, Trace.empty(0), Status.LIMIT, setup.policy_name, 0, targets, seed
+    )
     every = problem.scanning.every_move
     say("piece", {"begin": page_data(begun) | {"status": ""}})
     goal = max(1, cells_to_classify(problem.place.free) if targets is None else int(targets.sum()))

@@ -21,8 +21,7 @@ from shoal.swarm.grid.scans import Trace, WithTrace, lengths_and_times
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.belief import Moment
-from shoal.swarm.noise.model import MapErrors, Noise
+from shoal.swarm.noise import MapErrors, Moment, Noise
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 from shoal.swarm.simulation import episode_file
 from shoal.swarm.simulation.replay import ExactReplay, NoisyReplay, ObservedReplay, Replay
@@ -216,7 +215,7 @@ class SwarmEpisode(WithTrace, Episode):
     def report(self) -> dict[str, Any]:
         """Return the JSON object that commands print for one episode."""
         problem, workspace = self.problem, self.workspace
-        told = {
+        report = {
             "task": self.task,
             "policy": self.policy,
             "map": {
@@ -234,9 +233,9 @@ class SwarmEpisode(WithTrace, Episode):
             "move_cost": problem.move_cost,
         }
         if problem.noise is not None:
-            told |= {"noise": dict(vars(problem.noise)), "confidence": problem.confidence}
-        told |= {name: value for name, value in self.metrics.items() if name != "seconds"}
-        return told | self.lengths_and_times | {"reason": self.reason}
+            report |= {"noise": dict(vars(problem.noise)), "confidence": problem.confidence}
+        report |= {name: value for name, value in self.metrics.items() if name != "seconds"}
+        return report | self.lengths_and_times | {"reason": self.reason}
 
     @cached_property
     def replay(self) -> Replay:
@@ -252,7 +251,7 @@ class SwarmEpisode(WithTrace, Episode):
             )
         return ExactReplay(
             GridWorld(self.workspace, self.rule),
-            problem.chosen_task,
+            problem.setup.task,
             self.start,
             self.targets,
             self.trace,
@@ -359,13 +358,13 @@ class SwarmEpisode(WithTrace, Episode):
                 f"{path}: expected an episode of a simulation, got an episode of a rig with noise,"
                 " which the log of the rig contains"
             )
-        told = {
+        values = {
             name: getattr(self, name)
             for name in ("policy", "first_frontier", "seed", "trial", "seconds")
         }
-        told |= {"status": str(self.status), "versions": dict(self.versions)}
+        values |= {"status": str(self.status), "versions": dict(self.versions)}
         episode_file.write(
-            path, self.problem, told, self.trace, start=self.start, targets=self.targets
+            path, self.problem, values, self.trace, start=self.start, targets=self.targets
         )
 
     @classmethod
@@ -378,8 +377,7 @@ class SwarmEpisode(WithTrace, Episode):
         InvalidInputError
             Raised if the file is missing or damaged, or has another format.
         """
-        problem, told, trace, arrays = episode_file.read(path, trust=trust)
-        return cls(problem=problem, trace=trace, **told, **arrays)
+        return cls(**episode_file.read(path, trust=trust))
 
     def __repr__(self) -> str:
         return (

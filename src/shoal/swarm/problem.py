@@ -1,12 +1,17 @@
-"""SwarmProblem: all settings of a mapping or coverage run except its seed."""
+"""SwarmProblem: all settings of a mapping or coverage run except its seed; and SwarmSetup: the map,
+the task and the policy that the settings name, opened once.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
 
 from shoal.core.checks import check_number, shortened
 from shoal.core.dataclass import dataclass
@@ -16,35 +21,29 @@ from shoal.core.problem import Problem, option
 from shoal.core.registry import Registry, name_of
 from shoal.swarm.grid.board import RULES, GridLayout
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
-from shoal.swarm.maps.reading import MAX_CELLS, check_channel
+from shoal.swarm.grid.tasks import (
+    PLACEMENTS,
+    TASKS,
+    Mapping,
+    SubsetCoverage,
+    Task,
+    make_placement,
+    make_task,
+    place,
+)
+from shoal.swarm.grid.world import check_start
+from shoal.swarm.maps.reading import HIGH, LOW, MAX_CELLS, REASONS, check_channel
 from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.noise import CONFIDENCE, MOST, PRIOR, SUREST, Noise
 
-# Tasks, placements and policies call kernels, whose compiler takes a second to load. They are
-# imported when a field is checked, so that commands, which only read the declarations below, start
-# fast.
+# The policies bring the kernels of all planners, and `open_map` the readers of all files. They are
+# imported on use, because help and commands without a policy would start a tenth slower.
 if TYPE_CHECKING:
-    from shoal.swarm.grid.tasks import Task
-    from shoal.swarm.noise.model import Noise
     from shoal.swarm.policies import Policy
 
 Cells = tuple[tuple[int, ...], ...]
 
-READING = (
-    "vessels",
-    "width",
-    "low",
-    "high",
-    "bright",
-    "thickest",
-    "threshold",
-    "invert",
-    "scale",
-    "level",
-    "label",
-    "channel",
-    "frame",
-    "join_diagonals",
-)
+READING = tuple(REASONS)
 """Names of the problem fields that control the reading of a map file."""
 
 DRIVEN = (
@@ -64,20 +63,6 @@ DRIVEN = (
 settings of the run.
 """
 
-TASK_NAMES = ("mapping", "coverage", "subset-coverage")
-PLACEMENT_NAMES = ("uniform", "flood-fill", "region-fill", "left-wall")
-POLICY_NAMES = (
-    "best",
-    "beam-rollout",
-    "greedy-classify",
-    "closest-frontier",
-    "elect-particle",
-    "random-moves",
-    "depth-first",
-    "sweep",
-    "offline",
-    "manual",
-)
 RIG = "rig"
 """Map of a problem whose place is a rig: nothing but the size of the place is known."""
 
@@ -97,34 +82,32 @@ def _check_map(given: Any) -> Any:
     return GridWorkspace.from_dict(given) if isinstance(given, dict) else GridWorkspace(given)
 
 
-def _named(kind: str) -> dict[str, Any]:
-    """Return the functions that check and dump the value of a field that holds a task, a placement
-    or a policy.
+def _registered(find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]]) -> dict[str, Any]:
+    """Return how a field checks, dumps and lists the values that a registry names.
+
+    ``find`` returns the registry, and the function that makes the object of a name.
     """
 
-    def registry() -> tuple[Registry[Any], Any]:
-        if kind == "task":
-            from shoal.swarm.grid.tasks import TASKS, make_task
-
-            return TASKS, make_task
-        if kind == "placement":
-            from shoal.swarm.grid.tasks import PLACEMENTS, make_placement
-
-            return PLACEMENTS, make_placement
-        from shoal.swarm.policies import POLICIES, make_policy
-
-        return POLICIES, make_policy
-
     def check(given: Any) -> Any:
-        known, make = registry()
+        if isinstance(given, str) and given == "auto":
+            return given
+        known, make = find()
         # objects in third-party modules are not imported yet
-        if not isinstance(given, str) or (
-            given != "auto" and (given.partition(":")[0] in known or ":" not in given)
-        ):
+        if not isinstance(given, str) or given.partition(":")[0] in known or ":" not in given:
             make(given)
         return given
 
-    return {"check": check, "dump": lambda given: name_of(given, registry()[0])}
+    return {
+        "check": check,
+        "dump": lambda given: name_of(given, find()[0]),
+        "names": lambda: find()[0],
+    }
+
+
+def _policies() -> tuple[Registry[Any], Callable[[Any], Any]]:
+    from shoal.swarm.policies import POLICIES, make_policy
+
+    return POLICIES, make_policy
 
 
 def _name_for_people(given: Any) -> str:
@@ -187,7 +170,7 @@ def _check_scan_every(given: Any) -> int | str:
 
 
 def _rate(help: str) -> Any:  # noqa: A002 - as in option
-    return option(0.0, help=help, least=0, most=0.5)
+    return option(0.0, help=help, least=0, most=MOST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,9 +224,8 @@ class SwarmProblem(Problem):
     )
     task: Any = option(
         "mapping",
-        help=f"Task: {', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.",
-        names=TASK_NAMES,
-        **_named("task"),
+        help="Task: {names} or MODULE:ATTRIBUTE.",
+        **_registered(lambda: (TASKS, make_task)),
     )
     subset: float | None = option(
         None,
@@ -254,9 +236,8 @@ class SwarmProblem(Problem):
     particles: int = option(100, help="Number of particles.", short="-n", least=1, most=MAX_CELLS)
     placement: Any = option(
         "uniform",
-        help=f"Placement of the particles: {', '.join(PLACEMENT_NAMES)} or MODULE:ATTRIBUTE.",
-        names=PLACEMENT_NAMES,
-        **_named("placement"),
+        help="Placement of the particles: {names} or MODULE:ATTRIBUTE.",
+        **_registered(lambda: (PLACEMENTS, make_placement)),
     )
     start: Cells | None = option(
         None,
@@ -273,15 +254,13 @@ class SwarmProblem(Problem):
     policy: Any = option(
         "auto",
         help=(
-            "Policy: auto, best, beam-rollout, greedy-classify, closest-frontier, elect-particle,"
-            " random-moves, depth-first, sweep, offline (coverage only), manual:COMMANDS or"
-            " MODULE:ATTRIBUTE. Options of a policy follow a colon, as in"
-            " closest-frontier:ties=row-major. auto stands for best if the task is mapping with a"
-            " scan after each move, with rule block or merge and without strong noise, on huge maps"
-            " with a smaller budget, and for closest-frontier in all other cases."
+            "Policy: auto, {names} or MODULE:ATTRIBUTE. Options of a policy follow a colon, as in"
+            " closest-frontier:ties=row-major or manual:llurr. The policy offline is for coverage"
+            " only. auto stands for best if the task is mapping with a scan after each move, with"
+            " rule block or merge and without strong noise, on huge maps with a smaller budget, and"
+            " for closest-frontier in all other cases."
         ),
-        names=POLICY_NAMES,
-        **_named("policy"),
+        **_registered(_policies),
     )
     budget: float | None = option(
         None,
@@ -333,13 +312,13 @@ class SwarmProblem(Problem):
     misplace: float = _rate("Probability that a scan shows a particle in a neighbouring cell.")
     miss: float = _rate("Probability that a scan does not show a particle.")
     confidence: float = option(
-        0.99,
+        CONFIDENCE,
         help=(
             "Under noise: probability from which a cell counts as known to be free, or as known to"
             " be an obstacle."
         ),
-        above=0.75,
-        most=0.99999,
+        above=1 - PRIOR,
+        most=SUREST,
     )
     vessels: bool = option(
         False,
@@ -355,7 +334,7 @@ class SwarmProblem(Problem):
         least=1,
     )
     low: float = option(
-        0.6,
+        LOW,
         help=(
             "With --vessels: lower threshold of the filter response, as a multiple of the automatic"
             " threshold. A vessel ends where its response falls below the lower threshold."
@@ -364,7 +343,7 @@ class SwarmProblem(Problem):
         most=10,
     )
     high: float = option(
-        1.2,
+        HIGH,
         help=(
             "With --vessels: upper threshold of the filter response, as a multiple of the automatic"
             " threshold. At least one pixel of each vessel exceeds the upper threshold. A smaller"
@@ -512,19 +491,24 @@ class SwarmProblem(Problem):
                 f" beforehand, got {self.scan_every}"
             )
 
-    @property
+    def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
+        """Return the problem's fields and its ``kind`` as JSON data, without a placement if the
+        problem has start cells, which exclude it.
+        """
+        fields = super().to_dict(defaults=defaults)
+        if self.start is not None:
+            fields.pop("placement", None)
+        return fields
+
+    @cached_property
     def scanning(self) -> ScanRule:
         """The problem's scan rule, with the costs of scans and moves."""
         return ScanRule.parse(self.scan_every, scan_cost=self.scan_cost, move_cost=self.move_cost)
 
-    @property
+    @cached_property
     def noise(self) -> Noise | None:
         """The noise model of the problem, or None for a problem without noise."""
-        if not (self.slip or self.misplace or self.miss):
-            return None
-        from shoal.swarm.noise.model import Noise
-
-        return Noise(self.slip, self.misplace, self.miss)
+        return Noise(self.slip, self.misplace, self.miss) or None
 
     @property
     def task_name(self) -> str:
@@ -542,75 +526,58 @@ class SwarmProblem(Problem):
         return "given" if self.start is not None else _name_for_people(self.placement)
 
     @cached_property
-    def chosen_task(self) -> Task:
-        """The task of the problem, as a task object."""
-        from shoal.swarm.grid.tasks import SubsetCoverage, make_task
-
-        return make_task(self.task) if self.subset is None else SubsetCoverage(self.subset)
-
-    @cached_property
-    def chosen_policy(self) -> Policy:
-        """The policy object of the problem: the requested policy, or the policy that the setting
-        ``auto`` selects.
+    def setup(self) -> SwarmSetup:
+        """The map, the task and the policy of the problem, opened and checked together.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
-            Raised if the name of the policy is unknown, or if a policy that does not plan has a
-            planning budget.
+            Raised if a name is unknown, if the task, the map or the rules exclude the policy, if a
+            start cell is not free, or if there are more particles than free cells.
         """
+        from shoal.swarm.policies import Offline, check_rules, check_scanning
+
+        workspace: GridWorkspace = self.place
+        task = make_task(self.task) if self.subset is None else SubsetCoverage(self.subset)
+        setup = SwarmSetup(self, workspace, task, *self._choose_policy(workspace, task))
+        if isinstance(setup.policy, Offline) and setup.mapping:
+            raise InvalidInputError(
+                "policy offline: expected a task whose map is known, such as coverage, got a"
+                " mapping"
+            )
+        check_rules(setup.policy, GridLayout(workspace.shape), self.rule)
+        check_scanning(self.scanning, setup.policy, self.rule)
+        if self.start is not None:
+            check_start(workspace, self.start, rule=self.rule)
+        elif self.particles > workspace.n_free and self.map != RIG:
+            raise InvalidInputError(
+                f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}),"
+                f" got {self.particles}"
+            )
+        return setup
+
+    def _choose_policy(self, workspace: GridWorkspace, task: Task) -> tuple[Policy, bool]:
+        """Return the policy, and whether it is ``auto`` and the size of the map decided."""
         from shoal.swarm.policies import make_policy, with_budget
-
-        thinking = {"budget": self.budget, "milliseconds": self.time_per_move}
-        wanted = {name: value for name, value in thinking.items() if value is not None}
-        policy: Any = self.policy
-        if isinstance(policy, str) and policy == "auto":
-            policy = self._automatic(planned=bool(wanted))
-        return with_budget(make_policy(policy), **wanted)
-
-    @property
-    def chosen_for_size(self) -> bool:
-        """Whether the policy is ``auto``, and the size of the map decides about it."""
-        wanted = self.budget is not None or self.time_per_move is not None
-        return (
-            isinstance(self.policy, str)
-            and self.policy == "auto"
-            and not wanted
-            and self._plannable
-            and self.map != RIG
-        )
-
-    @property
-    def _plannable(self) -> bool:
-        """Whether the planner best works, and needs fewer moves than the policy closest-frontier on
-        a small map.
-        """
-        from shoal.swarm.grid.tasks import Mapping
-
-        quiet = self.slip + self.misplace + self.miss <= STRONG_NOISE
-        return (
-            isinstance(self.chosen_task, Mapping)
-            and self.rule != "tilt"
-            and self.scanning.every_move
-            and quiet
-        )
-
-    def _automatic(self, *, planned: bool) -> Any:
-        """Return the policy that ``auto`` stands for. If ``planned`` is true, the user has set a
-        limit that only planners have.
-        """
-        from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies.planners.beam_rollout import fit_planner
 
-        if self.chosen_for_size:
-            workspace: GridWorkspace = self.place
-            size = (workspace.shape, workspace.n_free, self.particles)
-            return fit_planner(*size, noisy=self.noise is not None) or "closest-frontier"
-        return (
-            "best"
-            if self._plannable or (planned and isinstance(self.chosen_task, Mapping))
-            else "closest-frontier"
+        limits = {"budget": self.budget, "milliseconds": self.time_per_move}
+        given = {name: value for name, value in limits.items() if value is not None}
+        if not isinstance(self.policy, str) or self.policy != "auto":
+            return with_budget(make_policy(self.policy), **given), False
+        plannable = (
+            isinstance(task, Mapping)
+            and self.rule != "tilt"
+            and self.scanning.every_move
+            and self.slip + self.misplace + self.miss <= STRONG_NOISE
         )
+        if plannable and not given and self.map != RIG:
+            size = (workspace.shape, workspace.n_free, self.particles)
+            fitting = fit_planner(*size, noisy=self.noise is not None)
+            return fitting or make_policy("closest-frontier"), True
+        # only planners have limits
+        best = plannable or (bool(given) and isinstance(task, Mapping))
+        return with_budget(make_policy("best" if best else "closest-frontier"), **given), False
 
     def open_place(self) -> GridWorkspace:
         """Open the problem's map and return the workspace."""
@@ -654,9 +621,8 @@ class SwarmProblem(Problem):
 
     def place_is_file(self) -> bool:
         """Return whether the problem's map is a file or a folder."""
-        return isinstance(self.map, str) and os.path.exists(
-            self.map
-        )  # unlike Path.exists, it accepts names of any length
+        # unlike Path.exists, it accepts names of any length
+        return isinstance(self.map, str) and os.path.exists(self.map)
 
     def place_digest(self) -> bytes:
         """Return the shape and the free cells of the map as bytes."""
@@ -665,34 +631,53 @@ class SwarmProblem(Problem):
     def check_at_place(self) -> None:
         """Refuse a policy that the task, map or rules exclude, start cells that are not free, and
         more particles than free cells.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
         """
-        from shoal.swarm.grid.world import check_start
+        assert self.setup
 
-        workspace: GridWorkspace = self.place
-        self.check_policy(GridLayout(workspace.shape))
-        if self.start is not None:
-            check_start(workspace, self.start, rule=self.rule)
-        elif self.particles > workspace.n_free:
-            raise InvalidInputError(
-                f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}),"
-                f" got {self.particles}"
-            )
 
-    def check_policy(self, layout: GridLayout) -> None:
-        """Refuse a policy that does not support the task, the move rule, the scan rule or the
-        workspace's dimensions.
+@dataclass(frozen=True, eq=False)
+class SwarmSetup:
+    """The things that a swarm problem names, each opened once. A run takes them from here.
+
+    Parameters
+    ----------
+    problem : SwarmProblem
+    workspace : GridWorkspace
+        The map. Of a rig, only the shape has a meaning.
+    task : Task
+    policy : Policy
+        The policy that the problem names, or that ``auto`` stands for.
+    by_size : bool
+        Whether the policy is ``auto``, and the size of the map decided about it.
+    """
+
+    problem: SwarmProblem
+    workspace: GridWorkspace
+    task: Task
+    policy: Policy
+    by_size: bool
+
+    @property
+    def mapping(self) -> bool:
+        """Whether the map is unknown at the start."""
+        return bool(getattr(self.task, "mapping", True))
+
+    @property
+    def policy_name(self) -> str:
+        """Name of the policy for output that people read."""
+        from shoal.swarm.policies import shown_name
+
+        return shown_name(self.policy, self.problem.policy)
+
+    def draw_start(self, rng: Generator) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
+        """Return the start cells (int64, shape (n, ndim)), and the mask of the target cells, or
+        None for a task without target cells.
+
+        Start cells that the problem gives are not drawn.
         """
-        from shoal.swarm.policies import Offline, check_rules, check_scanning
-
-        policy = self.chosen_policy
-        if isinstance(policy, Offline) and getattr(self.chosen_task, "mapping", True):
-            raise InvalidInputError(
-                "policy offline: expected a task whose map is known, such as coverage, got a"
-                " mapping"
-            )
-        check_rules(policy, layout, self.rule)
-        check_scanning(self.scanning, policy, self.rule)
+        problem = self.problem
+        if problem.start is None:
+            start = place(self.workspace, problem.particles, problem.placement, rng)
+        else:
+            start = check_start(self.workspace, problem.start, rule=problem.rule)
+        return start, self.task.choose_targets(self.workspace, rng)

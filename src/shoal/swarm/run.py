@@ -26,10 +26,9 @@ from shoal.swarm.policies import (
     PlannerPolicy,
     Policy,
     RandomMoves,
-    shown_name,
 )
 from shoal.swarm.policies.planners.beam_rollout import SHARE, expected_moves
-from shoal.swarm.problem import SwarmProblem
+from shoal.swarm.problem import SwarmProblem, SwarmSetup
 from shoal.swarm.simulation.compiled import (
     Game,
     NoisyGame,
@@ -39,12 +38,10 @@ from shoal.swarm.simulation.compiled import (
     is_compiled,
 )
 from shoal.swarm.simulation.loop import OnMoves, OnTrace, Stop, closed_loop, make_decider
-from shoal.swarm.simulation.swarms import ExactSwarm, NoisySwarm, draw_start, swarm_of
+from shoal.swarm.simulation.swarms import ExactSwarm, NoisySwarm, begin_swarm
 
-MEASURED, PILOT = (
-    1.0,
-    2.0,
-)  # seconds of an episode, and of its run by closest-frontier, from which its duration is estimated
+# seconds of an episode, and of its run by closest-frontier, from which its duration is estimated
+MEASURED, PILOT = 1.0, 2.0
 
 
 def run(
@@ -95,42 +92,33 @@ def run(
     """
     if not isinstance(problem, SwarmProblem):
         raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
-    seed, trial = (
-        check_integer(seed, what="seed", least=0),
-        check_integer(trial, what="trial", least=0),
-    )
-    problem.check_at_place()
-    rng = trial_rng(seed, trial)
-    start, targets = draw_start(problem, rng)
-    swarm = swarm_of(problem, start, targets, seed, trial)
+    seed = check_integer(seed, what="seed", least=0)
+    trial = check_integer(trial, what="trial", least=0)
+    setup, rng = problem.setup, trial_rng(seed, trial)
+    start, targets = setup.draw_start(rng)
+    swarm = begin_swarm(setup, start, targets, seed, trial)
     first, watch = len(swarm.belief.frontier), Stopwatch()
-    game = (
-        None
-        if stepwise or (swarm.belief.complete and swarm.finished)
-        else _game(problem, swarm, rng)
-    )
-    if game is None:
-        mapping = getattr(problem.chosen_task, "mapping", True)
-        decider = make_decider(problem, swarm.belief, rng, getattr(swarm, "noisy", None))
-        limit = problem.max_moves
+    done = swarm.belief.complete and swarm.finished
+    game = None if stepwise or done else _game(setup, swarm, rng)
+    if game is not None:
+        trace, status = compiled_loop(game, problem.max_moves, on_moves, on_trace, stop=stop)
+    else:
         trace, status = closed_loop(
             swarm,
-            decider,
-            max_moves=limit,
-            mapping=mapping,
+            make_decider(setup, swarm.belief, rng, getattr(swarm, "noisy", None)),
+            max_moves=problem.max_moves,
+            mapping=setup.mapping,
             on_moves=on_moves,
             on_trace=on_trace,
             stop=stop,
         )
-    else:
-        trace, status = compiled_loop(game, problem.max_moves, on_moves, on_trace, stop=stop)
     return SwarmEpisode(
         problem=problem,
         start=start,
         targets=targets,
         trace=trace,
         status=status,
-        policy=shown_name(problem.chosen_policy, problem.policy),
+        policy=setup.policy_name,
         first_frontier=first,
         seed=seed,
         trial=trial,
@@ -142,13 +130,8 @@ def run(
 def check(problem: SwarmProblem) -> None:
     """Refuse a problem that cannot run, without running it. The function draws one start, as a
     third-party placement may fail.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
     """
-    problem.check_at_place()
-    draw_start(problem, trial_rng(0, 0))
+    problem.setup.draw_start(trial_rng(0, 0))
 
 
 class Duration(NamedTuple):
@@ -179,11 +162,12 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
     InvalidInputError, UnknownNameError
         Raised if the settings of the problem are invalid.
     """
-    policy = problem.chosen_policy
-    if not isinstance(policy, BeamRollout) or not is_compiled(problem.chosen_task):
+    setup = problem.setup
+    policy = setup.policy
+    if not isinstance(policy, BeamRollout) or not is_compiled(setup.task):
         return None
     pilot = problem.replaced(policy="closest-frontier", budget=None, time_per_move=None).at_place(
-        problem.place
+        setup.workspace
     )
     watch = Stopwatch()
     piloted = run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT)
@@ -192,7 +176,7 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
         moves = max(
             moves,
             expected_moves(
-                problem.place.n_free, problem.particles, noisy=problem.noise is not None
+                setup.workspace.n_free, problem.particles, noisy=problem.noise is not None
             ),
         )
     moves = min(float(problem.max_moves), moves)
@@ -207,11 +191,11 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
     return Duration(moves, begun.seconds_per_move * moves)
 
 
-def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:
+def _game(setup: SwarmSetup, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:
     """Return the object that runs an episode in compiled code, or None if kernels do not support
     the problem.
     """
-    policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning
+    policy, scanning = setup.policy, setup.problem.scanning
     if isinstance(swarm, NoisySwarm):
         return (
             NoisyGame(policy, swarm.noisy, swarm.rng, every=scanning.step)
@@ -221,32 +205,26 @@ def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator)
     # The commands of random-moves are drawn in advance, one per move. Runs of several equal
     # commands are therefore not compiled.
     one_by_one = isinstance(policy, RandomMoves) and not scanning.every_move
-    if not isinstance(policy, Compiled) or not is_compiled(task) or one_by_one:
+    if not isinstance(policy, Compiled) or not is_compiled(setup.task) or one_by_one:
         return None
-    options: dict[str, Any] = {
-        "rule": problem.rule,
-        "mapping": getattr(task, "mapping", True),
-        "rng": rng,
-    }
     if isinstance(policy, PlannerPolicy):
-        return PlannerGame(policy, swarm.world.free, swarm.state, swarm.belief, **options)
-    n_free = swarm.world.workspace.n_free
-    return SearchGame(
-        policy,
-        swarm.world.free,
-        swarm.state,
-        swarm.belief,
-        **options,
-        n_free=n_free,
-        scanning=scanning,
-    )
+        return PlannerGame(
+            policy,
+            swarm.world.free,
+            swarm.state,
+            swarm.belief,
+            rule=swarm.rule,
+            mapping=setup.mapping,
+            rng=rng,
+        )
+    return SearchGame(policy, swarm, rng, scanning=scanning)
 
 
 def load_kernels(problem: SwarmProblem) -> None:
     """Load or compile the kernels that a problem needs, by running a similar problem on a map of
     two cells.
     """
-    policy, task = problem.chosen_policy, problem.chosen_task
+    policy, task, mapping = problem.setup.policy, problem.setup.task, problem.setup.mapping
     if isinstance(policy, Compiled | Offline) and is_compiled(task):
         budget = {"budget": 1.0} if isinstance(policy, Offline) else {}
         prices = {
@@ -254,7 +232,7 @@ def load_kernels(problem: SwarmProblem) -> None:
             for name in ("rule", "scan_every", "slip", "misplace", "miss")
         }
         _load_kernels(
-            "mapping" if getattr(task, "mapping", True) else "coverage",
+            "mapping" if mapping else "coverage",
             type(policy)(**budget),
             **prices,
         )

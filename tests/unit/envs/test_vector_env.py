@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import shoal.envs
 from shoal.envs import swarm as observations
 from shoal.steering import prism, region, regular_polygon
-from shoal.swarm.policies.protocol import path_to_frontier
+from shoal.swarm.grid.paths import path_to_frontier
 
 SMALL = {"map": "vessels:60", "particles": 12, "max_moves": 15}
 MAPS = ["vessels:60", "vessels:40"]

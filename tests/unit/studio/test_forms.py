@@ -28,7 +28,7 @@ def test_schema_has_every_field_with_its_default(part):
     for name, one in declared.items():
         assert (name in schema["required"]) == one.required
         told = schema["properties"][name]["description"]
-        assert told.split()[0] == one.option.help.split()[0]
+        assert told.split()[0] == one.help.split()[0]
         assert not re.search(
             "--[a-z]|MODULE:ATTRIBUTE|can be repeated", told
         )  # words of the command

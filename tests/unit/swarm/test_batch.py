@@ -12,7 +12,7 @@ from shoal.swarm import batch as threads
 from shoal.swarm.batch import PLANES, WorldBatch
 from shoal.swarm.grid.board import LETTERS, trial_rng
 from shoal.swarm.grid.tasks import Mapping
-from shoal.swarm.simulation.swarms import draw_start, swarm_of
+from shoal.swarm.simulation.swarms import begin_swarm
 
 SHAPES = [(5, 7), (9, 70), (3, 62), (2, 3, 5), (4, 2, 64)]
 
@@ -34,7 +34,7 @@ def space(shape, seed=0, share=0.75):
 
 def alone(problem, seed):
     """Return the swarm that the closed loop controls."""
-    return swarm_of(problem, *draw_start(problem, trial_rng(seed)), seed)
+    return begin_swarm(problem.setup, *problem.setup.draw_start(trial_rng(seed)), seed)
 
 
 def check_same(batch, world, swarm):

@@ -15,7 +15,7 @@ from shoal import cli
 from shoal.cli.swarm import exploration
 from shoal.core.episode import Status
 from shoal.lab import run_trials
-from shoal.swarm import SwarmEpisode, SwarmProblem
+from shoal.swarm import GridWorkspace, SwarmEpisode, SwarmProblem
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.policies.planners import beam_rollout
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
@@ -160,20 +160,20 @@ def test_auto_takes_a_smaller_budget_on_large_maps_and_no_planner_on_huge_ones()
 
 def test_auto_names_what_it_chose(monkeypatch, capsys):
     monkeypatch.setattr(beam_rollout, "MOST_SECONDS", 0.05)
-    assert SwarmProblem("vessels:500", particles=20).chosen_policy.name.startswith(
+    assert SwarmProblem("vessels:500", particles=20).setup.policy.name.startswith(
         "beam-rollout:budget="
     )
     assert (
-        SwarmProblem("vessels:500", particles=20, policy="best").chosen_policy.name
-        == "beam-rollout"
+        SwarmProblem("vessels:500", particles=20, policy="best").setup.policy.name == "beam-rollout"
     )
     assert (
-        SwarmProblem("vessels:500", particles=20, budget=500.0).chosen_policy.name
+        SwarmProblem("vessels:500", particles=20, budget=500.0).setup.policy.name
         == "beam-rollout:budget=500.0"
     )
-    assert SwarmProblem("rig", particles=20).chosen_policy.name == "beam-rollout"
+    rig = SwarmProblem("rig", particles=20).at_place(GridWorkspace([[1, 1]]))
+    assert rig.setup.policy.name == "beam-rollout"
     monkeypatch.setattr(beam_rollout, "MOST_SECONDS", 1e-6)
-    assert SwarmProblem("vessels:500", particles=20).chosen_policy.name == "closest-frontier"
+    assert SwarmProblem("vessels:500", particles=20).setup.policy.name == "closest-frontier"
     assert cli.run(["map", "vessels:500", "-n", "20"]) == 0
     assert (
         "the policy auto chose closest-frontier, because best with its usual budget would take"
@@ -194,7 +194,7 @@ def test_auto_names_what_it_chose(monkeypatch, capsys):
     ],
 )
 def test_auto_chooses_by_noise(fields, name):
-    assert SwarmProblem("maze:21x15", particles=20, **fields).chosen_policy.name == name
+    assert SwarmProblem("maze:21x15", particles=20, **fields).setup.policy.name == name
 
 
 @pytest.mark.parametrize("trial", range(3))

@@ -17,10 +17,9 @@ from shoal.swarm.maps.files import open_map
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.imaging import (
     VesselFinder,
-    dropped_parts,
+    VesselMap,
     find_vessels,
     map_of_vessels,
-    pixels_a_cell,
     segment_vessels,
 )
 
@@ -141,9 +140,9 @@ def test_the_polarity_can_be_given():
 def test_cells_have_so_many_pixels():
     mask = np.zeros((60, 200), dtype=bool)
     mask[20:26, 30:180] = True
-    assert pixels_a_cell(mask, width=50) == 3
+    assert VesselMap(mask, width=50).pixels_a_cell == 3
     assert map_of_vessels(mask, width=50).shape == (2, 50)
-    assert pixels_a_cell(mask) == 1
+    assert VesselMap(mask).pixels_a_cell == 1
     assert map_of_vessels(mask).shape == (6, 150)
 
 
@@ -184,7 +183,7 @@ def test_a_retina_of_middle_size_keeps_both_arcs(retina, side):
     lost 54 % of the vessels.
     """
     picture = np.asarray(Image.fromarray(retina).resize((side, side), Image.Resampling.LANCZOS))
-    parts, share = dropped_parts(find_vessels(picture).mask)
+    parts, share = VesselMap(find_vessels(picture).mask).dropped
     assert share < 0.1
     assert parts > 0
 

@@ -27,7 +27,7 @@ from shoal.rigs import (
 from shoal.rigs.driving import check_number_seen
 from shoal.rigs.monitor import NoiseMonitor, find_change
 from shoal.swarm.grid.tasks import place
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise import Noise
 
 OPPOSITE = dict(zip("lurdio", "rdluoi", strict=True))
 NOISE = Noise(0.05, 0.01, 0.02)

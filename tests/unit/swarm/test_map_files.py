@@ -497,10 +497,11 @@ def test_a_slice_that_is_a_link_to_nothing_is_named(tmp_path):
 
 
 def test_pages_are_counted_no_further_than_the_limit(tmp_path, monkeypatch):
-    from shoal.swarm.maps import pictures, reading
+    from shoal.swarm.maps import pages, pictures, reading
 
     monkeypatch.setattr(reading, "MAX_LAYERS", 3)
     monkeypatch.setattr(pictures, "MAX_LAYERS", 3)
+    monkeypatch.setattr(pages, "MAX_LAYERS", 3)
     for layers in (3, 5):
         write_map(GridWorkspace(np.ones((layers, 4, 4))), tmp_path / f"{layers}.tif")
     assert read_map(tmp_path / "3.tif").shape == (3, 4, 4)

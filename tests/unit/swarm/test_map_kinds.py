@@ -686,7 +686,7 @@ def test_names_of_slices_may_have_any_digits(tmp_path):
 
 
 def test_limits_count_after_scaling(tmp_path, monkeypatch):
-    from shoal.swarm.maps import pictures, reading
+    from shoal.swarm.maps import pages, reading
 
     monkeypatch.setattr(reading, "MAX_CELLS", 200)
     Image.fromarray(LINES * 255).save(tmp_path / "large.png")
@@ -695,7 +695,7 @@ def test_limits_count_after_scaling(tmp_path, monkeypatch):
     assert read_map(tmp_path / "large.png", scale=0.5).shape == (10, 15)
     with pytest.raises(InvalidInputError, match="expected at most 200 cells, got 40x60"):
         read_map(tmp_path / "large.png", scale=2.0)
-    monkeypatch.setattr(pictures, "LARGEST_PICTURE", 300)
+    monkeypatch.setattr(pages, "LARGEST_PICTURE", 300)
     with pytest.raises(InvalidInputError, match="expected at most 300 bytes of data, got 600"):
         read_map(tmp_path / "large.png", scale=0.5)
 
@@ -818,7 +818,7 @@ def test_films_and_compressed_images_of_scanners(tmp_path):
     assert (volume.shape, volume.spacing) == ((2, 20, 30), (2.0, 0.5, 0.25))
     with pytest.raises(
         InvalidInputError,
-        match="frame: expected no frame for DICOM images without several points in time, got 2",
+        match="frame: expected no frame for a file without a time axis, got 2",
     ):
         read_map(next((tmp_path / "volume").iterdir()), frame=2)
 
@@ -857,7 +857,7 @@ def test_colour_images_of_scanners(tmp_path, kind, planar):
     write_dicom(tmp_path, [LINES], name="grey")
     with pytest.raises(
         InvalidInputError,
-        match="channel: expected no channel for DICOM images without colours, got 1",
+        match="channel: expected no channel for a file without channels, got 1",
     ):
         read_map(next((tmp_path / "grey").iterdir()), channel=1)
 
@@ -969,10 +969,11 @@ def nifti_bytes(values):
 def test_reading_needs_about_the_memory_of_the_map(tmp_path, monkeypatch, name):
     import tracemalloc
 
-    from shoal.swarm.maps import pictures, values, volumes
+    from shoal.swarm.maps import pages as reader
     from shoal.swarm.maps import text as arrays
+    from shoal.swarm.maps import values, volumes
 
-    for module in (arrays, pictures, values, volumes):
+    for module in (arrays, reader, values, volumes):
         monkeypatch.setattr(module, "PIECE", 1 << 14)
     path = tmp_path / name
     cells = np.zeros((64, 128, 256))

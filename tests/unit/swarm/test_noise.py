@@ -15,8 +15,7 @@ from shoal.rigs import DriveLog, NoisyRig, drive, replay_log
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.state import Belief
-from shoal.swarm.noise import Noise, NoisyBelief
-from shoal.swarm.noise.belief import inner_of
+from shoal.swarm.noise import Noise, NoisyBelief, inner_of
 from shoal.swarm.policies import View, make_policy
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)

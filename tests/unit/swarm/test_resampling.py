@@ -217,6 +217,7 @@ def test_large_pictures_become_smaller_while_they_are_read(tmp_path, monkeypatch
     """The cells are those of a picture that is in memory as a whole, which a small
     picture shows.
     """
+    from shoal.swarm.maps import pages as reader
     from shoal.swarm.maps import pictures
 
     rng = np.random.default_rng(4)
@@ -229,7 +230,8 @@ def test_large_pictures_become_smaller_while_they_are_read(tmp_path, monkeypatch
     whole = open_map(path, **option)
     packed = []
     monkeypatch.setattr(pictures, "MOST_COUNTED", 1000)
-    monkeypatch.setattr(pictures, "PIECE", 700)
+    monkeypatch.setattr(reader, "MOST_COUNTED", 1000)
+    monkeypatch.setattr(reader, "PIECE", 700)
     shares = pictures.shares_of_bands
     monkeypatch.setattr(
         pictures, "shares_of_bands", lambda *given: packed.append(given) or shares(*given)
@@ -243,11 +245,12 @@ def test_large_pictures_become_smaller_while_they_are_read(tmp_path, monkeypatch
 
 
 def test_width_has_the_limit_of_scale(tmp_path, monkeypatch):
-    from shoal.swarm.maps import pictures, reading
+    from shoal.swarm.maps import pages, pictures, reading
 
     monkeypatch.setattr(reading, "MAX_CELLS", 5000)
-    monkeypatch.setattr(pictures, "MAX_CELLS", 5000)
+    monkeypatch.setattr(pages, "MAX_CELLS", 5000)
     monkeypatch.setattr(pictures, "MOST_COUNTED", 5000)
+    monkeypatch.setattr(pages, "MOST_COUNTED", 5000)
     for suffix in (".png", ".tif"):
         path = save(traced_tree(), tmp_path / f"large{suffix}")
         with pytest.raises(InvalidInputError, match="expected at most 5000 cells"):

@@ -165,7 +165,7 @@ def test_unknown_names_are_refused_with_the_nearest(given):
 def test_auto_chooses_what_can_do_the_task(given, chosen):
     problem = SwarmProblem("line:9", particles=2, **given)
     problem.check_at_place()
-    assert problem.chosen_policy.name == chosen
+    assert problem.setup.policy.name == chosen
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.imaging import box_dimension, murray_exponents, vessel_statistics
-from shoal.swarm.maps.imaging import network as centre_lines
+from shoal.swarm.maps.imaging import (
+    box_dimension,
+    centre_lines,
+    murray_exponents,
+    vessel_statistics,
+)
 
 pytest.importorskip("skimage")  # an extra
 

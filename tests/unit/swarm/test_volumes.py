@@ -23,13 +23,12 @@ from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
 from shoal.views import film
 from shoal.views.drawing.encoding import LONGEST
+from shoal.views.swarm.colours import PLAIN, codes_of
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.page import page_data
 from shoal.views.swarm.volume import (
-    PLAIN,
     Fit,
     Slices,
-    codes_of,
     sheet,
     sheet_width,
     slice_pictures,

@@ -9,8 +9,7 @@ from scipy import ndimage
 from shoal import GridWorkspace, run
 from shoal.swarm.batch import WorldBatch
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.noise.belief import Lookout, NoisyBelief, cells_behind
-from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise import Lookout, Noise, NoisyBelief, cells_behind
 from shoal.swarm.problem import SwarmProblem
 
 

@@ -13,14 +13,14 @@ from tests.swarm_runs import run
 from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
 from shoal.rigs import DriveLog, NoisyRig, drive, replay_log
+from shoal.swarm import noise as moments
 from shoal.swarm.noise import Noise
-from shoal.swarm.noise import belief as moments
 from shoal.views import film
-from shoal.views.swarm import films as recording
+from shoal.views.swarm import page
+from shoal.views.swarm.colours import NOISY, PLAIN, codes_after, codes_by_move
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.films import film_frames
 from shoal.views.swarm.page import page_data
-from shoal.views.swarm.volume import NOISY, PLAIN, codes_after, codes_by_move
 
 NOISE = Noise(slip=0.2, misplace=0.1, miss=0.1)
 
@@ -115,7 +115,7 @@ def test_packed_moments(size):
 
 
 def test_too_much_for_a_page(episode, monkeypatch):
-    monkeypatch.setattr(recording, "HEAVIEST", 50)
+    monkeypatch.setattr(page, "HEAVIEST", 50)
     with pytest.raises(InvalidInputError, match="at most 0 MB of moments with noise"):
         page_data(episode)
 

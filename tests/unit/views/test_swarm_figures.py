@@ -20,8 +20,9 @@ from shoal.swarm.maps.workspace import PALETTE, in_strips
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
 from shoal.views.swarm import films, page
+from shoal.views.swarm.colours import LEGEND
 from shoal.views.swarm.figures import frontier_figure, map_figure
-from shoal.views.swarm.films import CAPTION, LEGEND, film_frames, pictures_with_legend, shown_moves
+from shoal.views.swarm.films import CAPTION, film_frames, pictures_with_legend, shown_moves
 from shoal.views.swarm.page import player_page
 
 
@@ -160,7 +161,7 @@ def test_films_show_the_arrow_of_the_command(episode, monkeypatch):
 def test_films_have_a_scale_bar_where_the_size_of_a_cell_is_known(parted):
     unknown = replace(
         parted,
-        problem=replace(parted.problem, map=GridWorkspace(parted.workspace.free, name="rooms")),
+        problem=parted.problem.replaced(map=GridWorkspace(parted.workspace.free, name="rooms")),
     )
     known, none = (longest_line(caption_of(one, 1)[20]) for one in (parted, unknown))
     assert none < 20
@@ -183,8 +184,8 @@ def test_what_is_out_of_reach_is_said_everywhere(parted):
     assert "18 of 66 free cells" in parted._repr_html_()
     whole = replace(
         parted,
-        problem=replace(
-            parted.problem, map=GridWorkspace(np.ones((6, 12)), name="rooms", spacing=(0.5, 0.5))
+        problem=parted.problem.replaced(
+            map=GridWorkspace(np.ones((6, 12)), name="rooms", spacing=(0.5, 0.5))
         ),
     )
     assert (caption_of(parted, 1)[:36] != caption_of(whole, 1)[:36]).any()

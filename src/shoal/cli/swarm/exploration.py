@@ -98,7 +98,7 @@ def _play(
     warn_of_no_vessels(problem)
     problem.check_at_place()  # before kernels are compiled
     load_kernels(problem)
-    whole = isinstance(problem.chosen_policy, Offline)
+    whole = isinstance(problem.setup.policy, Offline)
     planned = (
         patience("computing the complete plan before the first move ...")
         if whole
@@ -151,12 +151,12 @@ def _tell_duration(
     from shoal.swarm.policies.planners.beam_rollout import BeamRollout, planning_seconds
     from shoal.swarm.run import expected_duration
 
-    policy, workspace = problem.chosen_policy, problem.place
+    policy, workspace = problem.setup.policy, problem.setup.workspace
     sizes = (workspace.shape, workspace.n_free, problem.particles)
     noisy = problem.noise is not None
     usual = BeamRollout()
     seconds = planning_seconds(usual, *sizes, noisy=noisy)
-    if problem.chosen_for_size and policy != usual:
+    if problem.setup.by_size and policy != usual:
         why = f"because best with its usual budget would take about {duration_text(seconds)}"
         say(f"shoal: notice: {workspace.name}: the policy auto chose {policy.name}, {why}")
     rounds = -(-trials // min(trials, workers or default_workers()))

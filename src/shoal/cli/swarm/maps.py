@@ -131,7 +131,12 @@ def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
         (int(first / scale), int((last + 1) / scale - 1e-9))
         for (first, last), scale in zip(box, scales, strict=True)
     )
-    return {"parts": found.number, "largest_share": found.share, "place": _place(box), **size}
+    return {
+        "parts": found.number,
+        "largest_share": found.share,
+        "place": _place(box),
+        **size,
+    }
 
 
 def _place(box: Box) -> dict[str, list[int]]:
@@ -165,7 +170,7 @@ def _part_rows(parts: dict[str, Any], problem: SwarmProblem) -> list[tuple[str, 
 
 
 def _place_text(place: dict[str, list[int]], problem: SwarmProblem) -> str:
-    from shoal.swarm.maps.pictures import PICTURES
+    from shoal.swarm.maps.pages import PICTURES
 
     ends = ", ".join(f"{side} {first} to {last}" for side, (first, last) in place.items())
     what = "the largest part lies" if problem.largest_component else "the free cells lie"
@@ -186,7 +191,7 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
     """
     from shoal.cli.swarm.exploration import overlay, vessels_of
     from shoal.swarm.maps.files import write_map
-    from shoal.swarm.maps.imaging import pixels_a_cell, place_of_network
+    from shoal.swarm.maps.imaging import VesselMap
     from shoal.swarm.maps.resampling import parts_of
     from shoal.views.swarm.figures import mask_picture, save_picture
 
@@ -205,24 +210,25 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
             out / "map.png",
         ]
         write_map(workspace, out / "map.png")
-    share, side = float(found.mask.mean()), pixels_a_cell(found.mask, width=problem.width)
-    box, kept = place_of_network(found.mask)
+    mapped, share = VesselMap(found.mask, width=problem.width), float(found.mask.mean())
     parts = parts_of(found.mask, corners=True)
     if json_:
         result = {
             "confidence": found.confidence,
             "bright": found.bright,
             "vessel_share": share,
-            "pixels_a_cell": side,
+            "pixels_a_cell": mapped.pixels_a_cell,
             "parts": None if parts is None else parts.number,
-            "kept_share": kept,
-            "place": _place(box),
+            "kept_share": mapped.share,
+            "place": _place(mapped.box),
             "files": [*map(str, written)],
         }
         print_json(_told(workspace) | result)
         return
     count = "" if parts is None else f"{count_text(parts.number, 'part')}: "
-    ends = ", ".join(f"{name} {first} to {last}" for name, (first, last) in _place(box).items())
+    ends = ", ".join(
+        f"{name} {first} to {last}" for name, (first, last) in _place(mapped.box).items()
+    )
     rows = [
         (
             "vessels",
@@ -232,10 +238,13 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
             ),
         ),
         ("confidence", f"{found.confidence:.2f} of 1"),
-        ("parts", f"{count}the network that is kept has {100 * kept:.4g} % of the vessel pixels"),
+        (
+            "parts",
+            f"{count}the network that is kept has {100 * mapped.share:.4g} % of the vessel pixels",
+        ),
         ("place", f"the map is {ends} of the photograph, counted from 0"),
         ("map", _size(workspace)),
-        ("cell", f"{side:.4g} pixels per side"),
+        ("cell", f"{mapped.pixels_a_cell:.4g} pixels per side"),
     ]
     print_table(rows, title=workspace.name, written=written)
 

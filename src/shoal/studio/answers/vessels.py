@@ -59,11 +59,9 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     }
     try:
         from shoal.swarm.grid.board import trial_rng
-        from shoal.swarm.simulation.swarms import draw_start
 
-        placed = problem.at_place(workspace)
-        placed.check_at_place()
-        start, _ = draw_start(placed, trial_rng(checked_seed(about), 0))
+        setup = problem.at_place(workspace).setup
+        start, _ = setup.draw_start(trial_rng(checked_seed(about), 0))
         answer["start"] = np.ravel_multi_index(tuple(start.T), workspace.shape).tolist()
     except ShoalError as error:
         answer["problem"] = str(error)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry
-from shoal.swarm.maps import workspace as raster
+from shoal.swarm.maps.workspace import MOST_LINES, text_rows
 
 LETTERS = "lurdio"
 """The command letters for left, up, right and down. In 3-D, two more letters mean in (towards layer
@@ -310,8 +310,8 @@ class Board:
         return Board(self.layout, words & _window_words(self.layout))
 
     def __str__(self) -> str:
-        few = self.layout.layers * self.layout.rows <= raster.MOST_LINES
-        return raster.text_rows(self.mask, "x.") if few else repr(self)
+        few = self.layout.layers * self.layout.rows <= MOST_LINES
+        return text_rows(self.mask, "x.") if few else repr(self)
 
     def __repr__(self) -> str:
         return f"<Board of {len(self)} cells in {self.layout.shape}>"

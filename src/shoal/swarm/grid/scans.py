@@ -19,10 +19,8 @@ Kind = Literal["equal", "doubling", "hyper", "adaptive"]
 SCAN_COST, MOVE_COST = 10.0, 1.0
 LONGEST = 1_000_000_000
 DEAREST = 1e100
-_LAST_DOUBLING, _LAST_HYPER = (
-    40,
-    12,
-)  # after this number of runs, a run is longer than any map is wide, and grows no further
+# after this number of runs, a run is longer than any map is wide, and grows no further
+_LAST_DOUBLING, _LAST_HYPER = 40, 12
 AXES = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}
 """Axis and sign of each command's direction. Axis -1 is the last axis of the workspace."""
 
@@ -44,10 +42,6 @@ class ScanRule:
     scan_cost, move_cost : float
         Price of one scan and price of one move, in any common unit. Neither price may be negative,
         and at least one price must exceed 0.
-
-    Raises
-    ------
-    InvalidInputError
 
     Notes
     -----
@@ -119,10 +113,6 @@ class ScanRule:
         cls, every: str | int, *, scan_cost: float = SCAN_COST, move_cost: float = MOVE_COST
     ) -> ScanRule:
         """Parse the text of a scan rule: a number of commands, "doubling", "hyper" or "adaptive".
-
-        Raises
-        ------
-        InvalidInputError
 
         Examples
         --------

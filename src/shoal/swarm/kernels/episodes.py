@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.moves import (
+    COMPLETE,
     DOWN,
     LEFT,
     RIGHT,
+    RUNNING,
+    STALLED,
     UP,
     ZERO,
     copy_board,
@@ -35,10 +38,8 @@ from shoal.swarm.kernels.planning.prediction import learn_from_command
 from shoal.swarm.kernels.search import Search, Slides, ahead, nearest, nearest_by_tilts, opposite
 
 EQUAL, DOUBLING, HYPER, ADAPTIVE, GIVEN = 0, 1, 2, 3, 4
-_LAST_DOUBLING, _LAST_HYPER = (
-    40,
-    12,
-)  # number of runs after which the next run is longer than any map is wide
+# number of runs after which the next run is longer than any map is wide
+_LAST_DOUBLING, _LAST_HYPER = 40, 12
 
 
 class Scanning(NamedTuple):
@@ -113,9 +114,8 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
         if reached > rate:
             command, steps, rate = direction, length, reached
     length = 0
-    if (
-        rate * (scan + 2 * move) < 1
-    ):  # for a higher rate, the path to the nearest frontier cell cannot be better
+    # for a higher rate, the path to the nearest frontier cell cannot be better
+    if rate * (scan + 2 * move) < 1:
         length = nearest(field, search, field.occupied)
         if length == 0:
             return 0, 0
@@ -143,7 +143,6 @@ def last_run(field, mapping, plan, at, length, scan_planner):
     return steps
 
 
-RUNNING, COMPLETE, STALLED = 0, 1, 2
 MANUAL, RANDOM, CLOSEST, ELECT, DEPTH_FIRST, SWEEP = 0, 1, 2, 3, 4, 5
 
 MEMORY = record_type(
@@ -195,9 +194,8 @@ class DepthFirstSpace(NamedTuple):
     """The memory of the policy depth-first."""
 
     visited: NDArray[np.uint64]  # the set of cells that the driven particle has visited
-    commands: NDArray[
-        np.int8
-    ]  # the commands from the start cell to the cell of the driven particle
+    # the commands from the start cell to the cell of the driven particle
+    commands: NDArray[np.int8]
 
 
 @in_place_kernel
@@ -379,11 +377,9 @@ def player(decide, notice):
     @in_place_kernel
     def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
         """Choose the next run of equal commands. Return whether a next run exists."""
-        memory, plan, scanning = (
-            policy_state.memory,
-            policy_state.search.plan,
-            policy_state.scanning,
-        )
+        memory = policy_state.memory
+        plan = policy_state.search.plan
+        scanning = policy_state.scanning
         if memory.plan_at >= memory.plan_length:
             memory.plan_at, memory.last_run = 0, 0
             if code == RANDOM:
@@ -414,10 +410,8 @@ def player(decide, notice):
             memory.plan_at += 1
         else:
             memory.streak = memory.streak + 1 if command == memory.run_command else 0
-            limit, steps = (
-                interval(scanning.kind, scanning.step, memory.streak),
-                stretch(plan, at, length),
-            )
+            limit = interval(scanning.kind, scanning.step, memory.streak)
+            steps = stretch(plan, at, length)
             # A run must end at each change of direction. The last run of a plan may continue into
             # unknown cells.
             steps = limit if at + steps == length and code != MANUAL else min(limit, steps)

@@ -96,6 +96,7 @@ def copy_board(source, target):
 
 
 BLOCK, MERGE, TILT = 0, 1, 2
+RUNNING, COMPLETE, STALLED = 0, 1, 2  # the status of an episode
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
 # number of words in a block of a board, or one row if a row is longer; kernels use several boards
 # at once
@@ -114,14 +115,12 @@ class Field(NamedTuple):
     occupied: NDArray[np.uint64]  # cells with particles
     open: NDArray[np.uint64]  # known free cells
     known: NDArray[np.uint64]  # cells known to be free or obstacles
-    frontier: NDArray[
-        np.uint64
-    ]  # unknown cells beside known free cells; in coverage, the targets that no particle has visited
+    # unknown cells beside known free cells; in coverage, the targets that no particle has visited
+    frontier: NDArray[np.uint64]
     tried: NDArray[np.uint64]  # unknown cells of one block that particles try to enter
     moving: NDArray[np.uint64]  # cells of one block with particles that move
-    counts: NDArray[
-        np.int32
-    ]  # particles in each cell, (layers x rows, 64 x width); shape (0, 0) unless the rule is merge
+    # particles in each cell, (layers x rows, 64 x width); shape (0, 0) unless the rule is merge
+    counts: NDArray[np.int32]
     layers: int
     rows: int  # number of rows in a layer
     width: int  # number of words in a row
@@ -442,9 +441,8 @@ def carry_counts(field, command):
         columns_ahead = -1 if command == LEFT else 1
     else:
         rows_ahead = segments(field, command)[4] // width
-    forward = (
-        rows_ahead + columns_ahead < 0
-    )  # the loop processes cells ahead first, so that no particle moves twice
+    # the loop processes cells ahead first, so that no particle moves twice
+    forward = rows_ahead + columns_ahead < 0
     rows, columns = counts.shape
     travelled = 0
     for a in range(rows):
@@ -506,7 +504,6 @@ def step(field, command, rule, mapping):
             covered = cover(field)
             done += covered
             change -= covered
-        if (
-            rule != TILT or moved == 0
-        ):  # a tilt ends when no particle moves; the last push finds the walls
+        # a tilt ends when no particle moves; the last push finds the walls
+        if rule != TILT or moved == 0:
             return travelled, done, change

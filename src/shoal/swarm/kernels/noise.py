@@ -8,7 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.moves import ONE, TOP, ZERO, popcount, put, record_type
+from shoal.swarm.kernels.moves import (
+    COMPLETE,
+    ONE,
+    RUNNING,
+    STALLED,
+    TOP,
+    ZERO,
+    popcount,
+    put,
+    record_type,
+)
 from shoal.swarm.kernels.search import ahead, nearest
 
 FAINT = 1e-5  # the belief sets lower probabilities of a particle to 0
@@ -16,9 +26,8 @@ LOST = 1e-4  # probability that a particle appears in a cell where the belief ex
 CLUTTER = 1e-6  # probability that a scan shows a particle in a cell without a particle
 SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
 LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
-RATES = record_type(
-    np.float64, "slip", "misplace", "miss", "bound"
-)  # bound: log-odds from which a cell counts as classified
+# bound: log-odds from which a cell counts as classified
+RATES = record_type(np.float64, "slip", "misplace", "miss", "bound")
 
 
 class NoisyState(NamedTuple):
@@ -34,12 +43,10 @@ class NoisyState(NamedTuple):
     logit: NDArray[np.float64]  # log-odds that the cell is free
     inside: NDArray[np.float64]  # probability that the cell holds a particle
     staying: NDArray[np.float64]  # probability that a particle in the cell stays
-    moved: NDArray[
-        np.float64
-    ]  # probability that the cell holds a particle after the move, before the scan
-    offsets: NDArray[
-        np.int64
-    ]  # for each command, the index of the next cell minus the index of the cell
+    # probability that the cell holds a particle after the move, before the scan
+    moved: NDArray[np.float64]
+    # for each command, the index of the next cell minus the index of the cell
+    offsets: NDArray[np.int64]
     rates: Any  # a record of RATES
     layers: int  # shape of the workspace with a rim of one cell: layers, rows, columns
     rows: int
@@ -220,13 +227,11 @@ def weigh(noisy, at, offset):
     next_coming = inside[behind - offset] * (1.0 - slip) if coming > 0.0 else 0.0
     stay = noisy.staying[at] if taken > 0.0 else 0.0
     if seen[at] and noisy.moved[at] < LOST * free:
-        coming = max(
-            coming, LOST
-        )  # a particle that the belief does not know may have come from behind
+        # a particle that the belief does not know may have come from behind
+        coming = max(coming, LOST)
     a, b = stray(noisy, behind, at), stray(noisy, at, behind)
-    held = (
-        coming + (1.0 - coming) * next_coming
-    )  # probability of a particle behind if no particle can enter the cell
+    # probability of a particle behind if no particle can enter the cell
+    held = coming + (1.0 - coming) * next_coming
     gone = coming * (1.0 - slip)
     none = likelihood(seen[behind], seen[at], False, False, a, b, hit, share)
     only_behind = likelihood(seen[behind], seen[at], True, False, a, b, hit, share)
@@ -254,9 +259,8 @@ def learn_noisy(noisy, command):
     offset = noisy.offsets[command]
     size = noisy.inside.shape[0]
     inside, moved, seen = noisy.inside, noisy.moved, noisy.seen
-    after = (
-        noisy.staying
-    )  # the loop reads each entry of ``staying`` once, before it overwrites the entry
+    # the loop reads each entry of ``staying`` once, before it overwrites the entry
+    after = noisy.staying
     first, last = max(2 * offset, -offset), min(size - offset, size + 2 * offset)
     after[:first] = 0.0
     after[last:] = 0.0
@@ -298,14 +302,11 @@ def classify(noisy, open_words, known_words, occupied_words, width):
                         known |= bit
                     if noisy.inside[start + column] > 0.5:
                         held |= bit
-                open_words[word + k], known_words[word + k], occupied_words[word + k] = (
-                    free,
-                    known,
-                    held,
-                )
+                open_words[word + k] = free
+                known_words[word + k] = known
+                occupied_words[word + k] = held
 
 
-RUNNING, COMPLETE, STALLED = 0, 1, 2
 MEMORY = record_type(
     np.int64,
     # number of moves that the guard still allows without progress, or -1 before the first plan

@@ -48,13 +48,8 @@ def nearest_cells(free, offsets, start, count):
 
 
 COLUMN_MAJOR, ROW_MAJOR = 0, 1
-SEEN, GOALS, WAVE, NEXT, MOD = (
-    0,
-    1,
-    2,
-    3,
-    4,
-)  # planes; MOD, MOD + 1, MOD + 2 hold cells with path lengths 0, 1, 2 modulo 3
+# planes; MOD, MOD + 1, MOD + 2 hold cells with path lengths 0, 1, 2 modulo 3
+SEEN, GOALS, WAVE, NEXT, MOD = 0, 1, 2, 3, 4
 
 
 class Search(NamedTuple):
@@ -63,9 +58,8 @@ class Search(NamedTuple):
     planes: NDArray[np.uint64]  # (7, words of a board)
     plan: NDArray[np.int8]  # the commands of the path, from first to last
     neighbours: NDArray[np.int8]  # the commands in the order in which the search visits neighbours
-    parents: NDArray[
-        np.int8
-    ]  # the commands in the order in which `trace_back` looks for the previous cell of a path
+    # the commands in the order in which `trace_back` looks for the previous cell of a path
+    parents: NDArray[np.int8]
     columns: NDArray[np.uint64]  # columns in which two boards have common cells, (words of a row,)
     origin: NDArray[np.int64]  # row and column of the cell from which the plan starts
     order: int  # COLUMN_MAJOR or ROW_MAJOR
@@ -166,9 +160,8 @@ def common_columns(one, other, columns):
     The arguments ``one`` and ``other`` are two whole boards, or equal ranges of rows of two boards.
     """
     width = columns.shape[0]
-    if (
-        width < 8
-    ):  # a row is too short for vector instructions, so the outer loop is over the words of a row
+    # a row is too short for vector instructions, so the outer loop is over the words of a row
+    if width < 8:
         for k in range(width):
             common = columns[k]
             for i in range(k, one.shape[0], width):
@@ -302,9 +295,8 @@ def nearest(field, search, sources):
     """
     planes, width = search.planes, field.width
     goals, wave = planes[GOALS], planes[WAVE]
-    reach = (
-        field.rows if field.layers > 1 else 1
-    )  # number of rows between a cell and its farthest neighbour
+    # number of rows between a cell and its farthest neighbour
+    reach = field.rows if field.layers > 1 else 1
     bottom, top = reach, field.layers * field.rows - 1 - reach
     for k in range(width):
         search.columns[k] = ZERO
@@ -334,9 +326,9 @@ class Slides(NamedTuple):
     * columns + column.
     """
 
-    origin: NDArray[
-        np.int64
-    ]  # the previous stop cell on the path; -1 for a cell that is not reached, the cell itself for a source
+    # the previous stop cell on the path; -1 for a cell that is not reached, the cell itself for a
+    # source
+    origin: NDArray[np.int64]
     command: NDArray[np.int8]  # the command from the previous stop cell to the cell
     queue: NDArray[np.int64]  # ranks of cells, in the order of expansion
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core import notices
 from shoal.core.checks import check_file, check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
@@ -21,35 +20,32 @@ from shoal.core.files import atomic
 from shoal.core.notices import tell_once
 from shoal.swarm.maps import imaging
 from shoal.swarm.maps.generators import generate_cached, is_spec
+from shoal.swarm.maps.pages import LARGEST_FILE, PICTURES, scale_of_width
 from shoal.swarm.maps.pictures import (
-    LARGEST_FILE,
-    PICTURES,
     encode_picture,
     read_picture,
     read_pixels,
     read_slices,
-    scale_of_width,
 )
-from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
+from shoal.swarm.maps.reading import HIGH, KINDS, LOW, Cells, Kind, MapOptions, Mask, check_used
 from shoal.swarm.maps.resampling import (
-    MOST_COUNTED,
-    diagonal_contacts,
     factors_of_width,
     join_diagonals,
     scale_cells,
+    tell_of_contacts,
 )
 from shoal.swarm.maps.text import (
     encode_csv,
     encode_movingai,
     encode_npy,
     encode_rows,
-    free_in_array,
     read_csv,
     read_matlab,
     read_movingai,
     read_npy,
     read_rows,
 )
+from shoal.swarm.maps.values import free_in_array
 from shoal.swarm.maps.volumes import (
     DICOM,
     NIFTI,
@@ -62,12 +58,6 @@ from shoal.swarm.maps.volumes import (
     read_series,
 )
 from shoal.swarm.maps.workspace import GridWorkspace
-
-Cells = tuple[NDArray[Any], tuple[float, ...] | None]
-"""The content of a map file: the free cells, and the size of a cell along each axis (mm).
-
-The size of a cell is None if the file does not contain the size.
-"""
 
 
 @dataclass(frozen=True)
@@ -95,9 +85,7 @@ class MapFormat:
     kind: Kind = Kind("a file of this format")
 
 
-def _unsized(
-    read: Callable[[Path, MapOptions], NDArray[Any]],
-) -> Callable[[Path, MapOptions], Cells]:
+def _unsized(read: Callable[[Path, MapOptions], Mask]) -> Callable[[Path, MapOptions], Cells]:
     return lambda path, options: (read(path, options), None)
 
 
@@ -159,9 +147,8 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     """
     source, chosen = Path(path), MapOptions(**options)
     suffix = _suffix(source)
-    folder = bool(source.name) and os.path.isdir(
-        source
-    )  # unlike Path.is_dir, it accepts names of any length
+    # unlike Path.is_dir, it accepts names of any length
+    folder = bool(source.name) and os.path.isdir(source)
     if not folder and suffix not in FORMATS:
         raise InvalidInputError(
             f"{source}: expected a map file ({' '.join(FORMATS)}), got the suffix {suffix!r}"
@@ -316,16 +303,21 @@ def open_map(
     if not isinstance(place, str | os.PathLike):
         check_used(KINDS["numbers"], given)
         array = np.asarray(place)
-        decided = chosen.by_number or chosen.invert or chosen.join_diagonals
-        workspace = GridWorkspace(free_in_array(array, chosen, where="map") if decided else array)
+        if chosen.by_number or chosen.invert or chosen.join_diagonals:
+            if array.ndim not in (2, 3) or array.dtype.kind not in "biuf":
+                raise InvalidInputError(
+                    f"map: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions of"
+                    f" {array.dtype}"
+                )
+            array = free_in_array(array, chosen, where="map")
+        workspace = GridWorkspace(array)
         if chosen.join_diagonals:
             workspace = GridWorkspace(join_diagonals(workspace.free))
         return fit_width(workspace, width)
     text = os.fspath(place)
     path = Path(text)
-    named = is_spec(text) and not os.path.isfile(
-        path
-    )  # unlike Path.is_file, it accepts names of any length
+    # unlike Path.is_file, it accepts names of any length
+    named = is_spec(text) and not os.path.isfile(path)
     if named or (not path.suffix and not os.path.exists(path)):
         check_used(Kind(f"the generated map {text!r}"), given)
         return GridWorkspace(generate_cached(text), name=text)
@@ -333,13 +325,12 @@ def open_map(
         check_used(KINDS["photograph"], given, where=text)
         limits = {name: given[name] for name in ("low", "high") if name in given}
         mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **_axes(chosen)).mask
-        tell_once(imaging.dropped_text(str(path), mask))
-        return named_after(path, imaging.map_of_vessels(mask, width=width))
+        mapped = imaging.VesselMap(mask, width=width)
+        tell_once(mapped.notice(str(path)))
+        return named_after(path, mapped.free)
     is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
-    beside = (
-        "width",
-        *(["vessels"] if is_picture else []),
-    )  # the reader of the file checks the other options
+    # the reader of the file checks the other options
+    beside = "width", *(["vessels"] if is_picture else [])
     check_used(
         Kind(
             "a file that is no picture" if "vessels" in given else "a map file",
@@ -351,17 +342,12 @@ def open_map(
     if width is not None and (scale := scale_of_width(path, width, chosen.scale)) is not None:
         options = options | {"scale": scale}
     workspace = fit_width(read_map(path, **options), width, where=str(path))
-    counted = notices.listeners and workspace.free.size <= MOST_COUNTED
-    if counted and (contacts := diagonal_contacts(workspace.free)):
-        separate = (
-            "1 diagonal contact separates"
-            if contacts == 1
-            else f"{contacts} diagonal contacts separate"
-        )
-        tell_once(
-            f"shoal: warning: {path}: {separate} parts of the map, because particles cannot move"
-            " diagonally (--join-diagonals opens one cell at each contact)"
-        )
+    tell_of_contacts(
+        workspace.free,
+        f"{path}:",
+        "parts of the map, because particles cannot move diagonally (--join-diagonals opens one cell"
+        " at each contact)",
+    )
     return workspace
 
 
@@ -392,8 +378,8 @@ def _axes(options: MapOptions) -> dict[str, Any]:
 def vessels_in(
     path: str | os.PathLike[str],
     *,
-    low: float = imaging.LOW,
-    high: float = imaging.HIGH,
+    low: float = LOW,
+    high: float = HIGH,
     **options: Any,
 ) -> imaging.Vessels:
     """Return the vessels in a photograph. Reuse the last result if the file and the options have

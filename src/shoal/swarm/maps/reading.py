@@ -8,13 +8,24 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field, fields
+from importlib import import_module
 from math import prod
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from shoal.core.checks import check_bool, check_integer, check_number, shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, MissingExtraError, ShoalError
+
+Mask = NDArray[np.bool_]
+
+Cells = tuple[Mask, tuple[float, ...] | None]
+"""The content of a map file: the free cells, and the size of a cell along each axis (mm), or None
+if the file does not contain the size.
+"""
 
 MAX_CELLS = 2**28
 """Maximum number of cells in a map (16384 x 16384)."""
@@ -33,6 +44,11 @@ LARGEST_PICTURE = 2**29
 PIECE = 1 << 22
 """Number of values that a reader converts at a time, so that a file of wide numbers costs no more
 memory than its map.
+"""
+
+LOW, HIGH = 0.6, 1.2
+"""Usual thresholds of vessels in a photograph, as multiples of the threshold that best splits the
+responses of the filters.
 """
 
 WHITE = 0.5
@@ -82,6 +98,12 @@ each map of the kind.
 """
 
 REASONS: dict[str, str] = {
+    "vessels": "vessels are found in a photograph",
+    "width": "the size of a map file can be changed",
+    **dict.fromkeys(
+        ("low", "high", "bright", "thickest"),
+        "it belongs to the option vessels, which finds vessels in a photograph",
+    ),
     "threshold": (
         "a threshold is a share of the brightness of white in a picture; --level gives a number"
     ),
@@ -91,15 +113,9 @@ REASONS: dict[str, str] = {
     "label": "a label needs one number for each cell",
     "channel": "only pictures, arrays and volumes have channels",
     "frame": "only pictures and volumes have several points in time",
-    "vessels": "vessels are found in a photograph",
-    "width": "the size of a map file can be changed",
     "join_diagonals": "diagonal contacts are joined in map files",
-    **dict.fromkeys(
-        ("low", "high", "bright", "thickest"),
-        "it belongs to the option vessels, which finds vessels in a photograph",
-    ),
 }
-"""For each reading option, the reason for which a kind of map does not take it."""
+"""All reading options, each with the reason for which a kind of map does not take it."""
 
 PHOTOGRAPH_REASONS: dict[str, str] = {
     "threshold": "--low and --high are the thresholds of vessels",
@@ -122,10 +138,6 @@ def check_used(kind: Kind, given: Mapping[str, Any], *, where: str = "") -> None
         Name and value of each option that the user has set.
     where : str
         Name of the map in the error message.
-
-    Raises
-    ------
-    InvalidInputError
     """
     for name, value in given.items():
         if name not in kind.options:
@@ -241,10 +253,6 @@ class MapOptions:
 def check_channel(given: Any) -> int | str | None:
     """Check the name or the number of a channel. A text of digits is a number.
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> check_channel("2"), check_channel("green")
@@ -321,24 +329,66 @@ def index_of(
     raise InvalidInputError(f"{where}: {axis}: expected one of {there}, got {shortened(channel)}")
 
 
-def check_layers(where: Path, count: int) -> None:
-    """Refuse a map of more than `MAX_LAYERS` layers.
+AXES = {"frame": "a time axis", "channel": "channels"}
+"""The axis of a file of which a reading option chooses an entry."""
 
-    Raises
-    ------
-    InvalidInputError
+
+class AxisChoices:
+    """The entries of the axes of one file that the reading options choose. Each option must find
+    its axis.
+
+    Parameters
+    ----------
+    path : path
+    options : MapOptions
     """
+
+    def __init__(self, path: Path, options: MapOptions) -> None:
+        self.path = path
+        self._unused: dict[str, int | str] = {
+            name: value for name in AXES if (value := getattr(options, name)) is not None
+        }
+
+    def take(self, axis: str) -> int | str | None:
+        """Return the choice for an axis that the file has, or None if the user has made none."""
+        return self._unused.pop(axis, None)
+
+    def index(self, axis: str, count: int) -> int:
+        """Return the index of the chosen one of ``count`` volumes along an axis.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if there are several volumes and none is chosen, or if a choice has no effect.
+        """
+        if count == 1 and self._unused.get(axis, 1) != 1:
+            self.check_used(axis)
+        choice = self.take(axis)
+        if count > 1 and choice is None:
+            raise InvalidInputError(
+                f"{self.path}: expected one volume, got {AXES[axis]} of {count} (choose one with"
+                f" --{axis}, from 1 to {count})"
+            )
+        return index_of([""] * count, choice, where=str(self.path), axis=axis)
+
+    def check_used(self, axis: str = "") -> None:
+        """Refuse a choice that was not taken, of the given axis or of any."""
+        for name, value in self._unused.items():
+            if axis in ("", name):
+                raise InvalidInputError(
+                    f"{self.path}: {name}: expected no {name} for a file without {AXES[name]}, got"
+                    f" {value}"
+                )
+
+
+def check_layers(where: Path, count: int) -> None:
+    """Refuse a map of more than `MAX_LAYERS` layers."""
     if count > MAX_LAYERS:
         raise InvalidInputError(f"{where}: expected at most {MAX_LAYERS} layers, got more")
 
 
 def check_size(where: Path | str, *sides: int) -> None:
-    """Refuse a map of more than `MAX_CELLS` cells.
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Refuse a map of more than `MAX_CELLS` cells."""
     if prod(int(side) for side in sides) > MAX_CELLS:
         raise InvalidInputError(
             f"{where}: expected at most {MAX_CELLS} cells, got {'x'.join(map(str, sides))}"
@@ -346,12 +396,7 @@ def check_size(where: Path | str, *sides: int) -> None:
 
 
 def check_data(where: Path | str, size: int, *, most: int | None = None) -> None:
-    """Refuse a file whose data unfold to more than ``most`` bytes (by default, `LARGEST_DATA`).
-
-    Raises
-    ------
-    InvalidInputError
-    """
+    """Refuse a file whose data unfold to more than ``most`` bytes (by default, `LARGEST_DATA`)."""
     most = LARGEST_DATA if most is None else most
     if size > most:
         raise InvalidInputError(f"{where}: expected at most {most} bytes of data, got {size}")
@@ -361,10 +406,6 @@ def check_data(where: Path | str, size: int, *, most: int | None = None) -> None
 def reading(path: Path, what: str) -> Iterator[None]:
     """Convert exceptions that a library raises for damaged files into one-sentence errors. Hide the
     warnings of the library.
-
-    Raises
-    ------
-    InvalidInputError
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -379,3 +420,51 @@ def reading(path: Path, what: str) -> Iterator[None]:
             raise InvalidInputError(
                 f"{path}: expected {what}, got a damaged or truncated file: {why}"
             ) from None
+
+
+def library(module: str, needed: str, *, extra: str) -> Any:
+    """Import a library of an extra. ``needed`` says what needs it, such as "NRRD volumes need
+    pynrrd".
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingExtraError(f"{needed}: pip install 'shoal[{extra}]'") from None
+
+
+_MILLIMETRES = {
+    "nm": 1e-6,
+    "nanometer": 1e-6,
+    "nanometre": 1e-6,
+    "um": 1e-3,
+    "µm": 1e-3,
+    "μm": 1e-3,
+    "\\u00b5m": 1e-3,
+    "micron": 1e-3,
+    "microns": 1e-3,
+    "micrometer": 1e-3,
+    "micrometre": 1e-3,
+    "mm": 1.0,
+    "millimeter": 1.0,
+    "millimetre": 1.0,
+    "cm": 10.0,
+    "centimeter": 10.0,
+    "centimetre": 10.0,
+    "m": 1000.0,
+    "meter": 1000.0,
+    "metre": 1000.0,
+    "inch": 25.4,
+    "in": 25.4,
+}
+
+
+def millimetres(unit: str) -> float | None:
+    """Return a unit of length in millimetres, or None for a text that is no unit of length, such as
+    "pixel".
+
+    Examples
+    --------
+    >>> millimetres("micron"), millimetres("µm"), millimetres("pixel")
+    (0.001, 0.001, None)
+    """
+    return _MILLIMETRES.get(unit.strip().lower())

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from shoal.core import notices
 from shoal.core.dataclass import one_line
 from shoal.core.notices import tell_once
+from shoal.jit.kernels.connected import connected_parts
+from shoal.swarm.maps.reading import Mask
 
 MOST_COUNTED = 2**25
 """Maximum number of cells of a map whose parts are counted: the count needs nine bytes a cell."""
@@ -65,8 +67,6 @@ def parts_of(free: Mask, *, corners: bool = False) -> Parts | None:
     """
     if free.size > MOST_COUNTED:
         return None
-    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
-
     labels, number = connected_parts(free, corners=corners)
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
@@ -78,14 +78,39 @@ def parts_of(free: Mask, *, corners: bool = False) -> Parts | None:
 def box_of(free: Mask) -> Box:
     """Return the first and the last index of the free cells along each axis."""
     axes = range(free.ndim)
-    found = [
+    filled = [
         np.flatnonzero(free.any(axis=tuple(other for other in axes if other != axis)))
         for axis in axes
     ]
-    return tuple((int(indices[0]), int(indices[-1])) for indices in found)
+    return tuple((int(indices[0]), int(indices[-1])) for indices in filled)
 
 
-Mask = NDArray[np.bool_]
+def largest_part(free: Mask, *, corners: bool = False) -> Mask:
+    """Return the largest connected part of the free cells of a map. If the map has no free cells,
+    return the map unchanged.
+
+    Parameters
+    ----------
+    free : ndarray, bool, shape (H, W)
+        True at free cells.
+    corners : bool
+        Whether cells that share only a corner count as connected.
+    """
+    parts, number = connected_parts(free, corners=corners)
+    if number <= 1:
+        return free
+    size = np.bincount(parts.ravel())
+    size[0] = 0
+    return np.asarray(parts == np.argmax(size))
+
+
+def crop(free: Mask) -> Mask:
+    """Cut off the outer rows, columns and layers of a map that contain no free cell. The map must
+    have at least one free cell.
+    """
+    return np.ascontiguousarray(free[tuple(slice(first, last + 1) for first, last in box_of(free))])
+
+
 Shares = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
@@ -138,26 +163,13 @@ def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map
         return free
     if min(factors) >= 1:
         return enlarge_cells(free, shape)
-    _tell_of_contacts(free[0] if free.ndim == 3 and len(free) == 1 else free, where)
+    tell_of_contacts(
+        free[0] if free.ndim == 3 and len(free) == 1 else free,
+        f"{where}: before scaling,",
+        "parts of the map; the smaller map may connect such parts (--join-diagonals connects them in"
+        " any case)",
+    )
     return cells_of_shares(block_shares(free, shape), where=where)
-
-
-def _tell_of_contacts(free: Mask, where: str) -> None:
-    """Tell how many diagonal contacts a map has before it becomes smaller, after which they cannot
-    be counted.
-    """
-    if not notices.listeners or free.size > MOST_COUNTED:
-        return
-    if contacts := diagonal_contacts(free):
-        separate = (
-            "1 diagonal contact separates"
-            if contacts == 1
-            else f"{contacts} diagonal contacts separate"
-        )
-        tell_once(
-            f"shoal: warning: {where}: before scaling, {separate} parts of the map; the smaller map"
-            " may connect such parts (--join-diagonals connects them in any case)"
-        )
 
 
 def scaled_shape(shape: Sequence[int], factors: Sequence[float]) -> tuple[int, ...]:
@@ -186,17 +198,15 @@ def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
     )
     counts: NDArray[Any] = free
     largest = prod(-(-side // blocks) for side, blocks in zip(free.shape, shape, strict=True))
-    number = np.min_scalar_type(
-        largest
-    )  # a count of four bytes for each of 2^28 pixels would take 1 GiB
+    # a count of four bytes for each of 2^28 pixels would take 1 GiB
+    number = np.min_scalar_type(largest)
     pixels = np.ones((), dtype=np.float32)
     for axis, blocks in enumerate(shape):
         if blocks == free.shape[axis]:  # nothing to add
             pixels = np.multiply.outer(pixels, np.ones(blocks, dtype=np.float32))
             continue
-        begins = -(
-            -np.arange(blocks) * free.shape[axis] // blocks
-        )  # cell i belongs to block i * blocks // side
+        # cell i belongs to block i * blocks // side
+        begins = -(-np.arange(blocks) * free.shape[axis] // blocks)
         counts = np.add.reduceat(counts, begins, axis=axis, dtype=number)
         sizes = np.diff([*begins, free.shape[axis]]).astype(np.float32)
         pixels = np.multiply.outer(pixels, sizes)
@@ -246,8 +256,6 @@ def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
     that was connected. The function removes cells without which their neighbours stay connected to
     each other.
     """
-    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
-
     free = share > 0
     parts, count = connected_parts(free)
     large = np.bincount(parts.ravel(), share.ravel()) >= HALF
@@ -297,9 +305,8 @@ def _thin(free: Mask, share: Shares) -> None:
             for step in passes:
                 near = cells[left[:, None] + steps]
                 degree = near.sum(axis=1)
-                stump = (degree == 1) & core[
-                    left + steps[near.argmax(axis=1)]
-                ]  # beside a thick vessel: no end of a line
+                # beside a thick vessel: no end of a line
+                stump = (degree == 1) & core[left + steps[near.argmax(axis=1)]]
                 fit = ~cells[left + step] & ((degree > 1) | stump) if step else near.all(axis=1)
                 _remove_simple(cells, left[fit], steps, padded.shape)
                 left = left[cells[left]]
@@ -354,8 +361,22 @@ def diagonal_contacts(free: Mask) -> int:
 
     Particles cannot pass a diagonal contact.
     """
-    parts = _labels(free)
-    return sum(len(one) for one, _ in _contacts(parts))
+    return sum(len(cells) for cells, _ in _contacts(connected_parts(free)[0]))
+
+
+def tell_of_contacts(free: Mask, where: str, what: str) -> None:
+    """Tell how many diagonal contacts separate ``what``, if somebody listens and the map is small
+    enough to count them.
+    """
+    if not notices.listeners or free.size > MOST_COUNTED:
+        return
+    if contacts := diagonal_contacts(free):
+        separate = (
+            "1 diagonal contact separates"
+            if contacts == 1
+            else f"{contacts} diagonal contacts separate"
+        )
+        tell_once(f"shoal: warning: {where} {separate} {what}")
 
 
 def join_diagonals(free: Mask) -> Mask:
@@ -372,21 +393,14 @@ def join_diagonals(free: Mask) -> Mask:
            [0, 0, 1]])
     """
     joined = free.copy()
-    for axes in range(
-        2, free.ndim + 1
-    ):  # contacts at edges first: they may connect parts that also touch at a corner
-        for one, step in _contacts(_labels(joined), axes):
+    # contacts at edges first: they may connect parts that also touch at a corner
+    for axes in range(2, free.ndim + 1):
+        for one, step in _contacts(connected_parts(joined)[0], axes):
             at = one.copy()
             for axis in reversed(np.flatnonzero(step)[1:]):
                 at[:, axis] += step[axis]
                 joined[tuple(at.T)] = True
     return joined
-
-
-def _labels(free: Mask) -> NDArray[np.int32]:
-    from shoal.jit.kernels.connected import connected_parts
-
-    return connected_parts(free)[0]
 
 
 def _contacts(

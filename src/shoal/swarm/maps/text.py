@@ -19,13 +19,14 @@ from shoal.swarm.maps.reading import (
     KINDS,
     PIECE,
     MapOptions,
+    Mask,
     check_data,
     check_size,
     check_used,
     index_of,
     reading,
 )
-from shoal.swarm.maps.values import Mask, free_by_number, in_pieces
+from shoal.swarm.maps.values import free_by_number, free_in_array
 from shoal.swarm.maps.workspace import GridWorkspace
 
 LARGEST_TEXT = 2**26
@@ -177,9 +178,8 @@ def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
             f"{path}, line 1: expected a row of cells, got"
             f" {'a comment' if lines[0] else 'an empty line'}"
         )
-    single = all(
-        row.isascii() and row.isdigit() for _, row in rows()
-    )  # one digit a cell, without anything between the digits
+    # one digit a cell, without anything between the digits
+    single = all(row.isascii() and row.isdigit() for _, row in rows())
     known: set[float] = set()  # the number of free cells, as soon as it is known
     first = _numbers(path, *next(rows()), single=single, options=options, known=known)
     check_size(path, count, len(first))
@@ -194,8 +194,7 @@ def _table(path: Path, lines: list[str], options: MapOptions) -> Mask:
         if row.dtype != table.dtype and table.dtype == np.uint8:
             table = table.astype(np.float64)
         table[index] = row
-    pieces = list(in_pieces(table))
-    return np.concatenate(free_by_number(lambda: pieces, options, where=str(path)))
+    return free_in_array(table, options, where=str(path))
 
 
 def _numbers(
@@ -352,7 +351,7 @@ def read_npy(path: Path, options: MapOptions) -> Mask:
             return np.ascontiguousarray(free.T) if fortran else free
         whole = np.concatenate([*pieces()]).reshape(stored)
         chosen = np.ascontiguousarray((whole.T if fortran else whole)[..., channel])
-        return np.concatenate(free_by_number(lambda: in_pieces(chosen), options, where=str(path)))
+        return free_in_array(chosen, options, where=str(path))
 
 
 def read_matlab(path: Path, options: MapOptions) -> Mask:
@@ -397,7 +396,7 @@ def read_matlab(path: Path, options: MapOptions) -> Mask:
         if array.dtype.kind not in "biuf":
             raise InvalidInputError(f"{path}: expected a matrix of real numbers, got {array.dtype}")
         array = array if array.ndim == 2 else array.transpose(2, 0, 1)
-        return np.concatenate(free_by_number(lambda: in_pieces(array), options, where=str(path)))
+        return free_in_array(array, options, where=str(path))
 
 
 def encode_npy(workspace: GridWorkspace) -> bytes:
@@ -405,21 +404,6 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
     buffer = io.BytesIO()
     np.save(buffer, workspace.free)
     return buffer.getvalue()
-
-
-def free_in_array(array: NDArray[Any], options: MapOptions, *, where: str) -> Mask:
-    """Return the free cells of an array in memory: `free_by_number` for each piece."""
-    if array.ndim not in (2, 3) or array.dtype.kind not in "biuf":
-        raise InvalidInputError(
-            f"{where}: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions of"
-            f" {array.dtype}"
-        )
-    return np.concatenate(
-        [
-            np.zeros((0, *array.shape[1:]), np.bool_),
-            *free_by_number(lambda: in_pieces(array), options, where=where),
-        ]
-    )
 
 
 def _npy_header(file: io.BufferedReader) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

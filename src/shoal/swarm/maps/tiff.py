@@ -6,17 +6,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
-from shoal.swarm.maps.reading import MapOptions, check_data, check_layers, index_of
-from shoal.swarm.maps.workspace import millimetres
+from shoal.swarm.maps.reading import (
+    AxisChoices,
+    MapOptions,
+    check_data,
+    check_layers,
+    index_of,
+    library,
+    millimetres,
+)
 
 LAYERS = "ZQI"
 """Axes of tifffile that count the layers of a map: depth, and pages without a name."""
@@ -57,29 +63,17 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
         return not exact or (photometric == 0 and bits[0] > 8)
     extra = tags.get(338, ())
     extra = extra if isinstance(extra, tuple) else (extra,)
-    plain = {1: 1, 2: 3, 5: 4, 6: 3, 8: 3}.get(
-        photometric, 0
-    )  # samples by photometric interpretation
+    # samples by photometric interpretation
+    plain = {1: 1, 2: 3, 5: 4, 6: 3, 8: 3}.get(photometric, 0)
     known = samples == plain or (
         samples == plain + 1 and extra and extra[0] in (1, 2) and photometric in (1, 2)
     )
     return max(bits) > 8 or kind != 1 or not known or (planar == 2 and samples != 3)
 
 
-def _library() -> Any:
-    """Return the library tifffile.
-
-    Raises
-    ------
-    MissingExtraError
-    """
-    try:
-        return import_module("tifffile")
-    except ImportError:
-        raise MissingExtraError(
-            "TIFF files of floats, planes, many channels or microscopes need tifffile: pip install"
-            " 'shoal[imaging]'"
-        ) from None
+def _tifffile() -> Any:
+    needed = "TIFF files of floats, planes, many channels or microscopes need tifffile"
+    return library("tifffile", needed, extra="imaging")
 
 
 def size_of(path: Path) -> tuple[int, int]:
@@ -90,7 +84,7 @@ def size_of(path: Path) -> tuple[int, int]:
     MissingExtraError
         Raised without tifffile, which itself raises many kinds of exceptions for damaged files.
     """
-    with _library().TiffFile(path) as file:
+    with _tifffile().TiffFile(path) as file:
         page = file.pages.first
         return int(page.imagewidth), int(page.imagelength)
 
@@ -116,7 +110,7 @@ class Tiff:
 
     def __init__(self, path: Path, options: MapOptions) -> None:
         self.path = path
-        self._file = _library().TiffFile(path)
+        self._file = _tifffile().TiffFile(path)
         try:
             self._choose(options)
         except BaseException:
@@ -157,11 +151,7 @@ class Tiff:
         self.channels_chosen = False
         self.samples = 1
         depth = len(self._all)
-        unused = {
-            name: value
-            for name in ("channel", "frame")
-            if (value := getattr(options, name)) is not None
-        }
+        choices = AxisChoices(self.path, options)
         names = self._channel_names()
         for axis, side in zip(axes, shape, strict=True):
             if axis in "YX":
@@ -171,13 +161,13 @@ class Tiff:
                 self.samples = side
             elif axis == "C":
                 some = names if len(names) == side else [""] * side
-                index.append(index_of(some, unused.pop("channel", None), where=str(self.path)))
+                index.append(index_of(some, choices.take("channel"), where=str(self.path)))
                 self.channels_chosen = side > 1
             elif axis == "T":
                 index.append(
                     index_of(
                         [""] * side,
-                        unused.pop("frame", None),
+                        choices.take("frame"),
                         where=str(self.path),
                         axis="point in time",
                         flag="--frame",
@@ -193,11 +183,7 @@ class Tiff:
                     f"{self.path}: expected rows, columns, layers, channels and time, got an axis"
                     f" {axis!r} of {side} (axes {axes})"
                 )
-        if "frame" in unused:
-            raise InvalidInputError(
-                f"{self.path}: frame: expected no frame for a file without a time axis, got"
-                f" {unused['frame']}"
-            )
+        choices.check_used("frame")  # a channel may be one of the samples of a pixel
         check_layers(self.path, depth)
         self.size, self.depth, self._index = (rows, columns), depth, index
         self.sample_axis_first = "S" in axes and axes.index("S") < axes.index("Y")
@@ -297,7 +283,7 @@ class Tiff:
             if plane >= planes or data is None:
                 raise ValueError(f"strip {number + 1} is missing or too much")
             unfold = (
-                _library().TIFF.DECOMPRESSORS[key.compression] if key.compression != 1 else bytes
+                _tifffile().TIFF.DECOMPRESSORS[key.compression] if key.compression != 1 else bytes
             )
             try:
                 packed = np.frombuffer(unfold(data), dtype=np.uint8)
@@ -310,9 +296,8 @@ class Tiff:
                 )
             packed = packed[: height * line].reshape(height, line)
             order: Literal["little", "big"] = "little" if key.fillorder == 2 else "big"
-            for row, octets in enumerate(
-                packed, start=first
-            ):  # row by row: the bits of a whole strip need eight times its bytes
+            # row by row: the bits of a whole strip need eight times its bytes
+            for row, octets in enumerate(packed, start=first):
                 one = np.unpackbits(octets, count=width * bits, bitorder=order).reshape(width, bits)
                 page[plane, row] = one @ (1 << np.arange(bits, dtype=np.int64)[::-1])
         shape = (
@@ -359,7 +344,7 @@ class Tiff:
         self.spacing: tuple[float | None, float, float] | None = None
         if self._file.is_ome:
             pixels = re.search(r"<(?:\w+:)?Pixels\b[^>]*", self._file.ome_metadata or "")
-            told = dict(
+            sizes = dict(
                 re.findall(
                     r'\b(PhysicalSize[XYZ](?:Unit)?)="([^"]{0,40})"',
                     pixels.group(0) if pixels else "",
@@ -367,7 +352,7 @@ class Tiff:
             )
             sides = [
                 self._length(
-                    told.get(f"PhysicalSize{axis}"), told.get(f"PhysicalSize{axis}Unit", "µm")
+                    sizes.get(f"PhysicalSize{axis}"), sizes.get(f"PhysicalSize{axis}Unit", "µm")
                 )
                 for axis in "ZYX"
             ]

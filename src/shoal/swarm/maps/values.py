@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
-from shoal.swarm.maps.reading import PIECE, WHITE, MapOptions
+from shoal.swarm.maps.reading import PIECE, WHITE, MapOptions, Mask
 
 Numbers = NDArray[Any]
-Mask = NDArray[np.bool_]
 Pieces = Callable[[], Iterable[Numbers]]
 """A function that returns the numbers of a file piece by piece. Each call starts again with the
 first piece.
@@ -66,17 +65,18 @@ def free_by_number(
                 )
         free.add(_inverted(np.asarray(cells), nan, options))
     _tell_of_missing(missing, where)
-    if options.label is not None and not options.invert and not free.free:
-        raise InvalidInputError(
-            f"{where}: expected cells of label {shortened(options.label)}, got none"
-            f" ({_there(pieces)})"
-        )
-    if options.label is not None and options.invert and free.free == free.size:
+    if options.label is not None and free.free == (free.size if options.invert else 0):
         raise InvalidInputError(
             f"{where}: expected cells of label {shortened(options.label)}, got none"
             f" ({_there(pieces)})"
         )
     return free
+
+
+def free_in_array(array: Numbers, options: MapOptions, *, where: str) -> Mask:
+    """Return the free cells of an array in memory: `free_by_number` for each piece."""
+    none = np.zeros((0, *array.shape[1:]), np.bool_)
+    return np.concatenate([none, *free_by_number(lambda: in_pieces(array), options, where=where)])
 
 
 def free_by_brightness(

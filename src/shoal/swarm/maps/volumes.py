@@ -10,7 +10,6 @@ import io
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from itertools import islice
 from math import isfinite, prod
 from pathlib import Path
@@ -20,21 +19,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_file
-from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import (
     LARGEST_DATA,
     MAX_LAYERS,
     PIECE,
+    AxisChoices,
+    Cells,
     MapOptions,
+    Mask,
     check_data,
     check_layers,
     check_size,
     index_of,
+    library,
+    millimetres,
     reading,
 )
-from shoal.swarm.maps.values import Mask, free_by_number, in_pieces
-from shoal.swarm.maps.workspace import GridWorkspace, millimetres
+from shoal.swarm.maps.values import free_by_number, free_in_array
+from shoal.swarm.maps.workspace import GridWorkspace
 
 NIFTI = (".nii", ".nii.gz")
 NRRD = (".nrrd", ".nhdr")
@@ -77,7 +81,6 @@ NRRD_NUMBERS = {
 """Names of the types of numbers in a NRRD header, and NumPy's names of the types."""
 
 CHUNK = 1 << 20  # bytes
-Cells = tuple[Mask, tuple[float, ...] | None]
 
 
 # NIfTI
@@ -99,7 +102,7 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         infinite values, or has a time axis or channels of which none is chosen.
     MissingExtraError
     """
-    nibabel = _library("nibabel", "NIfTI volumes")
+    nibabel = library("nibabel", "NIfTI volumes need nibabel", extra="volumes")
     with _silent(nibabel.imageglobals.logger), reading(path, "a NIfTI volume"):
         image = _nifti_kind(path, nibabel).from_filename(path)
         shape = tuple(int(side) for side in image.shape)
@@ -117,17 +120,11 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         whole = prod(shape) * dtype.itemsize
         check_data(path, whole if path.name.lower().endswith(".gz") else size)
         times, channels = (*shape[3:], 1, 1)[:2]
-        skipped = size * (
-            _chosen(path, times, options.frame, axis="frame", what="a time axis")
-            + times
-            * _chosen(
-                path,
-                channels,
-                options.channel if channels > 1 or not colours else 1,
-                axis="channel",
-                what="channels",
-            )
-        )
+        choices = AxisChoices(path, options)
+        time = choices.index("frame", times)
+        # the colours of a voxel are channels, too
+        channel = 0 if colours and channels == 1 else choices.index("channel", channels)
+        skipped = size * (time + times * channel)
         colour = index_of(colours, options.channel, where=str(path)) if colours else None
         slope, shift = (
             1.0 if one is None else float(one) for one in (image.dataobj.slope, image.dataobj.inter)
@@ -195,7 +192,7 @@ def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
     """Return a map as the bytes of a NIfTI file, with 1 for each free cell, 0 for each obstacle,
     and the voxel size.
     """
-    nibabel = _library("nibabel", "NIfTI volumes")
+    nibabel = library("nibabel", "NIfTI volumes need nibabel", extra="volumes")
     data = workspace.free.transpose(2, 0, 1)[::-1, ::-1, ::-1].astype(np.uint8)
     sides = workspace.spacing or (1.0, 1.0, 1.0)
     image = nibabel.Nifti1Image(data, np.diag([sides[2], sides[0], sides[1], 1.0]))
@@ -286,12 +283,11 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         unknown encoding.
     MissingExtraError
     """
-    nrrd = _library("nrrd", "NRRD volumes", package="pynrrd")
+    nrrd = library("nrrd", "NRRD volumes need pynrrd", extra="volumes")
     with reading(path, "a NRRD file"):
         with path.open("rb") as file:
-            start = io.BytesIO(
-                file.read(CHUNK)
-            )  # a header ends at an empty line, and other files may have lines without end
+            # a header ends at an empty line, and other files may have lines without end
+            start = io.BytesIO(file.read(CHUNK))
         header = nrrd.read_header(start)
         begin = start.tell()
         sides = [int(side) for side in header["sizes"]]
@@ -300,23 +296,13 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         kinds = [str(kind).lower() for kind in header.get("kinds", [])] or ["domain"] * len(sides)
         domain: list[int] = []
         picked: dict[int, int] = {}
-        unused = {
-            name: value
-            for name in ("frame", "channel")
-            if (value := getattr(options, name)) is not None
-        }
+        choices = AxisChoices(path, options)
         for axis, (side, kind) in enumerate(zip(sides, kinds, strict=True)):
             if kind in {"domain", "space", "none", "???"}:
                 domain.append(axis)
                 continue
-            name, words = (
-                ("frame", "a time axis") if kind in {"time", "list"} else ("channel", "channels")
-            )
-            picked[axis] = _chosen(path, side, unused.pop(name, None), axis=name, what=words)
-        for name, value in unused.items():
-            raise InvalidInputError(
-                f"{path}: {name}: expected no {name} for a file without such an axis, got {value}"
-            )
+            picked[axis] = choices.index("frame" if kind in {"time", "list"} else "channel", side)
+        choices.check_used()
         if len(domain) not in (2, 3) or min(sides, default=0) < 1:
             raise InvalidInputError(
                 f"{path}: expected a picture or a volume in 2 or 3 dimensions, got {len(domain)}"
@@ -325,7 +311,7 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         check_size(path, *(sides[axis] for axis in domain))
         data = _nrrd_data(path, header, begin, prod(sides)).reshape(sides, order="F")
         data = data[tuple(picked.get(axis, slice(None)) for axis in range(len(sides)))]
-        free = np.concatenate(free_by_number(lambda: in_pieces(data.T), options, where=str(path))).T
+        free = free_in_array(data.T, options, where=str(path)).T
         lengths, directions = _nrrd_space(header, domain)
         if directions is not None and len(domain) == 3:
             assert lengths is not None
@@ -466,7 +452,7 @@ def read_dicom(path: Path, options: MapOptions) -> Cells:
     """Return the free cells of one DICOM file, and the size of a cell. A file of one image is a map
     in two dimensions.
     """
-    pydicom = _library("pydicom", "DICOM files")
+    pydicom = library("pydicom", "DICOM files need pydicom", extra="volumes")
     with _silent(logging.getLogger("pydicom")), reading(path, "a DICOM file"):
         one = _dicom_header(path, pydicom)
         return _dicom_cells(path, [path], [one], pydicom, options)
@@ -507,7 +493,7 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
         Raised if the files belong to several series, or if their sizes or distances differ.
     MissingExtraError
     """
-    pydicom = _library("pydicom", "DICOM files")
+    pydicom = library("pydicom", "DICOM files need pydicom", extra="volumes")
     with _silent(logging.getLogger("pydicom")), reading(folder, "a DICOM series"):
         heads = []
         for file in files:
@@ -585,15 +571,11 @@ def _dicom_cells(
     film = frames[0] > 1 and any(
         name in first for name in ("FrameTime", "FrameTimeVector", "CineRate")
     )
-    moment = (
-        _chosen(where, frames[0], options.frame, axis="frame", what="a time axis") if film else None
-    )
-    lacking = {"frame": not film, "channel": colour is None}
-    for name, axis in (("frame", "several points in time"), ("channel", "colours")):
-        if (given := getattr(options, name)) is not None and lacking[name]:
-            raise InvalidInputError(
-                f"{where}: {name}: expected no {name} for DICOM images without {axis}, got {given}"
-            )
+    choices = AxisChoices(where, options)
+    moment = choices.index("frame", frames[0]) if film else None
+    if colour is not None:
+        choices.take("channel")
+    choices.check_used()
     order, distance, directions = _dicom_order(where, files, heads)
 
     def pieces() -> Iterator[NDArray[Any]]:
@@ -602,10 +584,8 @@ def _dicom_cells(
             pixels = _dicom_pixels(files[index], image)
             pixels = pixels if colour is None else pixels[..., colour]
             pixels = pixels if moment is None else pixels[moment]
-            slope, shift = (
-                float(image.get("RescaleSlope", 1) or 1),
-                float(image.get("RescaleIntercept", 0) or 0),
-            )
+            slope = float(image.get("RescaleSlope", 1) or 1)
+            shift = float(image.get("RescaleIntercept", 0) or 0)
             yield pixels if (slope, shift) == (1.0, 0.0) else pixels * slope + shift
 
     layers = free_by_number(pieces, options, where=str(where))
@@ -698,15 +678,6 @@ def _dicom_order(
 # What all volumes share
 
 
-def _library(module: str, what: str, *, package: str = "") -> Any:
-    try:
-        return import_module(module)
-    except ImportError:
-        raise MissingExtraError(
-            f"{what} need {package or module}: pip install 'shoal[volumes]'"
-        ) from None
-
-
 @contextmanager
 def _silent(logger: logging.Logger) -> Iterator[None]:
     """Suppress a library's log messages inside the ``with`` block, because Shoal's own error
@@ -720,35 +691,7 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
         logger.setLevel(before)
 
 
-def _chosen(path: Path, count: int, given: int | str | None, *, axis: str, what: str) -> int:
-    """Return the index of the chosen entry of a time axis or of channels."""
-    if count == 1 and given is not None and given != 1:
-        raise InvalidInputError(
-            f"{path}: {axis}: expected no {axis} for a file without {what}, got {given}"
-        )
-    if count > 1 and given is None:
-        raise InvalidInputError(
-            f"{path}: expected one volume, got {what} of {count} (choose one with --{axis}, from 1"
-            f" to {count})"
-        )
-    return index_of([""] * count, given, where=str(path), axis=axis)
-
-
 def _checked_sides(path: Path, sides: tuple[float, ...]) -> tuple[float, ...]:
     if not all(isfinite(side) and side > 0 for side in sides):
         raise InvalidInputError(f"{path}: expected voxels with sides above 0, got {sides}")
     return sides
-
-
-__all__ = [
-    "DICOM",
-    "NIFTI",
-    "NRRD",
-    "dicom_files",
-    "encode_nifti",
-    "is_dicom",
-    "read_dicom",
-    "read_nifti",
-    "read_nrrd",
-    "read_series",
-]

@@ -15,6 +15,7 @@ from shoal.core.checks import check_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.display import displayed
 from shoal.core.errors import InvalidInputError
+from shoal.jit.kernels.connected import connected_parts
 from shoal.swarm.maps.reading import MAX_CELLS
 
 UNKNOWN, FRONTIER, FREE, OBSTACLE, PARTICLE = range(5)
@@ -31,7 +32,7 @@ PALETTE: dict[str, str] = {
     "obstacle": "#1b222c",
     "particle": "#d55e00",
 }
-_COLOURS = np.array(
+COLOURS = np.array(
     [tuple(bytes.fromhex(colour[1:])) for colour in PALETTE.values()], dtype=np.uint8
 )
 MOST_LINES = 200  # a map with more rows, counted over all layers, is not printed as rows of text
@@ -54,7 +55,7 @@ def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if codes.ndim == 3:
         gap = np.full((codes.shape[1], 1), FREE, dtype=codes.dtype)  # white columns between layers
         codes = np.hstack([part for layer in codes for part in (layer, gap)][:-1])
-    return _COLOURS[codes]
+    return COLOURS[codes]
 
 
 def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
@@ -109,20 +110,6 @@ def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
     return buffer.getvalue()
 
 
-def check_finite(array: NDArray[np.generic], *, what: str) -> None:
-    """Refuse an array that contains NaN or infinity.
-
-    Raises
-    ------
-    InvalidInputError
-        Raised if a value is not finite. The error message names the first cell with a value that is
-        not finite.
-    """
-    if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
-        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InvalidInputError(f"{what}: expected finite numbers, got {array[bad]} at cell {bad}")
-
-
 def check_free(free: ArrayLike) -> NDArray[np.bool_]:
     """Return ``free`` as a read-only boolean array with at least one free cell.
 
@@ -149,7 +136,11 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
         )
     if array.dtype.kind not in "biuf":
         raise InvalidInputError(f"workspace: expected booleans or numbers, got dtype {array.dtype}")
-    check_finite(array, what="workspace")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InvalidInputError(
+            f"workspace: expected finite numbers, got {array[bad]} at cell {bad}"
+        )
     if array.size == 0:
         raise InvalidInputError(f"workspace: expected at least one cell, got shape {array.shape}")
     if array.size > MAX_CELLS:
@@ -244,10 +235,6 @@ class GridWorkspace:
         """The label of each cell's connected component, or 0 for obstacles (int32, with the shape
         of ``free``).
         """
-        from shoal.jit.kernels.connected import (
-            connected_parts,  # needs Numba, which is slow to import
-        )
-
         return connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
@@ -276,35 +263,30 @@ class GridWorkspace:
         precedes each layer.
         """
         rows = self.text.split("\n")
-        told: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
-        return told if self.spacing is None else told | {"spacing": list(self.spacing)}
+        data: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
+        return data if self.spacing is None else data | {"spacing": list(self.spacing)}
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> GridWorkspace:
-        """Return the workspace for JSON data that `to_dict` returned.
-
-        Raises
-        ------
-        InvalidInputError
-        """
-        rows: Any = told.get("rows")
+    def from_dict(cls, data: Mapping[str, Any]) -> GridWorkspace:
+        """Return the workspace for JSON data that `to_dict` returned."""
+        rows: Any = data.get("rows")
         if (
             not isinstance(rows, list)
-            or set(told) - {"name", "rows", "spacing"}
+            or set(data) - {"name", "rows", "spacing"}
             or not all(isinstance(row, str) for row in rows)
         ):
             raise InvalidInputError(
                 "map: expected a name, a path, an array, or an object with name, rows and spacing,"
-                f" got {shortened(told)}"
+                f" got {shortened(data)}"
             )
         for row in rows:
             if set(row) - {".", "#"}:
                 raise InvalidInputError(f"map: expected rows of . and #, got {shortened(row)}")
         layers = [layer.split("\n") for layer in "\n".join(rows).strip("\n").split("\n\n")]
         free: Any = [[[letter == "." for letter in row] for row in layer] for layer in layers]
-        name = check_text(told.get("name", "workspace"), what="map")
+        name = check_text(data.get("name", "workspace"), what="map")
         return cls(
-            free if rows and not rows[0] else free[0], name=name, spacing=told.get("spacing")
+            free if rows and not rows[0] else free[0], name=name, spacing=data.get("spacing")
         )
 
     def __eq__(self, other: object) -> bool:
@@ -329,41 +311,3 @@ class GridWorkspace:
 
     def _repr_png_(self) -> object:
         return png_bytes(self.picture) if self.ndim == 2 else displayed("png", self)
-
-
-_MILLIMETRES = {
-    "nm": 1e-6,
-    "nanometer": 1e-6,
-    "nanometre": 1e-6,
-    "um": 1e-3,
-    "µm": 1e-3,
-    "μm": 1e-3,
-    "\\u00b5m": 1e-3,
-    "micron": 1e-3,
-    "microns": 1e-3,
-    "micrometer": 1e-3,
-    "micrometre": 1e-3,
-    "mm": 1.0,
-    "millimeter": 1.0,
-    "millimetre": 1.0,
-    "cm": 10.0,
-    "centimeter": 10.0,
-    "centimetre": 10.0,
-    "m": 1000.0,
-    "meter": 1000.0,
-    "metre": 1000.0,
-    "inch": 25.4,
-    "in": 25.4,
-}
-
-
-def millimetres(unit: str) -> float | None:
-    """Return a unit of length in millimetres, or None for a text that is no unit of length, such as
-    "pixel".
-
-    Examples
-    --------
-    >>> millimetres("micron"), millimetres("µm"), millimetres("pixel")
-    (0.001, 0.001, None)
-    """
-    return _MILLIMETRES.get(unit.strip().lower())

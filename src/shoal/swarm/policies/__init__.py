@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 from shoal.core.checks import shortened
@@ -10,15 +11,17 @@ from shoal.core.registry import Registry, configured
 from shoal.swarm.policies.compiled import (
     ClosestFrontier,
     Compiled,
+    DepthFirst,
     ElectParticle,
+    Manual,
     RandomMoves,
+    WallSweep,
     check_rules,
     check_scanning,
 )
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout, GreedyClassify, PlannerPolicy
 from shoal.swarm.policies.planners.offline import Offline
 from shoal.swarm.policies.protocol import Decision, Policy, View
-from shoal.swarm.policies.walks import DepthFirst, Manual, WallSweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
 for _policy in (
@@ -30,9 +33,9 @@ for _policy in (
     GreedyClassify,
     BeamRollout,
     Manual,
+    Offline,
 ):
     POLICIES.add(_policy.kind, _policy)
-POLICIES.add(Offline.kind, Offline)
 POLICIES.add("best", BeamRollout)  # an alias, which may denote another policy in a later version
 
 
@@ -47,10 +50,6 @@ def make_policy(policy: str | Policy) -> Policy:
         text "module:attribute" that names a third-party object or class; or an object with the
         methods of `Policy`. If the attribute is a class, the policy is an object of this class,
         made without arguments.
-
-    Raises
-    ------
-    UnknownNameError, InvalidInputError
     """
     made = configured(POLICIES, policy) if isinstance(policy, str) else policy
     if not isinstance(made, Policy):
@@ -88,13 +87,19 @@ def with_budget(policy: Policy, **wanted: float) -> Policy:
         Raised if the policy has no planning limit, or if a limit is out of range.
     """
     for name, value in wanted.items():
-        if name not in getattr(policy, "__dataclass_fields__", {}):
-            able = "best, beam-rollout" + (" or offline" if name == "budget" else "")
+        if name not in _fields_of(policy):
+            able = [kind for kind in POLICIES if name in _fields_of(POLICIES.get(kind))]
             option = "budget" if name == "budget" else "time-per-move"
-            raise InvalidInputError(f"{option}: expected a planner ({able}), got {policy.name}")
+            raise InvalidInputError(
+                f"{option}: expected a planner ({', '.join(able)}), got {policy.name}"
+            )
         # a policy with this field is a dataclass
         policy = replace(policy, **{name: value})  # type: ignore[type-var]
     return policy
+
+
+def _fields_of(policy: object) -> Collection[str]:
+    return getattr(policy, "__dataclass_fields__", ())
 
 
 __all__ = [

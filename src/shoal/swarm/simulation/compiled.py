@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.core.episode import Status
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
+from shoal.swarm.grid.paths import search_of, slides_of
 from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule, Trace
 from shoal.swarm.grid.state import (
     RULE_CODES,
@@ -28,18 +29,17 @@ from shoal.swarm.grid.state import (
 from shoal.swarm.grid.tasks import Coverage, Mapping
 from shoal.swarm.kernels import episodes as planner_episode
 from shoal.swarm.kernels import moves
-from shoal.swarm.kernels.moves import new_record
+from shoal.swarm.kernels.moves import COMPLETE, RUNNING, STALLED, new_record
 from shoal.swarm.kernels.planning import adaptive_scans
-from shoal.swarm.noise.belief import Lookout, NoisyBelief
+from shoal.swarm.noise import Lookout, NoisyBelief
 from shoal.swarm.policies import PlannerPolicy
 from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, seed_of
-from shoal.swarm.policies.protocol import search_of, slides_of
+from shoal.swarm.simulation.swarms import ExactSwarm
 
-RUNNING = planner_episode.RUNNING
 STATUSES = {
-    planner_episode.RUNNING: Status.LIMIT,
-    planner_episode.COMPLETE: Status.COMPLETE,
-    planner_episode.STALLED: Status.STALLED,
+    RUNNING: Status.LIMIT,
+    COMPLETE: Status.COMPLETE,
+    STALLED: Status.STALLED,
 }
 KINDS = {
     "equal": planner_episode.EQUAL,
@@ -48,10 +48,8 @@ KINDS = {
     "adaptive": planner_episode.ADAPTIVE,
 }
 LONGEST_RUN = 500  # maximum number of commands in the runs that the adaptive scan rule compares
-SHOWN_FIRST, SHOWN_EVERY = (
-    16,
-    0.1,
-)  # moves of the first piece and seconds of later pieces, if a progress function is given
+# moves of the first piece and seconds of later pieces, if a progress function is given
+SHOWN_FIRST, SHOWN_EVERY = 16, 0.1
 TIMED_PIECE = 8  # number of moves after which the computing time is checked
 NOISY_PIECE = (
     256  # moves with noise between two points at which progress is shown and Ctrl-C takes effect
@@ -99,9 +97,8 @@ def compiled_loop(
     For a replay, ``scanned`` tells for each command whether a scan follows the command.
     """
     watched = on_moves is not None or on_trace is not None or stop is not None
-    first = (
-        2048 if not watched else SHOWN_FIRST if on_trace is not None else 1
-    )  # one move of a large swarm may take a second
+    # one move of a large swarm may take a second
+    first = 2048 if not watched else SHOWN_FIRST if on_trace is not None else 1
     room, moves, ended = min(first, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     stopped = False
@@ -160,44 +157,32 @@ class SearchGame:
     Parameters
     ----------
     policy : Compiled
-    free : Board
-    state : SwarmState
-    belief : Belief
-    rule : str
-    mapping : bool
-    n_free : int
-        Number of free cells in the workspace.
+    swarm : ExactSwarm
+        The swarm at the start. The game changes no part of it.
     rng : Generator
     scanning : ScanRule or None
         The scan rule, or None for a replay, which takes the scans from the recorded trace.
     """
 
     def __init__(
-        self,
-        policy: Any,
-        free: Board,
-        state: SwarmState,
-        belief: Belief,
-        *,
-        rule: str,
-        mapping: bool,
-        n_free: int,
-        rng: Generator,
-        scanning: ScanRule | None,
+        self, policy: Any, swarm: ExactSwarm, rng: Generator, *, scanning: ScanRule | None
     ) -> None:
-        self.code, self.rule, self.mapping, self.rng = policy.code, RULE_CODES[rule], mapping, rng
-        self.layout, self.field = state.occupied.layout, field_of(free.words, state, belief)
+        state, belief = swarm.state, swarm.belief
+        self.code, self.rng = policy.code, rng
+        self.rule, self.mapping = RULE_CODES[swarm.rule], swarm.task.mapping
+        self.layout = state.occupied.layout
+        self.field = field_of(swarm.world.free.words, state, belief)
         self.largest = largest_piece(self.field)
         options = {
             name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)
         }
         plan = getattr(policy, "commands", "")
         self.play, space_of = PLAYED.get(policy.code, PLAYED[planner_episode.CLOSEST])
-        if rule == "tilt" and policy.code == planner_episode.CLOSEST:
+        if swarm.rule == "tilt" and policy.code == planner_episode.CLOSEST:
             self.play, space_of = planner_episode.play_tilts, slides_of
         self.policy_state = policy_state_of(
             self.layout,
-            n_free,
+            swarm.world.workspace.n_free,
             belief,
             plan=plan,
             scanning=scanning,
@@ -257,7 +242,7 @@ class SearchGame:
 
 
 class PlannerGame:
-    """An episode of a planner in compiled code. `SearchGame` explains the parameters."""
+    """An episode of a planner in compiled code."""
 
     def __init__(
         self,
@@ -271,12 +256,10 @@ class PlannerGame:
         rng: Generator,
     ) -> None:
         seed = 0 if belief.complete else seed_of(rng)
-        self.code, self.rule, self.mapping, self.pace = (
-            policy.code,
-            RULE_CODES[rule],
-            mapping,
-            Pace(policy.milliseconds),
-        )
+        self.code = policy.code
+        self.rule = RULE_CODES[rule]
+        self.mapping = mapping
+        self.pace = Pace(policy.milliseconds)
         self.field = field_of(free.words, state, belief)
         self.largest = largest_piece(self.field)
         options = policy.settings(len(state.occupied))
@@ -286,11 +269,9 @@ class PlannerGame:
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Compute one piece of the episode, as `Game` describes."""
-        moves, status, piece = (
-            0,
-            RUNNING,
-            TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves),
-        )
+        moves = 0
+        status = RUNNING
+        piece = TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves)
         while moves < trace.moves and status == RUNNING:
             part = trace.part(moves, moves + piece)
             with self.pace.timed(self.planner, part.moves):
@@ -349,11 +330,7 @@ class NoisyGame:
             )
             moves += played
             if status != RUNNING:
-                status = (
-                    planner_episode.COMPLETE
-                    if belief.finished
-                    else self._look(trace.part(moves, moves + 1))
-                )
+                status = COMPLETE if belief.finished else self._look(trace.part(moves, moves + 1))
                 moves += int(status == RUNNING)
         return moves, status
 
@@ -363,7 +340,7 @@ class NoisyGame:
         """
         code = None if self.belief.undecided else self.lookout.next()
         if code is None:
-            return int(planner_episode.STALLED)
+            return int(STALLED)
         step.commands[0], step.scanned[0] = code, True
         self.belief.follow(self.rng, step)
         self.belief.guard.memory.budget = -1  # of a cell that is found to be no wall

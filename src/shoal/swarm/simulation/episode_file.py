@@ -67,13 +67,13 @@ _FIELDS = {
 def write(
     path: str | os.PathLike[str],
     problem: SwarmProblem,
-    told: dict[str, Any],
+    values: dict[str, Any],
     trace: Trace,
     *,
     start: NDArray[np.int64],
     targets: NDArray[np.bool_] | None,
 ) -> None:
-    """Write an episode file. ``told`` holds all fields of the episode that are not arrays.
+    """Write an episode file. ``values`` holds all fields of the episode that are not arrays.
 
     `shoal.swarm.episode.SwarmEpisode.save` describes the errors.
     """
@@ -82,7 +82,9 @@ def write(
     if not isinstance(fields["map"], str):  # it is in the file
         fields["map"] = {}
     about = {"name": workspace.name, "shape": workspace.shape, "spacing": workspace.spacing}
-    header = json.dumps({"format": FORMAT, "problem": fields, "map": about} | told, allow_nan=False)
+    header = json.dumps(
+        {"format": FORMAT, "problem": fields, "map": about} | values, allow_nan=False
+    )
     arrays: dict[str, NDArray[Any]] = {
         "header": np.frombuffer(header.encode(), dtype=np.uint8),
         "free": np.packbits(workspace.free),
@@ -92,21 +94,16 @@ def write(
     }
     if targets is not None:
         arrays["targets"] = np.packbits(targets)
-    buffer = (
-        io.BytesIO()
-    )  # written in memory first, which is fast, because Ctrl-C has to wait for it
+    # written in memory first, which is fast, because Ctrl-C has to wait for it
+    buffer = io.BytesIO()
     with interruption_held():
         np.savez_compressed(buffer, allow_pickle=False, **arrays)
     with atomic(target) as temporary:
         temporary.write_bytes(buffer.getvalue())
 
 
-def read(
-    path: str | os.PathLike[str], *, trust: bool
-) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
-    """Read an episode file, and return the problem, all fields that are not arrays, the trace, and
-    the start and target cells.
-    """
+def read(path: str | os.PathLike[str], *, trust: bool) -> dict[str, Any]:
+    """Read an episode file, and return the fields of the `SwarmEpisode`."""
     source = Path(path)
     if not os.path.isfile(source):  # unlike Path.is_file, it accepts names of any length
         raise InvalidInputError(
@@ -138,9 +135,8 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     file.seek(0)
     needed = ("header", "free", "start", *_COLUMNS, "scanned")
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # about unusual array headers: the relevant parts are checked below
+        # about unusual array headers: the relevant parts are checked below
+        warnings.simplefilter("ignore")
         try:
             with np.load(file, allow_pickle=False) as archive:
                 arrays = {
@@ -196,9 +192,7 @@ def _header(raw: NDArray[Any]) -> dict[str, Any]:
     return header
 
 
-def _assembled(
-    arrays: dict[str, NDArray[Any]], *, trust: bool
-) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
+def _assembled(arrays: dict[str, NDArray[Any]], *, trust: bool) -> dict[str, Any]:
     header = _header(arrays["header"])
     workspace = _workspace(header["map"], arrays["free"])
     fields = header["problem"]
@@ -213,7 +207,7 @@ def _assembled(
         isinstance(text, str) for text in versions.values()
     ):
         raise InvalidInputError(f"versions: expected texts by name, got {shortened(versions)}")
-    told = {
+    values: dict[str, Any] = {
         "policy": check_text(header["policy"], what="policy"),
         "status": Status(
             check_choice(header["status"], what="status", choices=[str(one) for one in Status])
@@ -226,12 +220,8 @@ def _assembled(
         },
     }
     targets = _mask(arrays["targets"], workspace.shape, "targets") if "targets" in arrays else None
-    return (
-        problem,
-        told,
-        trace,
-        {"start": check_start(workspace, arrays["start"], rule=problem.rule), "targets": targets},
-    )
+    start = check_start(workspace, arrays["start"], rule=problem.rule)
+    return values | {"problem": problem, "trace": trace, "start": start, "targets": targets}
 
 
 def _workspace(about: dict[str, Any], free: NDArray[Any]) -> GridWorkspace:

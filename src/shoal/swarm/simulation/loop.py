@@ -17,10 +17,10 @@ from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState, field_of
 from shoal.swarm.kernels import episodes as policy_episode
 from shoal.swarm.kernels.noise import PATIENCE as NOISY_PATIENCE
 from shoal.swarm.kernels.noise import TIMES
-from shoal.swarm.noise.belief import Lookout, NoisyBelief
+from shoal.swarm.noise import Lookout, NoisyBelief
+from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.policies.protocol import Policy, View
-from shoal.swarm.policies.walks import Manual
-from shoal.swarm.problem import SwarmProblem
+from shoal.swarm.problem import SwarmSetup
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 PATIENCE = policy_episode.PATIENCE
@@ -59,21 +59,22 @@ class Decider(Protocol):
 
 
 def make_decider(
-    problem: SwarmProblem, belief: Belief, rng: Generator, noisy: NoisyBelief | None
+    setup: SwarmSetup, belief: Belief, rng: Generator, noisy: NoisyBelief | None
 ) -> Decider:
     """Return the decider for the policy and the scan rule of a problem.
 
     ``belief`` is the belief at the start of the episode. ``noisy`` is the belief that an episode
     with noise changes in place.
     """
-    policy, scanning = problem.chosen_policy, problem.scanning
+    problem, policy, scanning = setup.problem, setup.policy, setup.problem.scanning
     if noisy is not None:
         return ReplannedRuns(policy, noisy, rng, every=scanning.step, max_moves=problem.max_moves)
     if scanning.kind != "adaptive":
         return PlannedRuns(scanning, policy, rng)
     options = {name: getattr(policy, name) for name in ("ties", "neighbours")}
-    mapping = getattr(problem.chosen_task, "mapping", True)
-    return AdaptiveRuns(belief, rule=problem.rule, mapping=mapping, scanning=scanning, **options)
+    return AdaptiveRuns(
+        belief, rule=problem.rule, mapping=setup.mapping, scanning=scanning, **options
+    )
 
 
 class PlannedRuns:
@@ -190,13 +191,11 @@ class ReplannedRuns:
     def __init__(
         self, policy: Policy, noisy: NoisyBelief, rng: Generator, *, every: int, max_moves: int
     ) -> None:
-        self.policy, self.noisy, self.rng, self.every, self.max_moves = (
-            policy,
-            noisy,
-            rng,
-            every,
-            max_moves,
-        )
+        self.policy = policy
+        self.noisy = noisy
+        self.rng = rng
+        self.every = every
+        self.max_moves = max_moves
         self.lookout = None if isinstance(policy, Manual) else Lookout(noisy)
         self.unseen, self.due = 0, True
         self.memory: Any = None
@@ -207,12 +206,8 @@ class ReplannedRuns:
         planned = self._planned(view)
         if planned is not None or self.lookout is None or self.noisy.finished:
             return planned
-        self.plan, self.memory, self.unseen, self.due = (
-            "",
-            None,
-            0,
-            True,
-        )  # the policy begins anew where the particles then are
+        # the policy begins anew where the particles then are
+        self.plan, self.memory, self.unseen, self.due = "", None, 0, True
         code = self.lookout.next()
         return None if code is None else (LETTERS[code], 1)
 
@@ -220,9 +215,8 @@ class ReplannedRuns:
         self.in_vain = 0 if view.classified else self.in_vain + 1
         if self.in_vain > NOISY_TIMES * (NOISY_PATIENCE + TIMES * len(view.belief.open)):
             return None
-        if (
-            not view.belief.open
-        ):  # if scans are often wrong, the first free cell needs several moves
+        # if scans are often wrong, the first free cell needs several moves
+        if not view.belief.open:
             self.wakes, self.unseen, self.due = self.wakes + 1, 0, True
             letters = letters_of(view.occupied.layout.ndim)
             return (

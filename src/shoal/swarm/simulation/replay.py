@@ -19,9 +19,8 @@ from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.belief import Moment, NoisyBelief, inner_of, looks_of, noisy_belief
-from shoal.swarm.noise.model import LOSS, Noise
-from shoal.swarm.policies.walks import Manual
+from shoal.swarm.noise import LOSS, Moment, Noise, NoisyBelief, inner_of, looks_of, noisy_belief
+from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.simulation.compiled import SearchGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.swarms import ExactSwarm
 
@@ -78,9 +77,10 @@ class ExactReplay:
     targets: NDArray[np.bool_] | None
     trace: Trace
 
-    def _begin(self) -> tuple[SwarmState, Belief]:
+    def _begin(self) -> ExactSwarm:
         state = self.world.initial(self.start)
-        return state, self.task.begin(self.world, state, self.targets)
+        belief = self.task.begin(self.world, state, self.targets)
+        return ExactSwarm(self.world, self.task, state, belief)
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
@@ -88,9 +88,9 @@ class ExactReplay:
         The belief contains what the last scan showed. If the outcome of a command after the last
         scan is certain, the belief also contains this outcome.
         """
-        state, shown = self._begin()
-        swarm = ExactSwarm(self.world, self.task, state, shown)
-        yield state, shown
+        swarm = self._begin()
+        shown = swarm.belief
+        yield swarm.state, shown
         for command, scanned in zip(
             decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
         ):
@@ -106,29 +106,18 @@ class ExactReplay:
     @cached_property
     def end(self) -> End:
         """The result of the replay. Compiled code replays built-in tasks."""
-        state, belief = self._begin()
-        first = len(belief.frontier)
+        swarm = self._begin()
+        first, recorded = len(swarm.belief.frontier), self.trace
         if is_compiled(self.task):
-            game = SearchGame(
-                Manual(decode(self.trace.commands)),
-                self.world.free,
-                state,
-                belief,
-                rule=self.world.rule,
-                mapping=self.task.mapping,
-                n_free=self.world.workspace.n_free,
-                rng=trial_rng(0),
-                scanning=None,
-            )
-            trace, _ = compiled_loop(game, self.trace.moves, scanned=self.trace.scanned)
-            if trace.moves == self.trace.moves:
+            policy = Manual(decode(recorded.commands))
+            game = SearchGame(policy, swarm, trial_rng(0), scanning=None)
+            trace, _ = compiled_loop(game, recorded.moves, scanned=recorded.scanned)
+            if trace.moves == recorded.moves:
                 return End(*game.final, trace, first)
-            state, belief = (
-                self._begin()
-            )  # compiled code stops at completion, but a drive of a rig ends with closing moves
-        swarm, recorder = ExactSwarm(self.world, self.task, state, belief), Recorder()
+            # compiled code stops at completion, but a drive of a rig ends with closing moves
+        recorder = Recorder()
         for command, scanned in zip(
-            decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
+            decode(recorded.commands), recorded.scanned.tolist(), strict=True
         ):
             recorder.add(command, swarm.carry_out(command, 1)[0], scanned=scanned)
         return End(swarm.state, swarm.belief, recorder.trace, first)

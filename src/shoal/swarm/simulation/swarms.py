@@ -1,4 +1,4 @@
-"""Simulated swarms, with and without noise, and their starts."""
+"""Simulated swarms, with and without noise."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from shoal.swarm.grid.board import encode, noise_rng
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState
-from shoal.swarm.grid.tasks import place
-from shoal.swarm.grid.world import GridWorld, check_start
+from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as noisy_state
-from shoal.swarm.noise.belief import NoisyBelief, noisy_belief
-from shoal.swarm.problem import SwarmProblem
+from shoal.swarm.noise import NoisyBelief, noisy_belief
+from shoal.swarm.problem import SwarmSetup
 
 
 class ExactSwarm:
@@ -52,9 +51,8 @@ class ExactSwarm:
             travelled = classified = 0
             for after in pushes:
                 still, stuck = stuck, after is self.state
-                if (
-                    still and stuck
-                ):  # the previous command moved no particle either, and it found the walls
+                # the previous command moved no particle either, and it found the walls
+                if still and stuck:
                     continue
                 travelled += distance_of_push(self.state, after, command)
                 updated = self.task.update(
@@ -144,37 +142,20 @@ class NoisySwarm:
         return rows, scan
 
 
-def draw_start(
-    problem: SwarmProblem, rng: Generator
-) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
-    """Return the start cells (int64, shape (n, ndim)), and the mask of the target cells, or None
-    for a task without target cells.
-
-    If the problem contains start cells, the function does not draw start cells.
-    """
-    workspace = problem.place
-    if problem.start is None:
-        start = place(workspace, problem.particles, problem.placement, rng)
-    else:
-        start = check_start(workspace, problem.start, rule=problem.rule)
-    return start, problem.chosen_task.choose_targets(workspace, rng)
-
-
-def swarm_of(
-    problem: SwarmProblem,
+def begin_swarm(
+    setup: SwarmSetup,
     start: NDArray[np.int64],
     targets: NDArray[np.bool_] | None,
     seed: int,
     trial: int = 0,
 ) -> ExactSwarm | NoisySwarm:
     """Return the swarm at the start of an episode. ``seed`` and ``trial`` determine the noise."""
+    problem = setup.problem
     if problem.noise is not None:
         rng = noise_rng(seed, trial)
         return NoisySwarm(
-            noisy_belief(problem.place, start, problem.noise, problem.confidence, rng), rng
+            noisy_belief(setup.workspace, start, problem.noise, problem.confidence, rng), rng
         )
-    world = GridWorld(problem.place, problem.rule)
+    world = GridWorld(setup.workspace, problem.rule)
     state = world.initial(start)
-    return ExactSwarm(
-        world, problem.chosen_task, state, problem.chosen_task.begin(world, state, targets)
-    )
+    return ExactSwarm(world, setup.task, state, setup.task.begin(world, state, targets))

@@ -116,10 +116,6 @@ def lower_bound(
     rule : str
         The move rule: "block" or "merge".
 
-    Raises
-    ------
-    InvalidInputError
-
     Examples
     --------
     >>> line = GridWorkspace([[1, 1, 1, 1, 1, 1]])
@@ -143,10 +139,8 @@ def lower_bound(
     else:
         chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
         wanted = chosen & ~particles & (distances < FAR)
-    n, left = (
-        len(cells),
-        np.bincount(distances[wanted]) if wanted.any() else np.zeros(1, dtype=np.int64),
-    )
+    n = len(cells)
+    left = np.bincount(distances[wanted]) if wanted.any() else np.zeros(1, dtype=np.int64)
     beyond = left.sum() - np.cumsum(left)  # cells farther than d
     farthest = max((d + -(-int(more) // n) for d, more in enumerate(beyond) if more), default=0)
     axes = 0

@@ -192,9 +192,8 @@ def coverage_total(cells: int, particles: int) -> int:
     # sum of M is the sum, over all g from 0 on, of the number of placements with M > g.
     total = comb(cells + 1, particles + 1) + 2 * placements
     total += sum(placements - within(g) for g in range(2, empty + 2))
-    return total - (
-        empty + 1
-    )  # each placement without empty cells in the inner gaps needs one move less
+    # each placement without empty cells in the inner gaps needs one move less
+    return total - (empty + 1)
 
 
 class CoverageCounts:
@@ -380,9 +379,8 @@ class Distribution:
     def probabilities(self) -> NDArray[np.float64]:
         """Probability of each value in `values` (float64)."""
         total = self.total
-        return np.array(
-            [count / total for count in self.counts]
-        )  # Python rounds the quotient of integers of any size correctly
+        # Python rounds the quotient of integers of any size correctly
+        return np.array([count / total for count in self.counts])
 
 
 @dataclass(frozen=True)
@@ -547,9 +545,8 @@ class Line:
             counts[moves + 1] = comb(m - 1 - moves + most, n - 1) - (
                 comb(m - 2 - moves, n - 1) if moves <= m - 2 else 0
             )
-        for a in range(
-            free + 1
-        ):  # a placement without gaps between the particles needs one move less
+        # a placement without gaps between the particles needs one move less
+        for a in range(free + 1):
             counts[a + free + 1] -= 1
             counts[a + free] += 1
         low = next(i for i, count in enumerate(counts) if count)
@@ -557,10 +554,8 @@ class Line:
         return Distribution(2 + low, tuple(counts[low : high + 1]))
 
 
-_DRAWS, _CELLS = (
-    2**21,
-    2**28,
-)  # maximum random numbers and cells per block of placements; both affect the samples
+# maximum random numbers and cells per block of placements; both affect the samples
+_DRAWS, _CELLS = 2**21, 2**28
 MAX_TRIALS = 100_000_000  # placements of 28 bytes each
 MAX_DRAWS = 10_000_000  # maximum number of random numbers for one placement
 

@@ -619,10 +619,8 @@ class _Latest:
         """Return the competitive ratio of scan positions that reach the maximum distance."""
         best, below = (0, 1), 0
         for scans, position in enumerate(positions, start=2):
-            over, under = (
-                self.scan * scans + self.move * position,
-                self.move * (below + 1) + 2 * self.scan,
-            )
+            over = self.scan * scans + self.move * position
+            under = self.move * (below + 1) + 2 * self.scan
             if over * best[1] > best[0] * under:
                 best = (over, under)
             below = position

@@ -26,15 +26,14 @@ from shoal.views.drawing.charts import (
     set_title,
 )
 from shoal.views.drawing.curves import median_of
-from shoal.views.swarm.volume import (
-    CORNER,
+from shoal.views.swarm.colours import (
     NOISY,
     WRONG_FREE,
-    Fit,
-    Slices,
     codes_after,
+    legend_of,
     palette_of_cells,
 )
+from shoal.views.swarm.volume import CORNER, Fit, Slices
 from shoal.views.swarm.volume import sheet as volume_sheet
 
 if TYPE_CHECKING:
@@ -45,13 +44,6 @@ if TYPE_CHECKING:
 
 SIDE = 900  # pixels of the rotated 3-D view
 _WIDE = 9.0  # inches: width of a figure with several maps
-_LEGEND = {
-    "particle": "particle",
-    "frontier": "frontier",
-    "free": "free",
-    "obstacle": "obstacle",
-    "unknown": "unknown",
-}
 
 
 def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
@@ -77,11 +69,9 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
         if moves is None
         else check_integer(moves, what="moves", least=0, most=episode.moves)
     )
-    workspace, palette, codes = (
-        episode.workspace,
-        palette_of_cells(episode),
-        codes_after(episode, moves),
-    )
+    workspace = episode.workspace
+    palette = palette_of_cells(episode)
+    codes = codes_after(episode, moves)
     if workspace.ndim == 3:
         slices, fit = Slices.of(workspace), Fit.of(workspace)
         sheet = volume_sheet(
@@ -176,7 +166,7 @@ def map_panels(
 def _handles(*, coverage: bool, seen: bool = False) -> list[Patch]:
     from matplotlib.patches import Patch
 
-    names = dict(_LEGEND, frontier="not covered yet") if coverage else _LEGEND
+    names = legend_of(coverage=coverage)
     if seen:
         names = names | {"particle": "seen at the last scan"}
     return [
@@ -282,10 +272,6 @@ def save_picture(picture: NDArray[Any], path: Path) -> Path:
     file.
 
     The suffix of ``path`` determines the format.
-
-    Raises
-    ------
-    OutputError
     """
     encoded = io.BytesIO()  # Pillow does not detect a partial write on a full disk
     jpeg = path.suffix.lower() in {".jpg", ".jpeg"}

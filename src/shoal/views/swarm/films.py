@@ -10,23 +10,18 @@ from matplotlib import get_data_path
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmEpisode
 from shoal.swarm.maps.workspace import PALETTE, in_strips
-from shoal.swarm.noise import Moment
-from shoal.swarm.noise import belief as moments
 from shoal.views.drawing.charts import bar_length
 from shoal.views.drawing.encoding import LONGEST, Clip
-from shoal.views.swarm.volume import Fit, Slices, codes_by_move, palette_of_cells, sheet
+from shoal.views.swarm.colours import codes_by_move, legend_of, palette_of_cells, rgb_of
+from shoal.views.swarm.volume import Fit, Slices, sheet
 
 _SECONDS = 20.0
 _FONT = f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf"
 ARROWS = dict(zip("lrud", "\u2190\u2192\u2191\u2193", strict=True))  # in and out have no arrows
-LEGEND = {name: name for name in ("particle", "frontier", "free", "obstacle", "unknown")}
-SHORT_SIDE, LONG_SIDE = (
-    720,
-    1920,
-)  # pixels: minimum side, and maximum side unless the map has more cells
+# pixels: minimum side, and maximum side unless the map has more cells
+SHORT_SIDE, LONG_SIDE = 720, 1920
 CAPTION = 68  # pixels below the cells
 TURNS = 2  # pixels of a volume in a film
 VOLUME_SIDE = 720  # pixels of the rotating view
@@ -46,9 +41,8 @@ def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
         side=None,
         quality=26,
-        palette=(
-            None if volume else palette_of_cells(episode).rgb.tobytes()
-        ),  # a volume is drawn with shading
+        # a volume is drawn with shading
+        palette=(None if volume else palette_of_cells(episode).rgb.tobytes()),
     )
 
 
@@ -130,8 +124,7 @@ def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
     sheet = Image.new("RGB", (width, height), _colour("free"))
     pen, font, top = ImageDraw.Draw(sheet), _font(width), height - CAPTION
     left, size = 10.0, font.size
-    names = dict(LEGEND, frontier="not covered yet") if episode.targets is not None else LEGEND
-    for key, name in names.items():
+    for key, name in legend_of(coverage=episode.targets is not None).items():
         pen.rectangle(
             (left, top + 41, left + 0.8 * size, top + 41 + 0.8 * size),
             _colour(key),
@@ -153,12 +146,10 @@ def _draw_scale_bar(sheet: Image.Image, workspace: GridWorkspace, times: int) ->
     pixels = times * Fit.of(workspace).pixels_a_cell(VOLUME_SIDE) if turned else times
     size = (min(workspace.spacing) if turned else workspace.spacing[1]) / pixels
     length = bar_length(0.2 * sheet.width * size)
-    pen, font, right, low = (
-        ImageDraw.Draw(sheet),
-        _font(sheet.width),
-        sheet.width - 10,
-        sheet.height - CAPTION + 20,
-    )
+    pen = ImageDraw.Draw(sheet)
+    font = _font(sheet.width)
+    right = sheet.width - 10
+    low = sheet.height - CAPTION + 20
     pen.line((right - length / size, low, right, low), _colour("obstacle"), width=3)
     pen.text(
         (right - length / size - 8, low), f"{length:g} mm", _colour("obstacle"), font, anchor="rm"
@@ -196,69 +187,4 @@ def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.
 
 
 def _colour(name: str) -> tuple[int, ...]:
-    return tuple(bytes.fromhex(PALETTE[name][1:]))
-
-
-HEAVIEST = 40_000_000
-"""Maximum size, in bytes, of the encoded moments of an episode. A page loads moments of this size
-quickly.
-"""
-
-
-def packed_moments(frames: Iterable[Moment]) -> bytes:
-    """Return the moments of an episode as bytes.
-
-    For each moment, the bytes contain two lists: the cells of the particles, and the cells whose
-    colour code changed. In the second list, the new colour code follows each cell. Each list begins
-    with its length. A cell is an index into the grid with its rim, encoded as the difference from
-    the previous index of the list. Lengths and index differences are base-128 numbers, with the
-    lowest bits first. The high bit of a byte is set if another byte of the same number follows.
-    Before the first moment, all cells have the colour code of unknown cells.
-
-    Raises
-    ------
-    InvalidInputError
-        If the encoded moments are too large for a browser.
-
-    Examples
-    --------
-    >>> looks = np.array([[8, 16, 8]], dtype=np.uint8)
-    >>> list(packed_moments([Moment(looks == 16, looks), Moment(looks == 16, looks)]))
-    [1, 1, 1, 1, 16, 1, 1, 0]
-    """
-    written, before = bytearray(), None
-    for moment in frames:
-        looks = moment.looks.ravel()
-        if before is None:
-            before = np.full_like(looks, moments.UNKNOWN)
-        changed = np.flatnonzero(looks != before)
-        _write(written, np.flatnonzero(moment.particles.ravel()))
-        _write(written, changed, looks[changed])
-        before = looks
-        if len(written) > HEAVIEST:
-            raise InvalidInputError(
-                f"the HTML player: expected at most {HEAVIEST // 10**6} MB of moments with noise,"
-                " got more (use .gif or .mp4)"
-            )
-    return bytes(written)
-
-
-def _write(
-    written: bytearray, cells: NDArray[np.int64], looks: NDArray[np.uint8] | None = None
-) -> None:
-    written += bytes(_seven_bits(len(cells)))
-    steps = np.diff(cells, prepend=0).tolist()
-    for i, step in enumerate(steps):
-        if step < 128:
-            written.append(step)
-        else:
-            written += bytes(_seven_bits(step))
-        if looks is not None:
-            written.append(looks[i])
-
-
-def _seven_bits(number: int) -> Iterator[int]:
-    while number > 127:
-        yield number & 127 | 128
-        number >>= 7
-    yield number
+    return rgb_of(PALETTE[name])

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
-from shoal.swarm import SwarmEpisode
-from shoal.swarm.noise import Noise
-from shoal.swarm.noise import belief as moments
+from shoal.swarm import SwarmEpisode, noise
+from shoal.swarm.noise import Moment, Noise
 from shoal.views.player import render
-from shoal.views.swarm.films import packed_moments
-from shoal.views.swarm.volume import FRONTIER_TINT
+from shoal.views.swarm.colours import FRONTIER_TINT
 
 LARGEST = 2_000_000_000
 """Maximum product of the numbers of cells and moves with which a page plays smoothly."""
+
+
+HEAVIEST = 40_000_000
+"""Maximum size, in bytes, of the encoded moments of an episode. A page loads moments of this size
+quickly.
+"""
 
 
 def player_page(episode: SwarmEpisode) -> str:
@@ -65,7 +70,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
 
         Only the data of an episode with noise contain ``moments``, ``looks``, ``noise``, ``goal``,
         ``truth`` and ``seen``. The data of an episode with noise contain no ``start`` and no
-        ``targets``. ``moments`` is the base64 text of `shoal.views.swarm.films.packed_moments`, and
+        ``targets``. ``moments`` is the base64 text of `packed_moments`, and
         ``looks`` explains the colour codes of the cells. ``noise`` holds the probabilities of the
         noise by name, and ``goal`` is the number of cells to classify. ``truth`` states whether the
         true map is known, so that the page can show classification errors. ``seen`` states whether
@@ -109,10 +114,10 @@ def _recorded(episode: SwarmEpisode) -> dict[str, object]:
     return {
         "moments": base64.b64encode(packed_moments(episode.moments())).decode(),
         "looks": {
-            "unknown": moments.UNKNOWN,
-            "free": moments.FREE,
-            "frontier": moments.FRONTIER,
-            "wrong": moments.FALSE_FREE,
+            "unknown": noise.UNKNOWN,
+            "free": noise.FREE,
+            "frontier": noise.FRONTIER,
+            "wrong": noise.FALSE_FREE,
             "tint": FRONTIER_TINT,
         },
         "noise": {
@@ -127,3 +132,62 @@ def _recorded(episode: SwarmEpisode) -> dict[str, object]:
 
 def _packed(mask: NDArray[np.bool_]) -> str:
     return base64.b64encode(np.packbits(mask.ravel()).tobytes()).decode()
+
+
+def packed_moments(frames: Iterable[Moment]) -> bytes:
+    """Return the moments of an episode as bytes.
+
+    For each moment, the bytes contain two lists: the cells of the particles, and the cells whose
+    colour code changed. In the second list, the new colour code follows each cell. Each list begins
+    with its length. A cell is an index into the grid with its rim, encoded as the difference from
+    the previous index of the list. Lengths and index differences are base-128 numbers, with the
+    lowest bits first. The high bit of a byte is set if another byte of the same number follows.
+    Before the first moment, all cells have the colour code of unknown cells.
+
+    Raises
+    ------
+    InvalidInputError
+        If the encoded moments are too large for a browser.
+
+    Examples
+    --------
+    >>> looks = np.array([[8, 16, 8]], dtype=np.uint8)
+    >>> list(packed_moments([Moment(looks == 16, looks), Moment(looks == 16, looks)]))
+    [1, 1, 1, 1, 16, 1, 1, 0]
+    """
+    written, before = bytearray(), None
+    for moment in frames:
+        looks = moment.looks.ravel()
+        if before is None:
+            before = np.full_like(looks, noise.UNKNOWN)
+        changed = np.flatnonzero(looks != before)
+        _write(written, np.flatnonzero(moment.particles.ravel()))
+        _write(written, changed, looks[changed])
+        before = looks
+        if len(written) > HEAVIEST:
+            raise InvalidInputError(
+                f"the HTML player: expected at most {HEAVIEST // 10**6} MB of moments with noise,"
+                " got more (use .gif or .mp4)"
+            )
+    return bytes(written)
+
+
+def _write(
+    written: bytearray, cells: NDArray[np.int64], looks: NDArray[np.uint8] | None = None
+) -> None:
+    written += bytes(_seven_bits(len(cells)))
+    steps = np.diff(cells, prepend=0).tolist()
+    for i, step in enumerate(steps):
+        if step < 128:
+            written.append(step)
+        else:
+            written += bytes(_seven_bits(step))
+        if looks is not None:
+            written.append(looks[i])
+
+
+def _seven_bits(number: int) -> Iterator[int]:
+    while number > 127:
+        yield number & 127 | 128
+        number >>= 7
+    yield number

@@ -204,9 +204,8 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
     for schedule, colour in zip(schedules, colours, strict=False):
         costs = [schedule.cost(distance) for distance in telling_distances(schedule, max_distance)]
-        at = [
-            log10(cost.distance + 1) for cost in costs
-        ]  # quotients of exact integers, which may be too large for a float
+        # quotients of exact integers, which may be too large for a float
+        at = [log10(cost.distance + 1) for cost in costs]
         left.plot(
             at,
             [_float(cost.move_ratio) for cost in costs],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -10,119 +9,20 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from shoal.core.dataclass import dataclass
-from shoal.swarm import Belief, GridWorkspace, SwarmEpisode, SwarmState
-from shoal.swarm.maps import workspace as raster
-from shoal.swarm.maps.workspace import PALETTE
-from shoal.swarm.noise import belief as moments
+from shoal.swarm import GridWorkspace
+from shoal.swarm.maps.workspace import FREE, OBSTACLE, PALETTE, png_bytes
 from shoal.views.drawing.canvas import Canvas
-
-WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
-"""Colours of wrongly classified cells: an obstacle that counts as free, and a free cell that counts
-as an obstacle.
-
-With any common kind of colour blindness, a viewer can distinguish both colours from the colour of
-particles.
-"""
-
-FRONTIER_TINT = 0.65
-"""With noise: weight of the frontier colour in the colour of a frontier cell."""
-
-
-@dataclass(frozen=True)
-class CellPalette:
-    """The colour for each colour code of a cell.
-
-    Parameters
-    ----------
-    rgb : ndarray of uint8, shape (n, 3)
-        Row k is the RGB colour for the code k; the last row is the colour of particles.
-    solid : ndarray of bool, shape (n,)
-        For each code, whether a 3-D view shows cells with the code. A 3-D view omits unknown cells
-        and obstacles, because they would hide all other cells.
-    """
-
-    rgb: NDArray[np.uint8]
-    solid: NDArray[np.bool_]
-
-    @property
-    def particle(self) -> int:
-        """The colour code of a cell with a particle."""
-        return len(self.rgb) - 1
-
-
-def _colour(text: str) -> NDArray[np.float64]:
-    return np.array(tuple(bytes.fromhex(text[1:])), dtype=np.float64)
-
-
-def _noisy() -> CellPalette:
-    obstacle, unknown, free, frontier = (
-        _colour(PALETTE[name]) for name in ("obstacle", "unknown", "free", "frontier")
-    )
-    shares = np.linspace(-1, 1, 2 * moments.LEVELS + 1)[:, None]
-    shades = np.where(
-        shares < 0, unknown + shares * (unknown - obstacle), unknown + shares * (free - unknown)
-    )
-    others = [_colour(text) for text in (WRONG_FREE, WRONG_OBSTACLE, PALETTE["particle"])]
-    colours = np.vstack([shades, FRONTIER_TINT * frontier + (1 - FRONTIER_TINT) * shades, others])
-    solid = np.zeros(len(colours), dtype=np.bool_)
-    solid[[moments.FREE, *range(moments.FRONTIER, len(colours))]] = True
-    return CellPalette(colours.round().astype(np.uint8), solid)
-
-
-_NAMES = ("unknown", "frontier", "free", "obstacle", "particle")
-PLAIN = CellPalette(
-    np.array([_colour(PALETTE[name]) for name in _NAMES], dtype=np.uint8),
-    np.array([False, True, True, False, True]),
-)
-NOISY = _noisy()
-
-
-def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
-    """Return the palette for an episode: `NOISY` for an episode with noise, otherwise `PLAIN`."""
-    return NOISY if episode.noisy else PLAIN
-
-
-def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
-    """Return the colour code of each cell in an episode without noise; uint8, with a rim of one
-    cell around the map.
-    """
-    codes = belief.states
-    codes[state.occupied.mask] = PLAIN.particle
-    return codes
-
-
-def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
-    """Yield the colour codes of all cells at the start and after each move; uint8, with a rim of
-    one cell around the map.
-    """
-    if episode.noisy:
-        for moment in episode.moments():
-            yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
-    else:
-        for state, belief in episode.frames():
-            yield codes_of(state, belief)
-
-
-def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
-    """Return the colour codes of all cells after ``moves`` moves; uint8, with a rim of one cell
-    around the map.
-    """
-    if moves == episode.moves and palette_of_cells(episode) is PLAIN:
-        return codes_of(*episode.final())  # the whole replay in compiled code
-    return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)
-
+from shoal.views.swarm.colours import PLAIN, CellPalette, rgb_of
 
 CORNER = 0.6  # azimuth in radians of a picture that does not rotate
 ELEVATION = 0.35  # elevation of the view in radians
 FARTHEST = 0.45  # brightness of the farthest cells
 THROUGH = 0.45  # visibility of a hidden particle through its vessel's wall
-BACKGROUND = tuple(bytes.fromhex(PALETTE["obstacle"][1:]))
+BACKGROUND = rgb_of(PALETTE["obstacle"])
 FINEST = 4  # pixels per cell, before the picture is enlarged
 GAP = 8  # pixels between the parts of a sheet
-NARROWEST, WIDEST = (
-    0.31,
-    0.42,
-)  # relative to the side of a sheet: width of its slices, and of their names
+# relative to the side of a sheet: width of its slices, and of their names
+NARROWEST, WIDEST = 0.31, 0.42
 LEAST_LINE = 13  # pixels per line of text
 
 
@@ -178,10 +78,8 @@ class Fit:
         z, y, x = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
         away = np.hypot(places[:, 0] - z, places[:, 2] - x)
         height = (places[:, 1] - y) * np.cos(elevation)
-        top, bottom = (
-            float((height - away * np.sin(elevation)).min()),
-            float((height + away * np.sin(elevation)).max()),
-        )
+        top = float((height - away * np.sin(elevation)).min())
+        bottom = float((height + away * np.sin(elevation)).max())
         return cls(
             (z, y, x),
             2 * (float(away.max()) + margin),
@@ -236,9 +134,8 @@ def turned_view(
     if not len(cells):
         return np.full((side, side, 3), background, dtype=np.uint8)
     largest = max(fit.wide, fit.tall)
-    coarse = max(
-        1, int(0.96 * side / largest * float(sizes.max()) / FINEST)
-    )  # large cells need no high resolution
+    # large cells need no high resolution
+    coarse = max(1, int(0.96 * side / largest * float(sizes.max()) / FINEST))
     small = -(-side // coarse)
     picture = np.full((small, small, 3), background, dtype=np.uint8)
     scale = 0.96 * small / largest
@@ -248,10 +145,8 @@ def turned_view(
         cells: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
         z, y, x = ((cells + 0.5) * sizes - np.array(fit.centre)).T * scale
-        across, away = (
-            x * np.cos(azimuth) + z * np.sin(azimuth),
-            z * np.cos(azimuth) - x * np.sin(azimuth),
-        )
+        across = x * np.cos(azimuth) + z * np.sin(azimuth)
+        away = z * np.cos(azimuth) - x * np.sin(azimuth)
         down = y * np.cos(elevation) - away * np.sin(elevation) - fit.middle * scale
         left, top = (
             np.floor(place + small / 2 - size / 2).astype(np.int64) for place in (across, down)
@@ -369,10 +264,8 @@ def sheet(
         zip(slice_pictures(codes, slices, palette), lengths, names, strict=True)
     ):
         scale = min(room[0] / (picture.shape[0] * tall), room[1] / (picture.shape[1] * wide))
-        height, width = (
-            max(1, int(picture.shape[0] * tall * scale)),
-            max(1, int(picture.shape[1] * wide * scale)),
-        )
+        height = max(1, int(picture.shape[0] * tall * scale))
+        width = max(1, int(picture.shape[1] * wide * scale))
         method = Image.Resampling.NEAREST if height >= picture.shape[0] else Image.Resampling.BOX
         drawn = np.asarray(Image.fromarray(picture).resize((width, height), method))
         top, left = number * (room[0] + line + GAP), side + GAP
@@ -384,15 +277,15 @@ def sheet(
 def notebook_picture(workspace: GridWorkspace, *, side: int = 640) -> bytes:
     """Return the picture of `sheet` for a completely known 3-D workspace, as the bytes of a PNG file."""
     codes = np.pad(
-        np.where(workspace.free, raster.FREE, raster.OBSTACLE).astype(np.uint8),
+        np.where(workspace.free, FREE, OBSTACLE).astype(np.uint8),
         1,
-        constant_values=raster.OBSTACLE,
+        constant_values=OBSTACLE,
     )
     fit = Fit.of(workspace)
     view = sheet(
         codes, Slices.of(workspace), azimuth=CORNER, side=side, spacing=workspace.spacing, fit=fit
     )
-    return raster.png_bytes(view, side=max(view.shape))
+    return png_bytes(view, side=max(view.shape))
 
 
 @lru_cache(maxsize=16)

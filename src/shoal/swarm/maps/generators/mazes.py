@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.reading import MAX_CELLS
+from shoal.swarm.maps.reading import MAX_CELLS, Mask
+from shoal.swarm.maps.resampling import largest_part
 
 
 def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
@@ -87,39 +88,6 @@ def _doors(room: int, rows: int, columns: int, unvisited: bytearray) -> list[int
     if row < rows - 1 and unvisited[room + columns]:
         doors.append(room + columns)
     return doors
-
-
-Mask = NDArray[np.bool_]
-
-
-def largest_part(free: Mask, *, corners: bool = False) -> Mask:
-    """Return the largest connected part of the free cells of a map. If the map has no free cells,
-    return the map unchanged.
-
-    Parameters
-    ----------
-    free : ndarray, bool, shape (H, W)
-        True at free cells.
-    corners : bool
-        Whether cells that share only a corner count as connected.
-    """
-    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
-
-    parts, number = connected_parts(free, corners=corners)
-    if number <= 1:
-        return free
-    size = np.bincount(parts.ravel())
-    size[0] = 0
-    return np.asarray(parts == np.argmax(size))
-
-
-def crop(free: Mask) -> Mask:
-    """Cut off the outer rows, columns and layers of a map that contain no free cell. The map must
-    have at least one free cell.
-    """
-    return np.ascontiguousarray(
-        free[tuple(slice(int(where.min()), int(where.max()) + 1) for where in np.nonzero(free))]
-    )
 
 
 FIRST_SHARE = 0.5  # initial fraction of free cells; increased until the cave is large enough

@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.swarm.maps.generators.mazes import Mask, crop
+from shoal.jit.kernels.connected import connected_parts
+from shoal.swarm.kernels.search import nearest_cells
+from shoal.swarm.maps.reading import Mask
+from shoal.swarm.maps.resampling import crop
 
 Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -167,12 +170,10 @@ def _colonise(
         # Opposing targets can cancel each other. Remove a target that no vessel approaches, so that
         # growth ends.
         left = (distance > 0.6 * spacing) & (patience > 0)
-        targets, distance, nearest, patience = (
-            targets[left],
-            distance[left],
-            nearest[left],
-            patience[left],
-        )
+        targets = targets[left]
+        distance = distance[left]
+        nearest = nearest[left]
+        patience = patience[left]
         seen = distance < sight
         if not seen.any():
             return points, parents
@@ -417,8 +418,6 @@ def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> N
 
 def _fill_specks(free: Mask) -> Mask:
     """Return a copy of the map without the smallest holes."""
-    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
-
     holes = connected_parts(~free, corners=True)[0]
     area = np.bincount(holes.ravel())
     return np.asarray(free | ((area <= SPECK) & (area > 0))[holes] & (holes > 0))
@@ -466,8 +465,6 @@ def _free_neighbours(free: Mask, row: int, column: int) -> int:
 
 def _nearest_cells(free: Mask, count: int) -> Mask:
     """Return the ``count`` free cells with the shortest paths to the first free cell of the map."""
-    from shoal.swarm.kernels.search import nearest_cells  # needs Numba, which is slow to import
-
     kept = np.zeros_like(free)
     offsets = np.array([-1, -free.shape[1], 1, free.shape[1]])
     kept.ravel()[nearest_cells(free.ravel(), offsets, int(np.argmax(free)), count)] = True

@@ -9,8 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.maps.generators.mazes import Mask, crop
+from shoal.swarm.kernels.search import nearest_cells
 from shoal.swarm.maps.generators.vessels import Points
+from shoal.swarm.maps.reading import Mask
+from shoal.swarm.maps.resampling import crop
 
 CELLS_A_TIP = 60  # free cells per tip, before the tree is scaled
 TIP_RADIUS = 0.8  # cells
@@ -128,9 +130,8 @@ def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDAr
     if length > 0:
         offset = offset - np.outer(offset @ along, along) / length**2
     widest = np.linalg.eigh(offset.T @ offset)[1][:, -1]
-    widest = widest * (
-        1 if widest[np.argmax(np.abs(widest))] > 0 else -1
-    )  # fix the sign, which differs between libraries
+    # fix the sign, which differs between libraries
+    widest = widest * (1 if widest[np.argmax(np.abs(widest))] > 0 else -1)
     place = offset @ widest
     size = int(np.clip(round(float(rng.uniform(*UNEVEN)) * len(points)), 1, len(points) - 1))
     first = np.zeros(len(points), dtype=np.bool_)
@@ -225,8 +226,6 @@ def _trimmed(free: Mask, count: int) -> Mask:
     """Return a map of the ``count`` free cells with the shortest paths to the inlet, without border
     layers of obstacles.
     """
-    from shoal.swarm.kernels.search import nearest_cells  # needs Numba, which is slow to import
-
     padded = np.pad(free, 1)
     lowest = int(np.flatnonzero(padded.any(axis=(0, 2)))[-1])
     inlet = (layer_column := np.argwhere(padded[:, lowest])[0])[0], lowest, layer_column[1]

@@ -11,15 +11,12 @@ map. The package `imaging` needs scikit-image, which the extra ``shoal[imaging]`
 from shoal.swarm.maps.imaging.network import (
     CentreLines,
     Segment,
+    VesselMap,
     centre_lines,
-    dropped_parts,
-    dropped_text,
     map_of_vessels,
-    pixels_a_cell,
-    place_of_network,
     segment_vessels,
 )
-from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, VesselFinder, Vessels, find_vessels
+from shoal.swarm.maps.imaging.segmentation import VesselFinder, Vessels, find_vessels
 from shoal.swarm.maps.imaging.vessel_statistics import (
     VesselStatistics,
     box_dimension,
@@ -28,22 +25,17 @@ from shoal.swarm.maps.imaging.vessel_statistics import (
 )
 
 __all__ = [
-    "HIGH",
-    "LOW",
     "CentreLines",
     "Segment",
     "VesselFinder",
+    "VesselMap",
     "VesselStatistics",
     "Vessels",
     "box_dimension",
     "centre_lines",
-    "dropped_parts",
-    "dropped_text",
     "find_vessels",
     "map_of_vessels",
     "murray_exponents",
-    "pixels_a_cell",
-    "place_of_network",
     "segment_vessels",
     "vessel_statistics",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.generators.mazes import Mask, crop, largest_part
-from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
-from shoal.swarm.maps.resampling import box_of
+from shoal.jit.kernels.connected import connected_parts
+from shoal.swarm.maps.imaging.segmentation import find_vessels, imaging_module
+from shoal.swarm.maps.reading import HIGH, LOW, Mask
+from shoal.swarm.maps.resampling import Box, box_of, crop, largest_part
 
 Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -191,10 +193,8 @@ def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
                 one, two = links[chain[-1]]
                 chain.append(two if one == chain[-2] else one)
             inside = len(chain) == 2 and node_of[step] == node  # both in the same junction
-            if not inside and (chain[0], chain[1]) <= (
-                chain[-1],
-                chain[-2],
-            ):  # once, not from both of its ends
+            # once, not from both of its ends
+            if not inside and (chain[0], chain[1]) <= (chain[-1], chain[-2]):
                 chains.append(chain)
     return chains, node_of
 
@@ -217,10 +217,8 @@ def _joined(
     """Return the centre lines after joining all connected junctions with overlapping discs."""
     from scipy import sparse
 
-    pixels, nodes = (
-        np.array(list(node_of), dtype=np.int64),
-        np.array(list(node_of.values()), dtype=np.int64),
-    )
+    pixels = np.array(list(node_of), dtype=np.int64)
+    nodes = np.array(list(node_of.values()), dtype=np.int64)
     count = int(nodes.max(initial=-1)) + 1
     radii = np.zeros(count)
     np.maximum.at(radii, nodes, depth[pixels] - 0.5)
@@ -309,94 +307,98 @@ def segment_vessels(
 
 
 def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
-    """Return the largest connected network of a mask of shape (H, W) as a map of cells. Thin
-    vessels stay connected.
+    """Return the largest connected network of a mask of shape (H, W) as a map of cells.
+    `VesselMap` explains the arguments.
+    """
+    return VesselMap(mask, width=width).free
+
+
+class VesselMap:
+    """The largest connected network of vessels in a mask, as a map of cells. Thin vessels stay
+    connected.
 
     The map covers the bounding box of the vessel network. The longer side of the map has at most
     ``width`` cells, or at most 160 cells if ``width`` is None.
 
-    Raises
-    ------
-    InvalidInputError
-        Raised if ``width`` is less than 1 cell.
-    """
-    vessels = crop(_joined_parts(mask))
-    factor = 1 / _pixels_a_cell(vessels, width)
-    rows, columns = (
-        np.floor(np.arange(length) * factor).astype(np.int64) for length in vessels.shape
-    )
-    shape = (int(rows[-1]) + 1, int(columns[-1]) + 1)
-    cell = rows[:, None] * shape[1] + columns
-    pixels = np.bincount(cell.ravel(), minlength=shape[0] * shape[1])
-    share = (np.bincount(cell.ravel(), vessels.ravel(), shape[0] * shape[1]) / pixels).reshape(
-        shape
-    )
-    free = (share > 0.5) | _trace(
-        imaging_module("morphology").skeletonize(vessels), rows, columns, share
-    )
-    return crop(largest_part(free))
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (H, W)
+        Mask that is True on vessels.
+    width : int, optional
 
-
-def pixels_a_cell(mask: Mask, *, width: int | None = None) -> float:
-    """Return the side of one cell, in pixels, of the map that `map_of_vessels` makes from a mask of
-    shape (H, W).
+    Attributes
+    ----------
+    network : ndarray of bool, shape (H, W)
+        The pixels of the network, after the bridging of gaps.
+    pixels_a_cell : float
+        Side of one cell in pixels.
 
     Raises
     ------
     InvalidInputError
         Raised if ``width`` is less than 1 cell.
     """
-    return _pixels_a_cell(crop(_joined_parts(mask)), width)
+
+    def __init__(self, mask: Mask, *, width: int | None = None) -> None:
+        if width is not None and width < 1:
+            raise InvalidInputError(f"expected a width of at least 1 cell, got {width}")
+        self.mask, self.network = mask, _join_parts(mask)
+        largest = max(last - first + 1 for first, last in self.box)
+        self.pixels_a_cell = max(1.0, largest / (DEFAULT_WIDTH if width is None else width))
+
+    @property
+    def box(self) -> Box:
+        """First and last row and column of the network."""
+        return box_of(self.network)
+
+    @property
+    def share(self) -> float:
+        """Share of the network among all vessel pixels."""
+        return float((self.mask & self.network).sum() / max(1, self.mask.sum()))
+
+    @cached_property
+    def free(self) -> Mask:
+        """The free cells of the map, shape (rows, columns)."""
+        vessels, factor = crop(self.network), 1 / self.pixels_a_cell
+        rows, columns = (
+            np.floor(np.arange(length) * factor).astype(np.int64) for length in vessels.shape
+        )
+        shape = (int(rows[-1]) + 1, int(columns[-1]) + 1)
+        cell = (rows[:, None] * shape[1] + columns).ravel()
+        pixels = np.bincount(cell, minlength=shape[0] * shape[1])
+        share = (np.bincount(cell, vessels.ravel(), shape[0] * shape[1]) / pixels).reshape(shape)
+        skeleton = imaging_module("morphology").skeletonize(vessels)
+        return crop(largest_part((share > 0.5) | _trace(skeleton, rows, columns, share)))
+
+    @property
+    def dropped(self) -> tuple[int, float]:
+        """What the map drops from the mask: the number of connected parts, and their share of the
+        vessel pixels. Cells that share only a corner are connected.
+        """
+        dropped = self.mask & ~self.network
+        pixels = int(np.count_nonzero(self.mask)) or 1
+        return connected_parts(dropped, corners=True)[1], int(np.count_nonzero(dropped)) / pixels
+
+    def notice(self, name: str) -> str:
+        """Return a notice about the vessels that are not in the map of a photograph, or '' if all
+        are.
+        """
+        parts, share = self.dropped
+        if not parts:
+            return ""
+        which = (
+            f"1 other part with {100 * share:.2g} % of the vessel pixels is"
+            if parts == 1
+            else f"{parts} other parts with {100 * share:.2g} % of the vessel pixels are"
+        )
+        kind = "warning" if share > MUCH else "notice"
+        return (
+            f"shoal: {kind}: {name}: the map has the largest network of vessels; {which} dropped (a"
+            " smaller --low connects more)"
+        )
 
 
-def dropped_parts(mask: Mask) -> tuple[int, float]:
-    """Return what `map_of_vessels` drops from a mask: the number of connected parts, and their
-    share of the vessel pixels.
-
-    The function counts parts after the bridging of gaps, and cells that share only a corner as
-    connected.
-    """
-    from shoal.jit.kernels.connected import connected_parts
-
-    dropped = mask & ~_joined_parts(mask)
-    pixels = int(np.count_nonzero(mask)) or 1
-    return connected_parts(dropped, corners=True)[1], int(np.count_nonzero(dropped)) / pixels
-
-
-def dropped_text(name: str, mask: Mask) -> str:
-    """Return a notice about the vessels that are not in the map of a photograph. If all vessels are
-    in the map, return ''.
-    """
-    parts, share = dropped_parts(mask)
-    if not parts:
-        return ""
-    which = (
-        f"1 other part with {100 * share:.2g} % of the vessel pixels is"
-        if parts == 1
-        else (f"{parts} other parts with {100 * share:.2g} % of the vessel pixels are")
-    )
-    kind = "warning" if share > MUCH else "notice"
-    return (
-        f"shoal: {kind}: {name}: the map has the largest network of vessels; {which} dropped (a"
-        " smaller --low connects more)"
-    )
-
-
-def place_of_network(mask: Mask) -> tuple[tuple[tuple[int, int], ...], float]:
-    """Return the first and last row and column of the network that `map_of_vessels` maps, and its
-    share of all vessel pixels.
-    """
-    network = _joined_parts(mask)
-    return box_of(network), float((mask & network).sum() / max(1, mask.sum()))
-
-
-def _pixels_a_cell(network: Mask, width: int | None) -> float:
-    if width is not None and width < 1:
-        raise InvalidInputError(f"expected a width of at least 1 cell, got {width}")
-    return max(1.0, float(max(network.shape)) / (DEFAULT_WIDTH if width is None else width))
-
-
-def _joined_parts(mask: Mask) -> Mask:
+def _join_parts(mask: Mask) -> Mask:
     """Bridge gaps of up to 1 % of the mask's larger side, and return the largest connected network
     of the mask.
     """

@@ -4,7 +4,6 @@ photograph shows vessels.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable
 from functools import reduce
 from typing import Any, NamedTuple
@@ -15,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass, one_line
-from shoal.core.errors import InvalidInputError, MissingExtraError
-from shoal.swarm.maps.generators.mazes import Mask
+from shoal.core.errors import InvalidInputError
+from shoal.swarm.maps.reading import HIGH, LOW, Mask, library
 
 Grey = NDArray[np.float64]
 
@@ -26,9 +25,8 @@ LINE_WINDOW = (
 )
 THICKEST_VESSEL = 10  # pixels, from the published filters
 FLATTENING = 19  # pixels, standard deviation of the Gaussian for the background
-RIDGES = tuple(
-    (width, 3 * width + 4) for width in (1.2, 1.7, 2.4, 3.4)
-)  # standard deviations across and along a vessel, in pixels
+# standard deviations across and along a vessel, in pixels
+RIDGES = tuple((width, 3 * width + 4) for width in (1.2, 1.7, 2.4, 3.4))
 RIDGE_WEIGHT = 0.5  # weight of the ridge filters relative to the line detector
 
 
@@ -52,10 +50,8 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
         step = 2**level
         small = scipy.ndimage.uniform_filter(flat, step)[::step, ::step]
         inside = view[::step, ::step]
-        lines, ridges = (
-            standardised(_line_strength(small, inside), inside),
-            standardised(_ridge_strength(small), inside),
-        )
+        lines = standardised(_line_strength(small, inside), inside)
+        ridges = standardised(_ridge_strength(small), inside)
         answer = standardised(lines + RIDGE_WEIGHT * ridges, inside)
         if level:
             answer = _enlarged(answer, view.shape, step)
@@ -139,10 +135,8 @@ def _line(length: int, angle: float) -> Grey:
     """
     weights = np.zeros((length + 2, length + 2))
     for step in np.arange(length) - (length - 1) / 2:
-        row, column = (
-            (length + 1) / 2 + step * np.sin(angle),
-            (length + 1) / 2 + step * np.cos(angle),
-        )
+        row = (length + 1) / 2 + step * np.sin(angle)
+        column = (length + 1) / 2 + step * np.cos(angle)
         top, left = int(row), int(column)
         down, right = row - top, column - left
         weights[top : top + 2, left : left + 2] += np.outer([1 - down, down], [1 - right, right])
@@ -165,10 +159,8 @@ def _ridge_strength(grey: Grey) -> Grey:
     def answers() -> Iterable[Grey]:
         for width, length in RIDGES:
             for angle in np.pi * np.arange(ANGLES) / ANGLES:
-                along, across = (
-                    right * np.cos(angle) + down * np.sin(angle),
-                    down * np.cos(angle) - right * np.sin(angle),
-                )
+                along = right * np.cos(angle) + down * np.sin(angle)
+                across = down * np.cos(angle) - right * np.sin(angle)
                 weights = across**2 * np.exp(
                     -2 * np.pi**2 * (width**2 * across**2 + length**2 * along**2)
                 )
@@ -319,7 +311,6 @@ def _at_size_of_filters(grey: NDArray[np.float32], view: Mask) -> Photograph:
     return Photograph(small, depth > RIM, depth > RIM - MIRRORED)
 
 
-LOW, HIGH = 0.6, 1.2  # thresholds, as multiples of the threshold that best splits the responses
 SHARES = {True: (0.09, 0.16), False: (0.02, 0.4)}
 """Minimum and maximum fraction of pixels above the threshold: for photographs with a surround
 (True) and without one (False).
@@ -335,22 +326,16 @@ CLEARLY_BRIGHTER = (
 )
 SMALLEST_PART = 40  # pixels
 LEAST_CONFIDENCE, SURE = 0.25, 0.45
-NOISE, CLEAR = (
-    1.04,
-    1.44,
-)  # strength of lines relative to noise of the same spectrum, for confidence 0 and for confidence 1
+# strength of lines relative to noise of the same spectrum, for confidence 0 and for confidence 1
+NOISE, CLEAR = 1.04, 1.44
 EDGE = 0.2  # minimum step at a vessel's edge, as a fraction of the vessel's depth
 # contrast of a network to its background, in standard deviations of the background, that noise does
 # not reach
 FAINT = 3.0
-EDGES, LINES = (
-    0.5,
-    0.9,
-)  # fraction of the network that differs from both of its sides, for confidence 0 and for confidence 1
-SPECKS, TREES = (
-    0.2,
-    0.65,
-)  # mean extent of a connected part relative to the picture's larger side, for confidence 0 and 1
+# fraction of the network that differs from both of its sides, for confidence 0 and for confidence 1
+EDGES, LINES = 0.5, 0.9
+# mean extent of a connected part relative to the picture's larger side, for confidence 0 and 1
+SPECKS, TREES = 0.2, 0.65
 # alignment of all lines with one direction, from 0 to 1; above this limit the confidence is reduced
 WOVEN = 0.2
 # length in pixels over which a line keeps its direction: short networks are aligned by chance
@@ -455,7 +440,7 @@ class VesselFinder:
         if thickest is not None:
             check_number(thickest, what="thickest", above=0, most=0.5)
         self.picture, self.shape, self.bright = read_photograph(image), np.shape(image)[:2], bright
-        levels = _levels(
+        levels = levels_of(
             self.picture, THICKEST[self.picture.has_surround] if thickest is None else thickest
         )
         self.tried = (levels,) if thickest is not None else (levels, levels + 1)
@@ -504,9 +489,8 @@ class VesselFinder:
             ways = [self.bright]
         else:
             ratio = _strength(flat, view) / (_strength(-flat, view) + 1e-12)
-            ways = (
-                [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
-            )  # an optic disc is also bright
+            # an optic disc is also bright
+            ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]
         for way in ways:
             if (levels, way) not in self._filtered:
                 self._filtered[levels, way] = _filter(flat if way else -flat, self.picture, levels)
@@ -538,19 +522,6 @@ class _Filtered:
         return _in_own_pixels(self.network(low, high), self.response, low * self.split, shape)
 
 
-def photograph_response(image: ArrayLike) -> Grey:
-    """Return the vessel response, shape (H, W), of each pixel of a photograph with dark vessels,
-    such as a photograph of an eye.
-    """
-    picture = read_photograph(image)
-    levels = _levels(picture, THICKEST[picture.has_surround])
-    flat = without_ground(picture.grey, picture.view, FLATTENING * 2 ** (levels - 1))
-    return resized(
-        vessel_response(_without_opposite(-flat, picture.view), picture.view, levels),
-        np.shape(image)[:2],
-    )
-
-
 def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
     """Return the filter response of a picture on ``levels`` picture sizes, and the threshold
     between vessels and background.
@@ -558,7 +529,7 @@ def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
     from scipy.ndimage import gaussian_filter, grey_dilation
 
     filters, view = imaging_module("filters"), picture.view
-    flat = _without_opposite(flat, view)
+    flat = without_opposite(flat, view)
     response = vessel_response(flat, view, levels)
     shares = SHARES[picture.has_surround]
     least, most = np.quantile(response[view], [1 - share for share in shares])[::-1]
@@ -571,7 +542,7 @@ def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
     return _Filtered(flat, response, split, levels)
 
 
-def _without_opposite(flat: Grey, view: Mask) -> Grey:
+def without_opposite(flat: Grey, view: Mask) -> Grey:
     """Clip the low values of a picture with a flat background.
 
     Without clipping, the vessel filters would respond to pixels beside very dark structures.
@@ -588,15 +559,11 @@ def _check_thresholds(low: float, high: float) -> None:
 
 def imaging_module(module: str) -> Any:
     """Import a module of scikit-image, which has no type annotations and is slow to import."""
-    try:
-        return importlib.import_module(f"skimage.{module}")
-    except ImportError:
-        raise MissingExtraError(
-            "finding vessels in a picture needs scikit-image: pip install 'shoal[imaging]'"
-        ) from None
+    needed = "finding vessels in a picture needs scikit-image"
+    return library(f"skimage.{module}", needed, extra="imaging")
 
 
-def _levels(picture: Photograph, thickest: float) -> int:
+def levels_of(picture: Photograph, thickest: float) -> int:
     """Return the number of picture sizes on which the vessel filters must run to detect the
     thickest vessel.
     """
@@ -650,10 +617,8 @@ def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
     if not middle.any():
         return 0.0
     two_sided, woven = _shape_of_lines(flat, network, middle)
-    lines, connected = (
-        (two_sided - EDGES) / (LINES - EDGES),
-        (_mean_extent(network, middle) - SPECKS) / (TREES - SPECKS),
-    )
+    lines = (two_sided - EDGES) / (LINES - EDGES)
+    connected = (_mean_extent(network, middle) - SPECKS) / (TREES - SPECKS)
     by_chance = np.sqrt(STRAIGHT / np.count_nonzero(middle))
     most = 1.0 if woven < WOVEN + by_chance else (LEAST_CONFIDENCE + SURE) / 2
     return float(np.clip(min(stands_out, lines, connected), 0, most))

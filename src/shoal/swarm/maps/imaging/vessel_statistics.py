@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.generators.mazes import Mask
 from shoal.swarm.maps.imaging.network import CentreLines, Segment, centre_lines
 from shoal.swarm.maps.imaging.segmentation import imaging_module
+from shoal.swarm.maps.reading import Mask
 
 Values = NDArray[np.float64]
 
@@ -19,10 +19,8 @@ Values = NDArray[np.float64]
 # overlap
 CLEAR = 1.5
 REACH = 4.0  # length of the measured part, in radii of the junction's disc
-LEAST, SHORTEST = (
-    3.0,
-    6.0,
-)  # length of the measured part in pixels: the minimum, and the minimum if the segment is long enough
+# length of the measured part in pixels: the minimum, and the minimum if the segment is long enough
+LEAST, SHORTEST = 3.0, 6.0
 ALIKE = 0.9  # a segment of at least this fraction of the largest width may be the parent
 # an end nearer to the border of the view than this fraction of the view's side is cut off, not a
 # dead end
@@ -168,10 +166,8 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
         for one in lines.segments
         if one.nodes[0] != one.nodes[1] and min(degrees[node] for node in one.nodes) > 2
     ]
-    covered, length = (
-        int((vessels & within).sum()),
-        max(1.0, sum(one.length for one in lines.segments)),
-    )
+    covered = int((vessels & within).sum())
+    length = max(1.0, sum(one.length for one in lines.segments))
     ends = _ends_inside(lines, np.array(degrees) == 1, within if view is not None else None)
     return VesselStatistics(
         angles=np.array([angle for angle, _ in measured]),

@@ -17,6 +17,7 @@ from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState, field_of
 from shoal.swarm.grid.tasks import Coverage
 from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.kernels.moves import RUNNING
 from shoal.swarm.kernels.planning import anneal, plan_search
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
@@ -190,8 +191,8 @@ def first_plan(
         belief.open.layout, belief, rule=rule, mapping=False, seed=seed_of(rng), options=options
     )
     field = field_of(belief.open.words, state, belief)  # changed while the plan is simulated
-    pieces, status = [], planner_episode.RUNNING
-    while status == planner_episode.RUNNING:
+    pieces, status = [], RUNNING
+    while status == RUNNING:
         trace = Trace.empty(256)
         played, status = planner_episode.play_planner(
             policy.code, field, RULE_CODES[rule], False, planner, trace

@@ -1,18 +1,24 @@
-"""NoisyBelief: for each cell, the log-odds that the cell is free, estimated from noisy observations
-of particles.
+"""Noise: particles slip, scans show wrong positions, and a cell counts as known from a confidence
+that the user chooses.
+
+`Noise` is the model and `NoisyBelief` what a swarm knows under it: for each cell, the log-odds that
+the cell is free.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from math import log
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
+from shoal.swarm.grid.paths import path_to_frontier
 from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.state import Belief, new_field
 from shoal.swarm.kernels import noise as kernels
@@ -20,142 +26,132 @@ from shoal.swarm.kernels.moves import new_record
 from shoal.swarm.kernels.noise import PATIENCE, TIMES
 from shoal.swarm.kernels.search import Search
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.model import CONFIDENCE, PRIOR, Noise, bound_of
-from shoal.swarm.policies.protocol import path_to_frontier
+
+CONFIDENCE = 0.99
+PRIOR = 0.25  # prior probability that an unknown cell is free: about the fraction in vascular maps
+MOST = 0.5  # upper limit of each probability
+SUREST = 0.99999
+LOSS = 0.02
+"""On a rig: prior probability that a particle disappears for good at a move, because it sticks,
+dissolves or leaves the field.
+
+Without it, a particle that no scan shows any more stays in the belief for ever. Of the values
+0.0005, 0.005 and 0.02, the largest gives the fewest wrong cells if particles disappear, and as few
+as the others if none does (`python -m benchmarks.rigs`).
+"""
 
 
-def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:
-    """Return for each free cell the number of free cells that become unreachable from ``roots`` if
-    the cell is a wall.
-
-    Of a root, the function returns 0.
+@dataclass(frozen=True)
+class Noise:
+    """Probabilities of failed motions and observations. Failures of different particles or at
+    different moves are independent.
 
     Parameters
     ----------
-    free : Board
-    roots : Board
-        The cells from which particles start. A part of the map without a root gets one of its cells
-        as root.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        In the order of ``free.cells``.
+    slip : float
+        Probability, from 0 to 0.5, that a command does not move a particle (the particle slips). A
+        slipping particle blocks the particles behind it.
+    misplace : float
+        Probability that a scan shows a particle in a neighbouring cell instead of its true cell.
+        All neighbouring cells (4 in 2-D, 6 in 3-D) are equally likely.
+    miss : float
+        Probability that a scan does not show a particle.
 
     Notes
     -----
-    Source: Hopcroft and Tarjan (1973), Efficient algorithms for graph manipulation: a depth-first
-    search, in which the subtree of a child belongs behind its parent if no edge leads from it to a
-    cell found before the parent.
+    The page docs/concepts/noise.md explains the noise model.
+    """
+
+    slip: float = 0.0
+    misplace: float = 0.0
+    miss: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("slip", "misplace", "miss"):
+            object.__setattr__(
+                self, name, check_number(getattr(self, name), what=name, least=0, most=MOST)
+            )
+
+    def __bool__(self) -> bool:
+        return bool(self.slip or self.misplace or self.miss)
+
+
+def bound_of(confidence: Any) -> float:
+    """Return the log-odds of a confidence. The confidence must exceed the prior probability that an
+    unknown cell is an obstacle.
 
     Examples
     --------
-    >>> free = Board.of_mask(np.array([[1, 1, 1, 1], [1, 1, 0, 0]], dtype=bool))
-    >>> cells_behind(free, Board.of_cells(free.layout, [(1, 0)])).tolist()
-    [0, 2, 1, 0, 0, 0]
+    >>> round(bound_of(0.99), 2)
+    4.6
     """
-    index = np.full(free.layout.window, -1, dtype=np.int64)
-    mask = free.mask
-    index[mask] = np.arange(len(free))
-    beside = [np.roll(index, way, axis)[mask] for axis in range(index.ndim) for way in (-1, 1)]
-    neighbours = np.stack(
-        beside, axis=1
-    ).tolist()  # a board never reaches around its rim: both sides would have to be free
-    starts = [i for i in index[(roots & free).mask].tolist() if i >= 0]
-    count = len(neighbours)
-    found, low, size, behind = [0] * count, [0] * count, [1] * count, [0] * count
-    outside = set(starts)
-    time = 1  # all roots are found at time 1, as if one cell outside the map joined them
-    for first in [*starts, *range(count)]:
-        if found[first]:
-            continue
-        time += 1
-        found[first] = time
-        low[first] = 1 if first in outside else time
-        stack = [(first, -1, iter(neighbours[first]))]
-        while stack:
-            cell, parent, rest = stack[-1]
-            for other in rest:
-                if other < 0 or other == parent:
-                    continue
-                if found[other]:
-                    low[cell] = min(low[cell], found[other])
-                    continue
-                time += 1
-                found[other] = time
-                low[other] = 1 if other in outside else time
-                stack.append((other, cell, iter(neighbours[other])))
-                break
-            else:
-                stack.pop()
-                if stack:
-                    before = stack[-1][0]
-                    size[before] += size[cell]
-                    low[before] = min(low[before], low[cell])
-                    if low[cell] >= found[before]:
-                        behind[before] += size[cell]
-    sizes = np.array(behind, dtype=np.int64)
-    sizes[starts] = 0
-    return sizes
+    sure = check_number(confidence, what="confidence", above=1 - PRIOR, most=SUREST)
+    return log(sure / (1 - sure))
+
+
+@dataclass(frozen=True)
+class MapErrors:
+    """The number of cells that a mapping with noise classified wrongly, and the number of cells
+    that it left undecided.
+
+    The numbers include only cells that a mapping without noise would classify.
+
+    Parameters
+    ----------
+    free, walls : int
+        ``free`` is the number of free cells that particles can reach. ``walls`` is the number of
+        obstacle cells beside the reachable free cells.
+    false_free : int
+        Number of obstacle cells that the swarm classified as free.
+    false_obstacles : int
+        Number of free cells that the swarm classified as obstacles.
+    undecided : int
+        Number of cells that the swarm did not classify.
+    """
+
+    free: int
+    walls: int
+    false_free: int
+    false_obstacles: int
+    undecided: int
+
+    @classmethod
+    def of(cls, workspace: GridWorkspace, start: NDArray[np.int64], belief: Belief) -> MapErrors:
+        """Return the errors in the final belief of a mapping. ``start`` contains the start cells of
+        the particles.
+        """
+        labels = workspace.components
+        reached = Board.of_mask(workspace.free & np.isin(labels, labels[tuple(start.T)]))
+        walls = reached.dilated() - reached
+        return cls(
+            free=len(reached),
+            walls=len(walls),
+            false_free=len(belief.open & walls),
+            false_obstacles=len(belief.obstacles & reached),
+            undecided=len((reached | walls) - belief.known),
+        )
+
+    @property
+    def right(self) -> float:
+        """Number of correctly classified cells divided by ``free + walls``."""
+        cells = self.free + self.walls
+        return 1 - (self.false_free + self.false_obstacles + self.undecided) / cells
+
+    @property
+    def false_free_rate(self) -> float:
+        """Fraction of the obstacle cells that the swarm classified as free."""
+        return self.false_free / max(1, self.walls)
+
+    @property
+    def false_obstacle_rate(self) -> float:
+        """Fraction of the free cells that the swarm classified as obstacles."""
+        return self.false_obstacles / max(1, self.free)
 
 
 PAD = 3  # the rim and two more cells that are never free
 NEVER = -700.0  # log-odds
 MAY_HOLD = 0.05  # probability from which a cell counts as one that may hold a particle
 SAFETY = 2.0  # the rest of a map may branch more than the part found so far
-
-
-def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of the arrays in which kernels store a workspace of the given shape.
-
-    Each array has a margin of three cells on each side of the workspace.
-    """
-    return tuple(size + 2 * PAD for size in shape)
-
-
-def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kernels.NoisyState:
-    """Return the arrays with which kernels store a noisy state, for an unknown workspace without
-    particles.
-    """
-    shape = padded_shape(layout.shape)
-    strides = [1, shape[-1], shape[-1] * shape[-2]]
-    steps = {
-        "l": -strides[0],
-        "u": -strides[1],
-        "r": strides[0],
-        "d": strides[1],
-        "i": -strides[2],
-        "o": strides[2],
-    }
-    size = int(np.prod(shape))
-    logit = np.full(shape, np.log(PRIOR / (1 - PRIOR)))
-    guard = np.ones(shape, dtype=np.bool_)
-    guard[(slice(PAD - 1, 1 - PAD),) * layout.ndim] = False
-    logit[guard] = NEVER
-    return kernels.NoisyState(
-        truth=np.zeros(size, dtype=np.bool_),
-        there=np.zeros(size, dtype=np.bool_),
-        seen=np.zeros(size, dtype=np.bool_),
-        logit=logit.ravel(),
-        inside=np.zeros(size),
-        staying=np.zeros(size),
-        moved=np.zeros(size),
-        offsets=np.array([steps[letter] for letter in letters_of(layout.ndim)], dtype=np.int64),
-        rates=new_record(kernels.RATES, **vars(about), bound=bound_of(confidence)),
-        layers=layout.layers,
-        rows=layout.rows,
-        columns=layout.columns,
-    )
-
-
-def inner_of(
-    flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0
-) -> NDArray[np.generic]:
-    """Return the part of a kernel's array that covers the workspace and a margin of
-    ``rim`` cells.
-    """
-    cut = PAD - rim
-    return flat.reshape(padded_shape(shape))[(slice(cut, -cut or None),) * len(shape)]
 
 
 class NoisyBelief:
@@ -174,10 +170,6 @@ class NoisyBelief:
     loss : float
         Probability that a particle disappears at a move. With a loss above 0, a particle that scans
         do not show for longer than the miss rate explains loses its probability.
-
-    Raises
-    ------
-    InvalidInputError
 
     Notes
     -----
@@ -214,12 +206,10 @@ class NoisyBelief:
         noisy: kernels.NoisyState
         | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
-        self.layout, self.noise, self.confidence, self.loss = (
-            GridLayout(shape),
-            noise,
-            confidence,
-            loss,
-        )
+        self.layout = GridLayout(shape)
+        self.noise = noise
+        self.confidence = confidence
+        self.loss = loss
         self.state = noisy_state_of(self.layout, noise, confidence) if noisy is None else noisy
         self.guard = guard_of(self.layout)
         self._field = new_field(self.layout)
@@ -369,9 +359,8 @@ class NoisyBelief:
             for way in (-1, 1):
                 np.maximum(behind, np.roll(around, way, axis), out=behind)
         walls = np.zeros(self.layout.window, dtype=np.bool_)
-        walls[inner] = (belief.obstacles & belief.open.dilated()).mask[
-            inner
-        ]  # beyond the rim, nothing is hidden
+        # beyond the rim, nothing is hidden
+        walls[inner] = (belief.obstacles & belief.open.dilated()).mask[inner]
         walls &= behind > 0
         if not walls.any():
             return Board.empty(self.layout)
@@ -417,17 +406,6 @@ class NoisyBelief:
         )
 
 
-def guard_of(layout: GridLayout) -> kernels.ProgressGuard:
-    """Return the initial memory of the progress guard, which makes sure that an episode with noise
-    ends.
-    """
-    size = layout.words[0] * layout.words[1]
-    memory = new_record(kernels.MEMORY, budget=-1)
-    return kernels.ProgressGuard(
-        np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory
-    )
-
-
 class Lookout:
     """Chooses commands where a policy has none although the mapping is not complete.
 
@@ -450,7 +428,7 @@ class Lookout:
     Examples
     --------
     >>> from shoal.swarm.grid.board import GridLayout
-    >>> from shoal.swarm.noise.model import Noise
+    >>> from shoal.swarm.noise import Noise
     >>> belief = NoisyBelief((1, 3), Board.of_cells(GridLayout((1, 3)), [(0, 0)]), Noise(slip=0.05))
     >>> lookout = Lookout(belief)
     >>> [lookout.next() for _ in range(5)]
@@ -495,19 +473,15 @@ class Lookout:
             reached = reached | layer
         between = (belief.obstacles & reached.dilated() & (belief.open - reached).dilated()).mask
         odds = np.where(between, self.noisy.logit, -np.inf)
-        return Board(
-            reached.layout, reached.layout.pack(between & (odds > odds.max() - 1))
-        )  # the next push changes more
+        # the next push changes more
+        return Board(reached.layout, reached.layout.pack(between & (odds > odds.max() - 1)))
 
 
 LEVELS = 8
 """Number of shades between an unknown cell and a classified cell."""
 
-OBSTACLE, UNKNOWN, FREE = (
-    0,
-    LEVELS,
-    2 * LEVELS,
-)  # values of looks: shades from classified obstacle to classified free,
+# values of looks: shades from classified obstacle to classified free,
+OBSTACLE, UNKNOWN, FREE = 0, LEVELS, 2 * LEVELS
 FRONTIER = 2 * LEVELS + 1  # the same shades for frontier cells start here,
 FALSE_FREE = 2 * FRONTIER  # an obstacle wrongly classified as free,
 FALSE_OBSTACLE = FALSE_FREE + 1  # a free cell wrongly classified as obstacle
@@ -546,7 +520,7 @@ def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np
     Examples
     --------
     >>> from shoal.swarm.grid.board import Board, GridLayout
-    >>> from shoal.swarm.noise.model import Noise
+    >>> from shoal.swarm.noise import Noise
     >>> belief = NoisyBelief((1, 3), Board.of_cells(GridLayout((1, 3)), [(0, 0)]), Noise(slip=0.05))
     >>> looks_of(belief, None)[1].tolist()  # the particle stands between two frontier cells
     [25, 16, 25, 8, 8]
@@ -595,3 +569,180 @@ def noisy_belief(
         layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_))
     )
     return NoisyBelief(layout.shape, seen, about, confidence, noisy=noisy)
+
+
+def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:
+    """Return for each free cell the number of free cells that become unreachable from ``roots`` if
+    the cell is a wall.
+
+    Of a root, the function returns 0.
+
+    Parameters
+    ----------
+    free : Board
+    roots : Board
+        The cells from which particles start. A part of the map without a root gets one of its cells
+        as root.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        In the order of ``free.cells``.
+
+    Notes
+    -----
+    Source: Hopcroft and Tarjan (1973), Efficient algorithms for graph manipulation: a depth-first
+    search, in which the subtree of a child belongs behind its parent if no edge leads from it to a
+    cell found before the parent.
+
+    Examples
+    --------
+    >>> free = Board.of_mask(np.array([[1, 1, 1, 1], [1, 1, 0, 0]], dtype=bool))
+    >>> cells_behind(free, Board.of_cells(free.layout, [(1, 0)])).tolist()
+    [0, 2, 1, 0, 0, 0]
+    """
+    index = np.full(free.layout.window, -1, dtype=np.int64)
+    mask = free.mask
+    index[mask] = np.arange(len(free))
+    beside = [np.roll(index, way, axis)[mask] for axis in range(index.ndim) for way in (-1, 1)]
+    neighbours = np.stack(
+        beside, axis=1
+    ).tolist()  # a board never reaches around its rim: both sides would have to be free
+    starts = [i for i in index[(roots & free).mask].tolist() if i >= 0]
+    count = len(neighbours)
+    found, low, size, behind = [0] * count, [0] * count, [1] * count, [0] * count
+    outside = set(starts)
+    time = 1  # all roots are found at time 1, as if one cell outside the map joined them
+    for first in [*starts, *range(count)]:
+        if found[first]:
+            continue
+        time += 1
+        found[first] = time
+        low[first] = 1 if first in outside else time
+        stack = [(first, -1, iter(neighbours[first]))]
+        while stack:
+            cell, parent, rest = stack[-1]
+            for other in rest:
+                if other < 0 or other == parent:
+                    continue
+                if found[other]:
+                    low[cell] = min(low[cell], found[other])
+                    continue
+                time += 1
+                found[other] = time
+                low[other] = 1 if other in outside else time
+                stack.append((other, cell, iter(neighbours[other])))
+                break
+            else:
+                stack.pop()
+                if stack:
+                    before = stack[-1][0]
+                    size[before] += size[cell]
+                    low[before] = min(low[before], low[cell])
+                    if low[cell] >= found[before]:
+                        behind[before] += size[cell]
+    sizes = np.array(behind, dtype=np.int64)
+    sizes[starts] = 0
+    return sizes
+
+
+def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of the arrays in which kernels store a workspace of the given shape.
+
+    Each array has a margin of three cells on each side of the workspace.
+    """
+    return tuple(size + 2 * PAD for size in shape)
+
+
+def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kernels.NoisyState:
+    """Return the arrays with which kernels store a noisy state, for an unknown workspace without
+    particles.
+    """
+    shape = padded_shape(layout.shape)
+    strides = [1, shape[-1], shape[-1] * shape[-2]]
+    steps = {
+        "l": -strides[0],
+        "u": -strides[1],
+        "r": strides[0],
+        "d": strides[1],
+        "i": -strides[2],
+        "o": strides[2],
+    }
+    size = int(np.prod(shape))
+    logit = np.full(shape, np.log(PRIOR / (1 - PRIOR)))
+    guard = np.ones(shape, dtype=np.bool_)
+    guard[(slice(PAD - 1, 1 - PAD),) * layout.ndim] = False
+    logit[guard] = NEVER
+    return kernels.NoisyState(
+        truth=np.zeros(size, dtype=np.bool_),
+        there=np.zeros(size, dtype=np.bool_),
+        seen=np.zeros(size, dtype=np.bool_),
+        logit=logit.ravel(),
+        inside=np.zeros(size),
+        staying=np.zeros(size),
+        moved=np.zeros(size),
+        offsets=np.array([steps[letter] for letter in letters_of(layout.ndim)], dtype=np.int64),
+        rates=new_record(kernels.RATES, **vars(about), bound=bound_of(confidence)),
+        layers=layout.layers,
+        rows=layout.rows,
+        columns=layout.columns,
+    )
+
+
+def inner_of(
+    flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0
+) -> NDArray[np.generic]:
+    """Return the part of a kernel's array that covers the workspace and a margin of
+    ``rim`` cells.
+    """
+    cut = PAD - rim
+    return flat.reshape(padded_shape(shape))[(slice(cut, -cut or None),) * len(shape)]
+
+
+def guard_of(layout: GridLayout) -> kernels.ProgressGuard:
+    """Return the initial memory of the progress guard, which makes sure that an episode with noise
+    ends.
+    """
+    size = layout.words[0] * layout.words[1]
+    memory = new_record(kernels.MEMORY, budget=-1)
+    return kernels.ProgressGuard(
+        np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory
+    )
+
+
+class NoisyWorld:
+    """The true state of a simulation with noise, under the move rule block.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    start : array_like of int, shape (n, ndim)
+    noise : Noise
+    rng : Generator
+
+    Examples
+    --------
+    >>> world = NoisyWorld(GridWorkspace([[1, 1, 1]]), [(0, 0)], Noise(slip=0.5), np.random.default_rng(1))
+    >>> [world.step("r") or world.scan().tolist() for _ in range(3)]
+    [[[0, 1]], [[0, 1]], [[0, 1]]]
+    """
+
+    def __init__(
+        self, workspace: GridWorkspace, start: ArrayLike, noise: Noise, rng: Generator
+    ) -> None:
+        cells = np.asarray(start, dtype=np.int64)
+        self.shape, self.rng = workspace.shape, rng
+        self.state = truth_of(workspace, cells, noise, CONFIDENCE)
+
+    def step(self, command: str) -> None:
+        """Move the particles by one command. Each particle may slip."""
+        kernels.move_noisy(self.state, encode(command, ndim=len(self.shape))[0], self.rng)
+
+    def scan(self) -> NDArray[np.int64]:
+        """Return the cells in which a new scan shows particles (int64, shape (k, ndim)).
+
+        Because of the noise, particles may appear in rim cells outside the workspace. In a
+        workspace of H rows and W columns, a rim cell has the row -1 or H, or the column -1 or W.
+        """
+        kernels.look(self.state, self.rng)
+        return np.argwhere(inner_of(self.state.seen, self.shape, rim=1)) - 1

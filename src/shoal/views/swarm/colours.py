@@ -1,0 +1,120 @@
+"""Colours of cells in figures and films of swarms: the palettes, the legend, and the code of each
+cell at each moment of an episode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.dataclass import dataclass
+from shoal.swarm import Belief, SwarmEpisode, SwarmState, noise
+from shoal.swarm.maps.workspace import COLOURS, PALETTE
+
+LEGEND = ("particle", "frontier", "free", "obstacle", "unknown")
+"""Names of the colours in the order of the legend."""
+
+
+def legend_of(*, coverage: bool) -> dict[str, str]:
+    """Return the words of the legend for each colour."""
+    names = {name: name for name in LEGEND}
+    return names | {"frontier": "not covered yet"} if coverage else names
+
+
+WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
+"""Colours of wrongly classified cells: an obstacle that counts as free, and a free cell that counts
+as an obstacle.
+
+With any common kind of colour blindness, a viewer can distinguish both colours from the colour of
+particles.
+"""
+
+FRONTIER_TINT = 0.65
+"""With noise: weight of the frontier colour in the colour of a frontier cell."""
+
+
+@dataclass(frozen=True)
+class CellPalette:
+    """The colour for each colour code of a cell.
+
+    Parameters
+    ----------
+    rgb : ndarray of uint8, shape (n, 3)
+        Row k is the RGB colour for the code k; the last row is the colour of particles.
+    solid : ndarray of bool, shape (n,)
+        For each code, whether a 3-D view shows cells with the code. A 3-D view omits unknown cells
+        and obstacles, because they would hide all other cells.
+    """
+
+    rgb: NDArray[np.uint8]
+    solid: NDArray[np.bool_]
+
+    @property
+    def particle(self) -> int:
+        """The colour code of a cell with a particle."""
+        return len(self.rgb) - 1
+
+
+def rgb_of(text: str) -> tuple[int, ...]:
+    """Return red, green and blue, from 0 to 255, of a colour as the web writes it."""
+    return tuple(bytes.fromhex(text[1:]))
+
+
+def _shade(text: str) -> NDArray[np.float64]:
+    return np.array(rgb_of(text), dtype=np.float64)
+
+
+def _noisy() -> CellPalette:
+    obstacle, unknown, free, frontier = (
+        _shade(PALETTE[name]) for name in ("obstacle", "unknown", "free", "frontier")
+    )
+    shares = np.linspace(-1, 1, 2 * noise.LEVELS + 1)[:, None]
+    shades = np.where(
+        shares < 0, unknown + shares * (unknown - obstacle), unknown + shares * (free - unknown)
+    )
+    others = [_shade(text) for text in (WRONG_FREE, WRONG_OBSTACLE, PALETTE["particle"])]
+    colours = np.vstack([shades, FRONTIER_TINT * frontier + (1 - FRONTIER_TINT) * shades, others])
+    solid = np.zeros(len(colours), dtype=np.bool_)
+    solid[[noise.FREE, *range(noise.FRONTIER, len(colours))]] = True
+    return CellPalette(colours.round().astype(np.uint8), solid)
+
+
+PLAIN = CellPalette(COLOURS, np.array([False, True, True, False, True]))
+NOISY = _noisy()
+
+
+def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
+    """Return the palette for an episode: `NOISY` for an episode with noise, otherwise `PLAIN`."""
+    return NOISY if episode.noisy else PLAIN
+
+
+def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
+    """Return the colour code of each cell in an episode without noise; uint8, with a rim of one
+    cell around the map.
+    """
+    codes = belief.states
+    codes[state.occupied.mask] = PLAIN.particle
+    return codes
+
+
+def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
+    """Yield the colour codes of all cells at the start and after each move; uint8, with a rim of
+    one cell around the map.
+    """
+    if episode.noisy:
+        for moment in episode.moments():
+            yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
+    else:
+        for state, belief in episode.frames():
+            yield codes_of(state, belief)
+
+
+def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
+    """Return the colour codes of all cells after ``moves`` moves; uint8, with a rim of one cell
+    around the map.
+    """
+    if moves == episode.moves and palette_of_cells(episode) is PLAIN:
+        return codes_of(*episode.final())  # the whole replay in compiled code
+    return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)
