@@ -118,8 +118,7 @@ from math import inf
 import numpy as np
 from shoal.steering import ContactWorld, disk, region, regular_polygon
 from shoal.steering.contact.world import RegionWorld
-from shoal.steering.kernels import annealing
-from shoal.steering.kernels import sampling
+from shoal.steering.kernels import annealing, sampling
 from shoal.steering.planners.sampling import world_of
 from shoal.steering.planners.task import SteeringTask
 rng = np.random.default_rng(9)
@@ -136,9 +135,9 @@ for world in (RegionWorld(yard), ContactWorld(regular_polygon(3)), ContactWorld(
         print(sampling.is_blocked(state, *moves[0], wide), sampling.passes_corner(*points[0], *state[0], wide))
         count = sampling.translate(state, *moves[0], wide, made, 0)
         print(count, np.round(state, 9).tolist(), np.round(made, 9).tolist())
-        steps = shortening.Steps(np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2)))
+        steps = annealing.Steps(np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2)))
         steps.targets[:2] = points[:2] + moves[:2]
-        print(round(shortening.play(steps, 4, task.start, task.goal, 0.3, inf, wide, state), 9), np.round(state, 6).tolist())
+        print(round(annealing.play(steps, 4, annealing.PlanTask(task.start, task.goal, 0.3, 4), inf, wide, state), 9), np.round(state, 6).tolist())
 """
 
 TOURS = """
