@@ -46,9 +46,8 @@ _UNUSED_PASSES = {
 class PlainForms:
     """The compiled form of a kernel by Numba alone, for versions of Numba that Shoal does not know."""
 
-    def __init__(self, function: Callable[..., Any], **options: bool) -> None:
-        options = {name: value for name, value in options.items() if not name.startswith("_")}
-        self.entry = njit(nogil=True, error_model="numpy", **options)(function)
+    def __init__(self, function: Callable[..., Any], **_options: bool) -> None:
+        self.entry = njit(nogil=True, error_model="numpy")(function)
 
     @property
     def part_type(self) -> Any:
