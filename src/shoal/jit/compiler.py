@@ -23,6 +23,8 @@ from llvmlite import ir
 from llvmlite.binding import Linkage
 from llvmlite.ir.instructions import ExtractValue, GEPInstr, LoadInstr
 from numba import _dynfunc, njit, types  # type: ignore[attr-defined]
+from numba.core import errors
+from numba.core.cgutils import get_item_pointer2, unpack_tuple
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -31,6 +33,7 @@ from numba.core.lowering import Lower
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 from numba.core.typed_passes import NativeLowering
+from numba.cpython.slicing import fix_index
 from numba.extending import register_model
 
 from shoal.jit.loader import MachineCode
@@ -90,7 +93,7 @@ class CompiledForms:
             A pickled `MachineCode`, or None if the machine code is of no use in another process.
         """
         kinds = tuple(_by_pointer(self.entry.typeof_pyval(one)) for one in arguments)
-        with _garbage_collector_paused():
+        with _quick_compilation():
             entry = self.entry.compile(kinds)
             result = self.entry.overloads[kinds]
             bound = result.library.has_dynamic_globals or result.reload_init
@@ -98,13 +101,18 @@ class CompiledForms:
 
 
 @contextmanager
-def _garbage_collector_paused() -> Iterator[None]:
-    """Pause Python's garbage collector, which else takes an eighth of the compilation time and finds hardly any garbage."""
-    enabled = gc.isenabled()
+def _quick_compilation() -> Iterator[None]:
+    """Pause what makes Numba slow: Python's garbage collector, which finds hardly any garbage, and colours of hidden errors.
+
+    The garbage collector takes an eighth of the compilation time. Where colorama is installed, the colours take a thirtieth.
+    """
+    enabled, colours = gc.isenabled(), errors._termcolor_inst
     gc.disable()
+    errors._termcolor_inst = errors.NOPColorScheme()
     try:
         yield
     finally:
+        errors._termcolor_inst = colours
         if enabled:
             gc.enable()
 
@@ -182,7 +190,7 @@ def _place_of(builder: Any, value: Any) -> Any:
 
 
 class _Lower(Lower):
-    """Numba's translation to LLVM code, in which variables for structures of a caller are pointers to them."""
+    """Numba's translation to LLVM code, with less code for named tuples and for single elements of arrays."""
 
     def storevar(self, value: Any, name: str, argidx: int | None = None) -> None:
         if self._may_point(name):
@@ -200,6 +208,46 @@ class _Lower(Lower):
     def delvar(self, name: str) -> None:
         if not isinstance(self.varmap.get(name), ir.Argument | GEPInstr):  # else zeros would be written to the caller's memory
             super().delvar(name)
+
+    def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:
+        array = self.typeof(value.name)
+        place = self._place_of_element(value, index)
+        if place is None or not array.dtype == signature.return_type == resty:
+            return super().lower_getitem(resty, expr, value, index, signature)
+        return self.context.unpack_value(self.builder, array.dtype, place, align=None if array.aligned else 1)
+
+    def lower_setitem(self, target_var: Any, index_var: Any, value_var: Any, signature: Any) -> Any:
+        array, kind = self.typeof(target_var.name), self.typeof(value_var.name)
+        if not isinstance(kind, types.Number | types.Boolean) or not isinstance(getattr(array, "dtype", None), types.Number):
+            return super().lower_setitem(target_var, index_var, value_var, signature)
+        place = self._place_of_element(target_var, index_var)
+        if place is None:
+            return super().lower_setitem(target_var, index_var, value_var, signature)
+        value = self.context.cast(self.builder, self.loadvar(value_var.name), kind, array.dtype)
+        align = None if array.aligned else 1
+        return self.context.pack_value(self.builder, array.dtype, value, place, align=align)
+
+    def _place_of_element(self, array_var: Any, index_var: Any) -> Any:
+        """Return a pointer to the element of an array at whole numbers, or None for anything else.
+
+        Numba's own code for this first copies the fields of the array to memory, which doubles the LLVM code of a typical kernel.
+        """
+        array, index = self.typeof(array_var.name), self.typeof(index_var.name)
+        kinds = tuple(index) if isinstance(index, types.BaseTuple) else (index,)
+        if type(array) is not types.Array or len(kinds) != array.ndim or self.context.enable_boundscheck:
+            return None
+        if not all(isinstance(kind, types.Integer) for kind in kinds):
+            return None
+        builder, model = self.builder, self.context.data_model_manager[array]
+        value, at = self.loadvar(array_var.name), self.loadvar(index_var.name)
+        shape, strides = (unpack_tuple(builder, model.get(builder, value, name), array.ndim) for name in ("shape", "strides"))
+        numbers = unpack_tuple(builder, at, array.ndim) if isinstance(index, types.BaseTuple) else (at,)
+        indices = []
+        for kind, number, length in zip(kinds, numbers, shape, strict=True):
+            number = self.context.cast(builder, number, kind, types.intp if kind.signed else types.uintp)  # noqa: PLW2901
+            indices.append(fix_index(builder, number, length) if kind.signed else number)
+        data = model.get(builder, value, "data")
+        return get_item_pointer2(self.context, builder, data, shape, strides, array.layout, indices)
 
 
 # Code of entries and parts
@@ -224,9 +272,7 @@ class Entry(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         _hide_parts(self._final_module)
-        # Numba runs LLVM's passes twice, and with the level 3, which makes no measurable difference to the speed.
-        passes, builder = self._codegen._module_pass_manager(opt=2)
-        passes.run(self._final_module, builder)
+        super()._optimize_final_module()
 
 
 def _hide_parts(module: Any) -> None:
