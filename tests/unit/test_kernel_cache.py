@@ -203,7 +203,8 @@ def test_the_order_of_fields_is_part_of_what_is_compiled(key_of):
 
 
 def test_a_kernel_that_calls_itself_has_a_key(key_of):
-    itself = "def scaled(number, by=1):\n    if number > 0:\n        return scaled(number - 1)\n    return by\n\ndef unused(number, by=1):"
+    itself = "def scaled(number, by=1):\n    if number > 0:\n        return scaled(number - 1)\n    return by\n"
+    itself += "\ndef unused(number, by=1):"
     before = key_of("def scaled(number, by=1):", itself)
     assert len(before) == 16
     assert key_of("def scaled(number, by=1):", itself.replace("- 1", "- 2")) != before

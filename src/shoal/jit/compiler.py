@@ -23,7 +23,6 @@ from llvmlite import ir
 from llvmlite.binding import Linkage
 from llvmlite.ir.instructions import ExtractValue, GEPInstr, LoadInstr
 from numba import _dynfunc, njit, types  # type: ignore[attr-defined]
-from numba.core import errors
 from numba.core.cgutils import get_item_pointer2, unpack_tuple
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
@@ -93,7 +92,7 @@ class CompiledForms:
             A pickled `MachineCode`, or None if the machine code is of no use in another process.
         """
         kinds = tuple(_by_pointer(self.entry.typeof_pyval(one)) for one in arguments)
-        with _quick_compilation():
+        with _garbage_collector_paused():
             entry = self.entry.compile(kinds)
             result = self.entry.overloads[kinds]
             bound = result.library.has_dynamic_globals or result.reload_init
@@ -101,18 +100,13 @@ class CompiledForms:
 
 
 @contextmanager
-def _quick_compilation() -> Iterator[None]:
-    """Pause what makes Numba slow: Python's garbage collector, which finds hardly any garbage, and colours of hidden errors.
-
-    The garbage collector takes an eighth of the compilation time. Where colorama is installed, the colours take a thirtieth.
-    """
-    enabled, colours = gc.isenabled(), errors._termcolor_inst
+def _garbage_collector_paused() -> Iterator[None]:
+    """Pause Python's garbage collector, which else takes an eighth of the compilation time and finds hardly any garbage."""
+    enabled = gc.isenabled()
     gc.disable()
-    errors._termcolor_inst = errors.NOPColorScheme()
     try:
         yield
     finally:
-        errors._termcolor_inst = colours
         if enabled:
             gc.enable()
 
@@ -233,7 +227,7 @@ class _Lower(Lower):
         Numba's own code for this first copies the fields of the array to memory, which doubles the LLVM code of a typical kernel.
         """
         array, index = self.typeof(array_var.name), self.typeof(index_var.name)
-        kinds = tuple(index) if isinstance(index, types.BaseTuple) else (index,)
+        kinds = getattr(index, "types", (index,))
         if type(array) is not types.Array or len(kinds) != array.ndim or self.context.enable_boundscheck:
             return None
         if not all(isinstance(kind, types.Integer) for kind in kinds):
