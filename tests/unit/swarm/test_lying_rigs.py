@@ -354,7 +354,7 @@ def test_ctrl_c_keeps_the_map():
 
 @pytest.mark.parametrize("fields", [{}, {"policy": "closest-frontier", "scan_every": "adaptive"}, STATED], ids=str)
 def test_kernels_are_compiled_before_the_rig_is_connected(fields, monkeypatch):
-    from shoal.jit import kernel as entry
+    from shoal.jit import entry
     from shoal.swarm.problem import SwarmProblem
     from shoal.swarm.rigs import load_drive_kernels
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit.kernel import in_place_kernel
+from shoal.jit.entry import in_place_kernel
 
 
 def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[np.int32], int]:
