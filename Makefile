@@ -18,7 +18,7 @@ help:
 	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
-	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies'
+	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
 	@echo 'make bench    measure speed against the plain reference, in one run'
 	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches, 100,000 hostile files, 50 kills, 20 full disks, 1000 plans deconflicted'
@@ -86,8 +86,9 @@ test-wheel: $(VENV)/.dev-installed
 	  environment/bin/python -m pip --disable-pip-version-check -q install "$$wheel[imaging]" pytest hypothesis; \
 	  environment/bin/python -m pytest -q $(WHEEL_SAMPLE)
 
-# Only here do versions other than those of the lock run.
+# Only here do versions other than those of the lock run. uv finds the lowest versions; nothing else needs it.
 versions: $(VENV)/.dev-installed
+	@$(PIP) install uv
 	@$(BIN)/python -m tests.versions
 
 lint: $(VENV)/.dev-installed

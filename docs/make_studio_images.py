@@ -104,9 +104,9 @@ def episodes(page: Page) -> None:
 def papers(page: Page) -> None:
     page.get_by_role("link", name="Papers").click()
     page.locator(".paper").first.wait_for()
-    if not page.locator(".verdictChip").count():
+    if not page.locator(".paper .verdictChip").count():
         page.get_by_role("button", name="Run quickly: m-fig3").click()
-    page.locator(".verdictChip").wait_for(timeout=90_000)
+    page.locator(".paper .verdictChip").wait_for(timeout=90_000)
     page.locator(".paper:has(.verdictChip)").evaluate("paper => paper.scrollIntoView()")
 
 

@@ -1,15 +1,14 @@
-"""Test the declared bounds of all dependencies: ``make versions``, or ``python -m tests.versions lowest highest``.
+"""Test the declared bounds of all dependencies: ``make versions``, or ``python -m tests.versions lowest highest 3.13``.
 
 For each word, Shoal is installed with all its extras into an environment of its own: with the lowest declared version of each
-dependency, or with the highest that the bounds allow. A sample of tests runs there, against the installed package. Where a
-dependency has an upper bound and a newer version is available, the sample also runs with that version, and a line tells
-whether the bound can be raised.
+dependency, with the highest that the bounds allow, or with the highest in another version of Python, if this machine has one. A
+sample of tests runs there, against the installed package. Where a dependency has an upper bound and a newer version is available,
+the sample also runs with that version, and a line tells whether the bound can be raised.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -17,7 +16,11 @@ import tempfile
 import tomllib
 from pathlib import Path
 
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+
 ROOT = Path(__file__).parents[1]
+UV = os.path.join(os.path.dirname(sys.executable), "uv")
 EXTRAS = ("imaging", "serial", "studio", "lab", "cluster", "volumes", "envs")
 TOOLS = ("pytest", "hypothesis", "gpxpy", "lxml", "pymavlink", "bokeh-sampledata")
 # Tests that use each dependency at least once, without the browser and without measurements of types or pages.
@@ -28,82 +31,96 @@ SAMPLE = (
     "tests/unit/swarm/test_imaging.py", "tests/unit/swarm/test_rigs.py", "tests/unit/views/test_figure_and_film.py",
     "tests/unit/steering/test_svg.py", "tests/unit/test_kernel_cache.py",
 )  # fmt: skip
-_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(?:\[[^]]*\])?>=(?P<lowest>[\w.]+)(?:,<(?P<bound>[\w.]+))?$")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
-def declared() -> dict[str, re.Match[str]]:
-    """Return the declared range of every dependency that Shoal needs to run, by name.
+def dependencies() -> list[Requirement]:
+    """Return all that Shoal and its extras need to run.
 
     Raises
     ------
     SystemExit
-        If a dependency has no lowest version.
+        If one has no lowest version.
     """
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
-    texts = [*project["dependencies"], *(text for extra in EXTRAS for text in extras[extra])]
-    found = {text: _REQUIREMENT.match(text) for text in texts}
-    if wrong := [text for text, match in found.items() if match is None]:
+    texts = [*PROJECT["dependencies"], *(text for extra in EXTRAS for text in PROJECT["optional-dependencies"][extra])]
+    found = [Requirement(text) for text in texts]
+    if wrong := [str(one) for one in found if not any(limit.operator == ">=" for limit in one.specifier)]:
         raise SystemExit(f"pyproject.toml: expected NAME>=VERSION or NAME>=VERSION,<VERSION, got {', '.join(wrong)}")
-    return {match["name"]: match for match in found.values() if match}
+    return found
 
 
-def passes(pins: list[str], beyond: str = "") -> bool:
-    """Install Shoal with pinned versions, and then the package ``beyond`` its bound. Return whether the sample passes."""
+def other_pythons() -> dict[str, str]:
+    """Return the program of each declared version of Python on this machine, except the running one."""
+    supported = SpecifierSet(PROJECT["requires-python"])
+    programs = {}
+    for version in (f"3.{minor}" for minor in range(11, 30)):
+        if version in supported and version != f"3.{sys.version_info.minor}":
+            pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+            for program in [shutil.which(f"python{version}"), *sorted(pyenv.glob(f"{version}.*/bin/python"))]:
+                # The program may be one that only says which versions pyenv has.
+                if program and subprocess.run([program, "-c", ""], capture_output=True, check=False).returncode == 0:
+                    programs[version] = str(program)
+    return programs
+
+
+def passes(resolution: str = "highest", python: str = sys.executable, beyond: str = "") -> bool:
+    """Install Shoal, and then the package ``beyond`` its bound. Return whether the sample passes."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for part in ("tests", "docs", "examples", "benchmarks", "README.md", "pyproject.toml"):
             source = ROOT / part
             (shutil.copytree if source.is_dir() else shutil.copy)(source, folder / part)
         (folder / "src").mkdir()
-        (folder / "pins.txt").write_text("\n".join(pins))
-        subprocess.run([sys.executable, "-m", "venv", folder / "environment"], check=True)
-        python = folder / "environment" / "bin" / "python"
-        pip = [python, "-m", "pip", "--disable-pip-version-check", "-q", "install"]
-        wanted = [f"{ROOT}[{','.join(EXTRAS)}]", *TOOLS]
-        if subprocess.run([*pip, "-c", "pins.txt", *wanted], cwd=folder, env=_environment(), check=False).returncode:
-            return False
-        if beyond:
-            subprocess.run([*pip, beyond], cwd=folder, env=_environment(), check=True)
+        there = folder / "environment" / "bin" / "python"
+        shoal = f"shoal[{','.join(EXTRAS)}] @ {ROOT.as_uri()}"
+        install = [UV, "pip", "install", "-q", "--python", there]
+        for words in (
+            [UV, "venv", "-q", "--python", python, folder / "environment"],
+            [*install, "--resolution", "lowest-direct" if resolution == "lowest" else "highest", shoal],
+            [*install, *TOOLS],
+            *([[*install, beyond]] if beyond else []),
+        ):
+            if subprocess.run(words, cwd=folder, env=_environment(), check=False).returncode:
+                return False
         # Old libraries beside new ones of their own dependencies warn of one another.
         options = ["-q", "-p", "no:cacheprovider", "-o", "filterwarnings=default", "--disable-warnings"]
-        tested = subprocess.run([python, "-m", "pytest", *options, *SAMPLE], cwd=folder, env=_environment(), check=False)
+        tested = subprocess.run([there, "-m", "pytest", *options, *SAMPLE], cwd=folder, env=_environment(), check=False)
         return tested.returncode == 0
 
 
 def _environment() -> dict[str, str]:
     """Return the environment variables without those that would bring in the lock or the sources of this checkout."""
-    return {name: value for name, value in os.environ.items() if name not in {"PIP_CONSTRAINT", "PYTHONPATH"}}
+    kept = {name: value for name, value in os.environ.items() if name not in {"PIP_CONSTRAINT", "PYTHONPATH"}}
+    # Certificates are those of the system; a Python that is not here is not fetched.
+    return {**kept, "UV_NATIVE_TLS": "1", "UV_PYTHON_DOWNLOADS": "never"}
 
 
-def newer_than_bound(name: str, bound: str) -> str:
-    """Return the newest available version of a dependency if its bound excludes that version, or an empty text."""
-    told = subprocess.run(
-        [sys.executable, "-m", "pip", "--disable-pip-version-check", "index", "versions", name],
-        env=_environment(), capture_output=True, text=True, check=False,
-    ).stdout  # fmt: skip
-    newest = re.search(r"\(([\d.]+)\)", told)
-    numbers = [tuple(map(int, text.split("."))) for text in (newest[1] if newest else "0", bound)]
-    return newest[1] if newest and numbers[0] >= numbers[1] else ""
+def newer_than_bound(one: Requirement) -> str:
+    """Return the newest available version of a dependency if its bounds exclude that version, or an empty text."""
+    found = subprocess.run(
+        [UV, "pip", "compile", "-q", "--no-deps", "--no-header", "--no-annotate", "-"],
+        input=one.name, env=_environment(), capture_output=True, text=True, check=True,
+    ).stdout.strip()  # fmt: skip
+    newest = found.partition("==")[2]
+    return "" if newest in one.specifier else newest
 
 
 def main(words: list[str]) -> int:
     """Return 1 if a sample failed within the declared bounds."""
     failed = []
-    ranges = declared()
-    pins = {"lowest": [f"{name}=={match['lowest']}" for name, match in ranges.items()], "highest": []}
-    for word in words or list(pins):
-        print(f"== the {word} declared versions", flush=True)
-        if not passes(pins[word]):
+    bounded = [one for one in dependencies() if any(limit.operator == "<" for limit in one.specifier)]
+    pythons = other_pythons()
+    for word in words or ["lowest", "highest", *pythons]:
+        print(f"== {f'the {word} declared versions' if word in ('lowest', 'highest') else f'Python {word}'}", flush=True)
+        if not passes(word) if word in ("lowest", "highest") else not passes(python=pythons.get(word, word)):
             failed.append(word)
-    for name, match in ranges.items():
-        newest = newer_than_bound(name, match["bound"]) if match["bound"] else ""
-        if newest:
-            print(f"== {name} {newest}, which the bound {match['bound']} excludes", flush=True)
-            works = passes([], f"{name}=={newest}")
-            print(f"{name} {newest} {'works: raise the bound' if works else 'fails: keep the bound'}")
-        elif match["bound"]:
-            print(f"{name}: no version is newer than the bound {match['bound']}")
+    for one in bounded:
+        if newest := newer_than_bound(one):
+            print(f"== {one.name} {newest}, which {one.specifier} excludes", flush=True)
+            works = passes(beyond=f"{one.name}=={newest}")
+            print(f"{one.name} {newest} {'works: raise the bound' if works else 'fails: keep the bound'}")
+        else:
+            print(f"{one.name}: no version is newer than its bound ({one.specifier})")
     print("failed: " + ", ".join(failed) if failed else "the declared bounds hold")
     return bool(failed)
 

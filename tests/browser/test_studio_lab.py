@@ -9,7 +9,7 @@ from typing import Any
 
 import axe_playwright_python
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, Route
 from tests.browser.studio import FORMS, Studio, tab, tab_to, wear, written_by
 from tests.browser.waiting import until
 
@@ -221,6 +221,23 @@ def test_a_damaged_store_is_said_and_the_others_are_shown(page: Page, studio: St
     page.locator(".sweep h2", has_text="mazes").wait_for()
     for name in ("broken.sqlite", "notes.sqlite"):
         (studio.folder / name).unlink()
+
+
+@pytest.mark.forms(0)
+def test_no_sweep_is_shown_under_the_mark_of_another(page: Page, studio: Studio, mazes: str) -> None:
+    """While the chosen sweep is read, which takes long on a busy machine, the one before is gone."""
+    run_sweep(Sweep(**small("others", 1)), studio.folder / "others.sqlite", workers=0)
+    studio.open(page, "lab", {"tab": "sweeps", "store": mazes, "sweep": "mazes"})
+    page.locator(".sweep h2", has_text="mazes").wait_for()
+    held: list[Route] = []
+    page.route("**/api/ask/sweep", lambda route: held.append(route))  # noqa: PLW0108 - playwright marks what it is given
+    page.locator(".sweepCard", has_text="others").click()
+    page.locator(".sweepCard[aria-current]", has_text="others").wait_for()
+    page.locator(".sweep [role=status]", has_text="Opening others").wait_for()
+    assert page.locator(".sweep h2").count() == 0
+    for route in held:
+        route.continue_()
+    page.locator(".sweep h2", has_text="others").wait_for()
 
 
 def test_a_comparison_goes_on_in_the_lab(page: Page, studio: Studio) -> None:

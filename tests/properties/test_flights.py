@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 import shapely
 from tests.properties.flights import judged, missions_of_plan
 from tests.reference.flight import narrow_turns, way_of_plan
 
+from shoal.core import notices
+from shoal.core.errors import InvalidInputError
 from shoal.search import LocalFrame, open_region
-from shoal.search.allocation.plan import plan_search
+from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.flight.dubins import WORDS, dubins_parts, dubins_way, dubins_ways
 from shoal.search.flight.turning import NEAR, turned_way
 from shoal.search.missions import check_missions, write_missions
 from shoal.search.problem import SearchProblem
+from shoal.search.regions.margin import grown
 
 TURNED = 773  # a plan in whose file rounding turns a leg of 1.4 m by .04 degrees, so that a bend of 1 degree becomes a turn
 
@@ -60,3 +65,90 @@ def test_a_path_of_curves_ends_at_home_even_if_home_is_almost_at_the_last_viewpo
     (flown,) = turned_way(way, 30.0, link=20.0)
     assert flown[0].tolist() == way[0].tolist()
     assert flown[-1].tolist() == way[-1].tolist()
+
+
+def between_zones(folder, *boxes):
+    """Return the problem of a fixed wing in a field of 360 m x 280 m with no-go zones (west, south, east, north) in metres."""
+    frame = LocalFrame(8.5, 47.4)
+    shapes = [shapely.transform(shapely.box(*box), frame.to_degrees) for box in ((0, 0, 360, 280), *boxes)]
+    features = [
+        {"type": "Feature", "properties": {"no_go": number > 0}, "geometry": json.loads(shapely.to_geojson(shape))}
+        for number, shape in enumerate(shapes)
+    ]
+    (folder / "zones.json").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return SearchProblem(
+        str(folder / "zones.json"), robots=1, footprint=40.0, vehicle="fixed-wing,turn_radius=30,cruise_speed=15", angle=0.0,
+        tour="boustrophedon", allocation="stay",
+    )  # fmt: skip
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """The notices of one test."""
+    texts = []
+    monkeypatch.setattr(notices, "listeners", [texts.append])
+    monkeypatch.setattr(notices, "_told", set())
+    return texts
+
+
+@pytest.mark.parametrize(
+    "boxes",
+    [
+        ((118, 88, 189, 123), (192, 157, 231, 190)),
+        ((198, 184, 267, 225), (126, 180, 156, 251)),
+        ((88, 120, 148, 151), (93, 189, 127, 225)),
+    ],
+)
+def test_a_fixed_wing_flies_out_of_a_gap_between_zones_before_it_turns(boxes, tmp_path, told):
+    problem = between_zones(tmp_path, *boxes)
+    plan = plan_search(problem)
+    region = plan.grid.region
+    assert not plan.refusal
+    assert region.margin == problem.place.margin > 8
+    missions = missions_of_plan(plan, blocked=grown(region.no_go, region.margin))
+    write_missions(missions, tmp_path / "m", formats=["plan"])
+    way = region.frame.to_metres(np.asarray(missions[0].waypoints))
+    assert shapely.distance(region.no_go, shapely.linestrings(way)) > region.margin - 0.02
+    assert not narrow_turns(way_of_plan(tmp_path / "m" / "robot-01.plan"), 30.0)
+    assert not told
+
+
+def test_plans_without_missions_take_a_narrower_margin_too_and_say_so(tmp_path, told):
+    problem = between_zones(tmp_path, (251, 86, 311, 155), (218, 186, 291, 262))
+    plan = plan_search(problem)
+    assert not plan.refusal
+    assert 0 < plan.grid.region.margin < problem.place.margin
+    assert [text for text in told if text.startswith("margin: 4 m in place of 8.01 m") and "no room for its turns" in text]
+
+
+def test_a_plan_that_no_vehicle_can_fly_is_never_silent(tmp_path, told):
+    plan = plan_search(between_zones(tmp_path, (243, 98, 308, 171), (201, 128, 269, 194)).replaced(margin=8.0))
+    assert plan.refusal.startswith("turn_radius: expected room")
+    assert [text for text in told if "cannot fly its path: turn_radius" in text]
+
+
+def test_a_plan_that_cannot_be_flown_is_not_the_fastest(monkeypatch):
+    """It has no time of its own: the estimate in its place leaves out curves and climbs, so it would often win."""
+    flights = SearchPlan._flights
+
+    def refused(plan, robot, stops, detours):
+        if plan.allocation.allocator != "hop":
+            raise InvalidInputError("turn_radius: expected room for turns, got none")
+        return flights(plan, robot, stops, detours)
+
+    monkeypatch.setattr(SearchPlan, "_flights", refused)
+    problem = SearchProblem("rectangle:300x200", robots=2, footprint=50.0, vehicle="multirotor", tour="boustrophedon")
+    plan = plan_search(problem, seed=3)
+    assert plan.allocation.allocator == "hop"
+    assert not plan.refusal
+
+
+def test_many_curves_at_once_are_those_of_the_curves_one_by_one():
+    rng = np.random.default_rng(4)
+    starts, ends = (np.column_stack([rng.uniform(-200, 200, (60, 2)), rng.uniform(-9, 9, 60)]) for _ in range(2))
+    parts = dubins_parts(starts, ends, 40.0)
+    pairs, words = np.nonzero(np.isfinite(parts).all(axis=-1))
+    points, numbers = dubins_ways(starts[pairs], words, parts[pairs, words], 40.0)
+    for number, (pair, word) in enumerate(zip(pairs.tolist(), words.tolist(), strict=True)):
+        alone = dubins_way(starts[pair], WORDS[word], parts[pair, word], 40.0)
+        np.testing.assert_allclose(points[numbers == number], alone, atol=1e-8)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shoal.core.errors import InvalidInputError
@@ -31,6 +31,7 @@ def thin(kind, width, height, angle, *, earth):
     return region_of(shape, frame=LocalFrame(8.5, 47.4) if earth else None)
 
 
+@settings(max_examples=40)
 @given(
     kind=st.sampled_from(sorted(SHAPES)), width=st.floats(0.2, 3), height=st.floats(0.02, 1.2), angle=st.floats(0, 180),
     earth=st.booleans(), vehicle=st.sampled_from(sorted(PRESETS)), tour=st.sampled_from(["auto", *TOURS]),

@@ -67,7 +67,7 @@ def same_log(episode: SwarmEpisode, reference: dict) -> None:
 @pytest.mark.parametrize("task", ["mapping", "coverage"])
 def test_random_commands(rule, task):
     rng = np.random.default_rng(11)
-    for _ in range(120):
+    for _ in range(60):
         free, start = random_case(rng)
         targets = reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
         commands = "".join(rng.choice(list("lurdio"[: 2 * free.ndim]), size=60))
@@ -90,7 +90,7 @@ PLAYED = [(policy, rule) for policy in POLICIES for rule in sorted(make_policy(p
 def test_policies(policy, rule, task):
     name, _, option = policy.partition(":")
     rng = np.random.default_rng(12)
-    for seed in range(80):
+    for seed in range(40):
         free, start = random_case(rng)
         targets = reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
         todo = "mapping" if targets is None else Targets(targets)
@@ -112,7 +112,7 @@ def test_policies(policy, rule, task):
 @pytest.mark.parametrize("rule", ["block", "merge", "tilt"])
 def test_random_moves(rule):
     rng = np.random.default_rng(13)
-    for seed in range(40):
+    for seed in range(25):
         free, start = random_case(rng)
         reference = plain.run(free, start, policy="random-moves", rule=rule, rng=trial_rng(seed), max_moves=300)
         same(run(GridWorkspace(free), start=start, rule=rule, policy="random-moves", seed=seed, max_moves=300), reference)

@@ -8,7 +8,8 @@ from tests.reference import replay
 from tests.reference.test_steering import random_polygon
 from tests.steering import steer
 
-from shoal.steering import Region, SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
+from shoal.steering import ContactWorld, Region, SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
+from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.planners import sampling, shortening
 from shoal.steering.planners.choice import worthwhile
 from shoal.steering.workspaces.formats import describe
@@ -194,3 +195,91 @@ def test_sampling_with_friction_keeps_the_plans_that_it_finds_without_the_cleara
     assert episode.status == "solved"
     assert worst_error(episode) <= episode.problem.tolerance * 1.0001
     assert episode.length <= 1.1 * steer(episode.problem, clearance=0.0).length
+
+
+CORRIDOR = region(
+    [(0, 0), (0.9, 0), (0.9, 0.37), (1.1, 0.37), (1.1, 0), (2, 0), (2, 1), (1.1, 1), (1.1, 0.45), (0.9, 0.45), (0.9, 1), (0, 1)]
+)
+TRIANGLE_INSIDE = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(2.707, 2.0634), (3.0538, 1.973), (2.9587, 2.3185)]])
+NEAR_CORNERS = [  # of two places near walls, no move leads both off all walls that they are within the clearance of
+    (TRIANGLE_INSIDE, [(8e-7, 3.999996), (2.93, 2.289471)], [(1.67, 0.007), (2.28, 1.7)]),
+    (U_SHAPE, [(0.999999, 2.999997), (2.775, 1e-8)], [(1.3189, 0.9999995), (0.999999996, 2.9982)]),
+    (CORRIDOR, [(0.72, 0.797), (0.303, 0.53)], [(1.547, 0.85), (1.595, 0.49)]),
+]
+
+
+@pytest.mark.parametrize(("space", "start", "goal"), NEAR_CORNERS, ids=["an obstacle", "a U", "a corridor"])
+def test_sampling_finds_plans_between_walls(space, start, goal, small_searches):
+    episode = steer(SteeringProblem(space, start, goal, planner="sampling"))
+    assert episode.status == "solved", episode.reason
+    assert worst_error(episode) <= episode.problem.tolerance * 1.0001
+
+
+FLAT = [
+    ([(0.9983, 0.0124), (0.8279, 0.12), (-0.108, 0.2128), (-0.7874, -0.1319), (-0.6488, -0.1629), (-0.5876, -0.1732),
+      (0.9739, -0.0486)], [(-0.38, 0.042), (-0.07, 0.146)], [(0.201, 0.125), (0.107, 0.009)]),
+    ([(0.804, 0.0621), (0.4418, 0.0937), (0.3772, 0.0968), (-0.4162, 0.095), (-0.8976, 0.0461), (0.6076, -0.083)],
+     [(0.098, 0.005), (-0.166, 0.037)], [(0.153, 0.059), (0.226, -0.039)]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("corners_start_goal", FLAT, ids=["7 sides", "6 sides"])
+@pytest.mark.parametrize("planner", ["shortest", "auto", "fewest-moves", "sampling"])
+def test_no_time_limit_makes_a_plan_longer_than_that_of_greedy(planner, corners_start_goal):
+    corners, start, goal = corners_start_goal
+    problem = SteeringProblem(polygon(corners), start, goal)
+    greedy = steer(problem, planner="greedy")
+    hurried = steer(problem, planner=planner, time=1e-6)  # over when planning begins
+    assert greedy.status == hurried.status == "solved"
+    assert hurried.moves <= greedy.moves if planner == "fewest-moves" else hurried.length <= 1.001 * greedy.length
+
+
+# The clearance added a tiny move off a wall: a move more than a plan that is as long, or a longer plan with as many moves.
+HEXAGON = polygon(
+    [(0.43784298800144994, -0.8990514545107873), (0.9975228929164164, -0.07034257677725414),
+     (0.559679904914967, 0.8287088777335335), (-0.43784298800144994, 0.8990514545107873),
+     (-0.9975228929164164, 0.07034257677725414), (-0.559679904914967, -0.8287088777335335)]
+)  # fmt: skip
+TINY_MOVES = [
+    (polygon([(0, 0), (10, 0), (10, 10), (0, 10)]),
+     [(3.4546, 3.5625), (6.8272, 1.4666)], [(6.9485, 4.8186), (3.1624, 8.2891)], 1e-5),
+    (prism(HEXAGON, 0.5),
+     [(0.53576395168198, 0.43772471937826873, 0.11057476701202051),
+      (0.18152258476536265, 0.4881322690831891, 0.033250274399370894)],
+     [(-0.5033041763597434, -0.046689767434167306, 0.05453537406979708),
+      (0.4193549544687264, 0.6960395178487455, 0.39590972496526167)], 1e-6),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("space", "start", "goal", "tolerance"), TINY_MOVES, ids=["square", "prism"])
+def test_the_clearance_adds_no_tiny_moves(space, start, goal, tolerance):
+    problem = SteeringProblem(space, start, goal, tolerance)
+    shortest, fewest = (steer(problem, planner=planner) for planner in ("shortest", "fewest-moves"))
+    exact = steer(problem, planner="fewest-moves", clearance=0.0)
+    for episode in (shortest, fewest):
+        assert worst_error(episode) <= tolerance * 1.0001
+        assert episode.moves == exact.moves == 4
+        assert episode.length <= 1.001 * exact.length
+
+
+def test_moves_that_can_be_merged_are_merged():
+    class Slow:
+        name = "slow"
+
+        def plan(self, task):
+            return np.array([(-0.1, 0.0), (-0.05, 0.0), (-0.05, 0.0), (0.0, 0.25), (0.1, 0.0), (0.1, 0.1), (0.1, -0.1)])
+
+    problem = SteeringProblem(SQUARE, [(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.5, 0.75)])
+    episode = steer(problem, planner=Slow())
+    assert episode.status == "solved"
+    assert episode.moves == 3
+
+
+def test_a_particle_that_hardly_leaves_a_round_wall_is_sensitive():
+    world = ContactWorld(disk(0.5))
+    start = np.array([(0.0, -0.5), (0.0, 0.1)])
+    for slope, sensitive in ((1e-8, True), (1e-5, False)):
+        moves = np.array([(0.3, 0.3 * slope)])
+        goal = world.final(start, moves)
+        reason = why_sensitive(world, start, goal, moves, 1e-6, 1e-6)
+        assert (reason is not None and "slope" in reason) == sensitive, reason

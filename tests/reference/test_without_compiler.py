@@ -59,7 +59,8 @@ for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
     space = GridWorkspace(free).largest_component()
     start = space.cells[rng.choice(space.n_free, size=max(1, space.n_free // 4), replace=False)]
     for rule in ("block", "merge"):
-        for policy in (Quick(), First(), "greedy-classify"):
+        # In a single move of the wide ones the two plan the same.
+        for policy in (Quick(), First(), "greedy-classify") if space.n_free < 50 else (Quick(), "greedy-classify"):
             for task in ("mapping", "coverage"):
                 e = run(space, task=task, policy=policy, start=start, rule=rule, max_moves=2 if space.n_free < 50 else 1)
                 print(shape, rule, task, e.commands, e.status, e.trace.classified.tolist())
@@ -77,7 +78,7 @@ from shoal.steering.planners.chains import improvement
 from shoal.steering.contact import friction_limits
 from shoal.steering.planners.chains import roadmap
 friction_limits._ANGLES = 30
-improvement.TRIES = 6
+improvement.TRIES = 2
 roadmap.MAPS = ((8, 14, 1.05, 8),)
 shooting.DIRECTIONS = {2: 8, 3: 8}
 shooting.DENSE = 1
@@ -98,7 +99,8 @@ for space, goal in ((regular_polygon(3, radius=0.8), pair[1]), (disk(0.5), pair[
 noise = dict(execution=1e-3, measurement=1e-3, gain=0.2)
 e = run(SteeringProblem(regular_polygon(5), *pair, 0.01, planner="robust", max_moves=6, **noise))
 print(e.status, np.round(e.inputs, 6).tolist())
-e = run(SteeringProblem(regular_polygon(5), *pair, planner="greedy", friction=3.0, max_moves=20))
+near = pair[0], [(-0.15, -0.05), (0.05, 0.1)]
+e = run(SteeringProblem(regular_polygon(5), *near, planner="greedy", friction=3.0, max_moves=20))
 print(e.status, e.moves, np.round(e.final, 5).tolist())
 for space in (regular_polygon(5), disk(0.5)):
     task = SteeringTask(SteeringProblem(space, *pair, friction=1.0).world(), np.array(pair[0]), np.array(pair[1]), 1e-6)
@@ -231,7 +233,7 @@ SCRIPTS = {
     "batches": BATCHES,
 }
 LINES = {
-    "planners": 7 * 2 * 3 * 2 + 6,  # and the plans of the small ones
+    "planners": 4 * 2 * 3 * 2 + 3 * 2 * 2 * 2 + 6,  # and the plans of the small ones
     "plans": 13 + 9,
     "clearances": 4 * 8 * 4,
     "tours": 20 + 7 + 7 * 12 + 2,

@@ -27,14 +27,14 @@ def sweep(trials=60):
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Four worker processes on this machine, without a page to watch them."""
+    """Three worker processes on this machine, without a page to watch them."""
     root = str(Path(__file__).parents[2])
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.syspath_prepend(root)
         patch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
         warnings.simplefilter("ignore")
         made = distributed.LocalCluster(
-            n_workers=4, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50, memory_limit=None
+            n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50, memory_limit=None
         )
         yield made
         made.close()
@@ -49,7 +49,7 @@ def rows_of(path):
 @pytest.mark.filterwarnings("ignore")  # of Dask's own, when a worker is killed
 def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     processes = {worker.process.process.pid for worker in cluster.workers.values()}
-    assert len(processes) == 4
+    assert len(processes) == 3
     victim = sorted(processes)[0]
 
     def kill_midway(progress):
@@ -61,9 +61,8 @@ def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     status = run_sweep(sweep(), tmp_path / "dask", dask=cluster.scheduler_address, on_progress=kill_midway, batch_seconds=0.05)
     assert killed.is_set()
     assert status.complete
-    run_sweep(sweep(), tmp_path / "two", workers=2, batch_seconds=0.05)
     run_sweep(sweep(), tmp_path / "one", workers=0)
-    assert rows_of(tmp_path / "dask") == rows_of(tmp_path / "two") == rows_of(tmp_path / "one")
+    assert rows_of(tmp_path / "dask") == rows_of(tmp_path / "one")
     with Store(tmp_path / "dask") as store:
         workers = {worker for (worker,) in store.ask("SELECT DISTINCT worker FROM batches")}
     assert len(workers) >= 2  # who gets how much is Dask's choice; the one killed may not have given anything yet

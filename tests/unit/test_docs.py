@@ -120,6 +120,12 @@ def commands_of(text: str) -> list[str]:
     return [line[2:] for block in blocks for line in block.splitlines() if line.startswith("$ ")]
 
 
+def output_lines_of(text: str) -> list[str]:
+    """Return the lines that a page shows of what its commands print: a label, two spaces or more, and a value."""
+    blocks = re.findall(r"```text\n(.*?)```", text, re.S)
+    return [line for block in blocks for line in block.splitlines() if re.match(r"[a-z]+ {2,}[^ #]", line)]
+
+
 def write_files_of(text: str) -> list[str]:
     """Write what a page asks its reader to have.
 
@@ -167,8 +173,13 @@ def test_commands_and_scripts_of_a_page_run(page, tmp_path, monkeypatch, capsys)
     monkeypatch.syspath_prepend(tmp_path)
     for module in write_files_of(page.read_text()):
         monkeypatch.delitem(sys.modules, module, raising=False)
+    printed = ""
     for line in commands_of(page.read_text()):
-        assert run_in_short(line) == 0, f"{line}: {capsys.readouterr().err}"
+        code = run_in_short(line)
+        output = capsys.readouterr()
+        assert code == 0, f"{line}: {output.err}"
+        printed += output.out
+    assert [line for line in output_lines_of(page.read_text()) if line not in printed] == []
 
 
 @pytest.mark.usefixtures("in_short")

@@ -2,6 +2,7 @@
 
 import importlib.util
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ from numba.core import config
 
 from shoal import jit
 from shoal.core import notices
+from shoal.jit import watch
+from shoal.steering import SteeringProblem
+from shoal.steering.planners.task import SteeringTask
 
 SOURCE = """
 import numpy as np
@@ -79,6 +83,19 @@ def test_what_is_loaded_from_the_cache_is_not_told(fresh):
     assert not told
     assert jit.seconds_compiling() > spent  # loading takes time, too, which is not the kernel's
     assert watch.seconds >= 0
+
+
+def test_a_time_limit_stands_still_while_kernels_compile(monkeypatch):
+    """A limit of two seconds was over before the first use of a planner had compiled its kernels."""
+    seconds = [100.0]
+    monkeypatch.setattr(watch, "time", SimpleNamespace(perf_counter=lambda: seconds[0]))
+    at = np.array([(0.2, 0.5), (0.4, 0.5)])
+    task = SteeringTask(SteeringProblem("square", at, at).world(gain=0.0), at, at, 1e-6, deadline=jit.working_time() + 2)
+    with watch.Compiling():
+        seconds[0] += 60
+    assert not task.late
+    seconds[0] += 3
+    assert task.late
 
 
 def test_nobody_is_told_where_nobody_listens(monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 from pathlib import Path
 
@@ -23,6 +24,10 @@ SMALLEST = {
     "steering": {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]},
     "search": {"region": "square:60", "robots": 3, "footprint": 10.0},
 }
+NEEDED = {
+    "confidence": {"slip": 0.0}, "detection": {"targets": 0}, "varied": {"goal_x": 0.3, "goal_y": 0.4},
+}  # fmt: skip
+"""What a problem must state beside a field that has an effect on some problems only."""
 COMMANDS = {"swarm": ("map", "cover"), "steering": ("steer",), "search": ("search",)}
 FIELDS = [(part, name) for part in parts.PARTS for name in parts.problem_type(part).declarations()]
 
@@ -44,9 +49,9 @@ def test_every_field_is_everywhere_with_one_default(part, name):
         unsaid = (None, False, "", ())  # no default that a command's help could show
         assert declared.required or str(shown) == str(declared.default) or (shown in unsaid and declared.default in unsaid)
     # a sweep and a file
-    fields = {"kind": part} | SMALLEST[part]
+    fields = {"kind": part} | SMALLEST[part] | NEEDED.get(name, {})
     assert problems.trial_problem(fields) == problems.trial_problem(fields | {name: value})
-    assert kind.from_dict(json.loads(json.dumps(fields | {name: value}))) == smallest
+    assert kind.from_dict(json.loads(json.dumps(fields | {name: value}))) == kind.from_dict(fields)
     # the reference
     section = REFERENCE.partition(f'## kind = "{part}"')[2].partition("\n## ")[0]
     row = re.search(rf"^\| `{name}` \|[^|]*\|([^|]*)\|", section, re.M)
@@ -96,3 +101,48 @@ def test_short_forms():
 def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
     with pytest.raises(InvalidInputError, match=r"problem: partcles: expected no such field, got 3 \(did you mean 'particles'\?\)"):
         parts.problem_of({"kind": "swarm", "map": "line:9", "partcles": 3})
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["map", "line:7", "--cell-size", "a"], "--cell-size: expected MM, got 'a'"),
+        (["map", "line:7", "--start", "a,b"], "--start: expected CELLS, got 'a,b'"),
+        (["map", "line:7", "--start", "0,1", "--placement", "uniform"], "placement: expected no placement together with start"),
+        (["map", "line:7", "--start", "0,1", "-n", "100"], "particles: expected 1, the number of start cells, got 100"),
+        (["map", "line:7", "--confidence", "0.99"], "confidence: expected a confidence only together with noise"),
+        (["drive", "line:7", "--rig", "simulated", "--end-after", "60"], "end-after: expected a rig behind a connection"),
+        (["drive", "--rig", "exec:true", "--rule", "block"], "rule: expected the rig simulated"),
+        (["search", "square:60", "--detection", "1"], "detection: expected targets"),
+        (["search", "square:60", "--launch", "1,1", "--starts", "random"], "starts: expected no starts together with launch"),
+        (["search", "square:60", "--live", "9", "--simulate"], "simulate: expected no choice for a live search"),
+        (["search", "square:60", "--autopilot", "px4"], "--autopilot: expected --missions DIR together with it, got px4 alone"),
+        (["search", "square:60", "--separation", "10,5"], "--separation: expected --missions DIR together with it, got 10,5 alone"),
+        (["search", "square:60", "--missions", "m", "--terrain-error", "1"], "terrain_error: expected a terrain file"),
+        (["missions", "check", ".", "square:60", "--least", "0.999"], "--least: expected --footprint, or a --vehicle"),
+        (["missions", "check", ".", "square:60", "--terrain-error", "1"], "--terrain-error: expected --terrain together with it"),
+        (["missions", "check", ".", "square:60", "--separation", "0", "--delay-tolerance", "10"], "delay_tolerance: expected a"),
+        (["steer", "square", "--varied", "2"], "varied: expected goal_x and goal_y together with varied"),
+    ],
+)  # fmt: skip
+def test_an_option_without_effect_is_refused_at_its_default(words, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(words) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+
+
+def test_a_problem_knows_which_fields_were_given():
+    from shoal.swarm import SwarmProblem
+
+    problem = SwarmProblem("line:7", particles=100, scale=1.0)
+    assert problem.given == {"map", "particles", "scale"}
+    assert problem.replaced(slip=0.0).given == {"map", "particles", "scale", "slip"}
+    assert problem.at_place(None).given == problem.given
+    assert pickle.loads(pickle.dumps(problem)).given == problem.given
+    assert problem == SwarmProblem("line:7")
+    assert problem.canonical() == SwarmProblem("line:7").canonical()
+    assert SwarmProblem("line:7", "mapping").given == {"map", "task"}
+    started = SwarmProblem("line:7", start=[[0, 1]])
+    assert started.replaced(start=[[0, 1], [0, 2]]).particles == 2  # the number was not given

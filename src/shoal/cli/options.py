@@ -109,17 +109,16 @@ def takes_problem(
         def wrapped(**given: Any) -> None:
             texts = {name: given.pop(name) for name in taken if name in given}
             if options is not None:
-                given["options"] = options(**{name: parsed(declared, given.pop(name)) for name, declared in beside.items()})
+                given["options"] = options(**_values(beside, {name: given.pop(name) for name in beside}))
             if from_file:
                 command(_problem_of(kind, taken, texts, fixed, trust=given.pop("trust", False)), **given)
                 return
-            values = {name: parsed(taken[name], text) for name, text in texts.items()}
-            command(kind(**fixed, **values), **given)
+            command(kind(**fixed, **_values(taken, texts)), **given)
 
         made = [_parameter(declared, from_file=from_file) for declared in taken.values()]
         if from_file:
             made.append(inspect.Parameter("trust", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Trust))
-        made += [_parameter(declared, from_file=False) for declared in beside.values()]
+        made += [_parameter(declared) for declared in beside.values()]
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
@@ -129,6 +128,11 @@ def takes_problem(
     return decorate
 
 
+def _values(known: dict[str, Declaration], texts: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of the options that the user has given."""
+    return {name: parsed(known[name], text) for name, text in texts.items() if text is not None and text != []}
+
+
 def _problem_of(
     kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any], *, trust: bool
 ) -> Problem:
@@ -136,7 +140,7 @@ def _problem_of(
 
     Options replace fields of the problem file.
     """
-    given = {name: parsed(taken[name], text) for name, text in texts.items() if text is not None}
+    given = _values(taken, texts)
     place = next(name for name, declared in taken.items() if declared.option.argument)
     source = given.get(place)
     if isinstance(source, str) and Path(source).suffix == ".json":
@@ -149,11 +153,16 @@ def _problem_of(
                         f"{shortened(data[name])}"
                     )
             options = {name: value for name, value in given.items() if name != place}
-            return kind.from_file(data, source, trust=trust).replaced(**fixed, **options)
-    return kind(**fixed, **given)
+            return kind.from_file(data, source, trust=trust).replaced(**_other_than_defaults(kind, fixed), **options)
+    return kind(**_other_than_defaults(kind, fixed), **given)
 
 
-def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
+def _other_than_defaults(kind: type[Problem], fixed: dict[str, Any]) -> dict[str, Any]:
+    """Return the fixed fields without those at their defaults, which no user has given."""
+    return {name: value for name, value in fixed.items() if value != kind.declarations()[name].default}
+
+
+def _parameter(declared: Declaration, *, from_file: bool = False) -> inspect.Parameter:
     option = declared.option
     by_text = option.parse is not None or declared.type is object
     kind: Any = str if by_text else declared.type
@@ -164,7 +173,7 @@ def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
     help_, metavar = help_of(declared), option.metavar
     if from_file and option.argument:
         default, shown, help_ = inspect.Parameter.empty, False, f"{help_} The argument may also be a problem file (JSON)."
-    elif from_file:
+    elif not option.argument:  # None: the user has not given the option
         default, shown = None, str(default) if shown and default is not False else False
     if declared.optional or default is None:
         kind = kind | None
@@ -175,7 +184,7 @@ def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
         info: Any = typer.Argument(**told)
     else:
         told["rich_help_panel"] = declared.heading or None
-        info = typer.Option(*([option.short] if option.short else []), _flags(declared, both=from_file), **told)
+        info = typer.Option(*([option.short] if option.short else []), _flags(declared), **told)
     return inspect.Parameter(declared.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info])
 
 
@@ -187,9 +196,8 @@ def help_of(declared: Declaration) -> str:
     return f"{option.help}{choices}{unit}"
 
 
-def _flags(declared: Declaration, *, both: bool) -> str:
-    either = declared.type is bool and (both or declared.default in (None, True))
-    return f"{declared.flag}/--no-{declared.flag[2:]}" if either else declared.flag
+def _flags(declared: Declaration) -> str:
+    return f"{declared.flag}/--no-{declared.flag[2:]}" if declared.type is bool else declared.flag
 
 
 def _default(declared: Declaration) -> Any:

@@ -7,6 +7,6 @@ The modules, in the order of a call: `entry` (what Python calls), `cache` (where
 from), `loader` (machine code is called without Numba), `compiler` (Numba compiles a kernel once, with all kernels that it calls).
 """
 
-from shoal.jit.entry import COMPILING, Stopwatch, in_place_kernel, kernel, seconds_compiling
+from shoal.jit.entry import COMPILING, Stopwatch, in_place_kernel, kernel, seconds_compiling, working_time
 
-__all__ = ["COMPILING", "Stopwatch", "in_place_kernel", "kernel", "seconds_compiling"]
+__all__ = ["COMPILING", "Stopwatch", "in_place_kernel", "kernel", "seconds_compiling", "working_time"]

@@ -131,6 +131,15 @@ def seconds_compiling() -> float:
     return float(getattr(_times, "spent", 0.0))
 
 
+def working_time() -> float:
+    """Return seconds on a clock that stands still while the current thread loads or compiles kernels; its zero has no meaning.
+
+    Time limits are compared with this clock. On any other clock, a limit of two seconds is over before a first use has compiled its
+    kernels.
+    """
+    return time.perf_counter() - seconds_compiling()
+
+
 class Stopwatch:
     """Measure the time since the creation of the stopwatch, without the time for loading and compiling kernels.
 
@@ -142,9 +151,9 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self._began = time.perf_counter() - seconds_compiling()
+        self._began = working_time()
 
     @property
     def seconds(self) -> float:
         """Return the seconds since the creation of the stopwatch, without the time for loading and compiling kernels."""
-        return time.perf_counter() - seconds_compiling() - self._began
+        return working_time() - self._began

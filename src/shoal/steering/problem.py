@@ -198,6 +198,8 @@ class SteeringProblem(Problem):
             raise InvalidInputError(
                 "goal_x: expected a given goal for each particle, one of which goal_x replaces, got random goals"
             )
+        if "varied" in self.given and not self.given & {"goal_x", "goal_y"}:
+            raise InvalidInputError(f"varied: expected goal_x and goal_y together with varied, got only {self.varied}")
         if self.goal_x is not None and self.varied > self.n_particles:
             raise InvalidInputError(f"varied: expected a particle, 1 to {self.n_particles}, got {self.varied}")
         if not isinstance(self.workspace, str):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from itertools import permutations
 from typing import Any
@@ -13,7 +12,7 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.version import versions
-from shoal.jit import Stopwatch
+from shoal.jit import Stopwatch, working_time
 from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
@@ -68,7 +67,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     planner = problem.chosen_planner
     start, goal = problem.endpoints(seed)
     check_can_part(start, goal, problem.tolerance)
-    begun, watch = time.monotonic(), Stopwatch()
+    begun, watch = working_time(), Stopwatch()
     orders = list(permutations(range(len(start)))) if problem.interchangeable else [tuple(range(len(start)))]
     attempts = []
     for left in range(len(orders), 0, -1):
@@ -78,7 +77,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
             clearance=problem.clearance, margin=problem.clearance,
         )  # fmt: skip
         if problem.time is not None:  # the remaining planning time is shared
-            now = time.monotonic()
+            now = working_time()
             task = replace(task, deadline=now + (begun + problem.time - now) / left)
         attempts.append(_attempted(problem, planner, task, order))
     best = _best_of(attempts, problem.tolerance, by_moves=getattr(planner, "prefers", "length") == "moves")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from shoal.core.checks import shortened
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.files import atomic
 
 MOST_PIXELS = 50_000_000
@@ -230,12 +230,29 @@ def check_pixels(path: Path) -> None:
             with Image.open(path, formats=("PNG", "TIFF", "BMP", "JPEG")) as image:
                 width, height = image.size
         except (UnidentifiedImageError, OSError, SyntaxError, ValueError):
-            raise InvalidInputError(
-                f"{path.name}: expected a PNG, TIFF, BMP or JPEG picture, got a damaged or other file"
-            ) from None
+            size = _size_by_tifffile(path)
+            if size is None:
+                raise InvalidInputError(
+                    f"{path.name}: expected a PNG, TIFF, BMP or JPEG picture, got a damaged or other file"
+                ) from None
+            width, height = size
         finally:
             Image.MAX_IMAGE_PIXELS = limit
     if width * height > MOST_PIXELS:
         raise InvalidInputError(
             f"{path.name}: expected a picture of at most {MOST_PIXELS // 10**6} megapixels, got {width} x {height}"
         )
+
+
+def _size_by_tifffile(path: Path) -> tuple[int, int] | None:
+    """Return the columns and rows of a TIFF file that Pillow does not know, such as one of wide numbers, or None."""
+    from shoal.swarm.maps.tiff import size_of
+
+    if path.suffix.lower() not in {".tif", ".tiff"}:
+        return None
+    try:
+        return size_of(path)
+    except MissingExtraError:
+        raise
+    except Exception:  # tifffile raises many kinds of exceptions for damaged files
+        return None

@@ -290,7 +290,11 @@ class SwarmProblem(Problem):
         """Refuse a problem whose fields contradict each other. Do not open the map file."""
         assert self.scanning
         if self.start is not None:
-            if self.particles not in (100, len(self.start)):
+            if "placement" in self.given:
+                raise InvalidInputError(
+                    f"placement: expected no placement together with start cells, got {_name_for_people(self.placement)}"
+                )
+            if "particles" in self.given and self.particles != len(self.start):
                 raise InvalidInputError(f"particles: expected {len(self.start)}, the number of start cells, got {self.particles}")
             object.__setattr__(self, "particles", len(self.start))
         if self.subset is not None and self.task not in ("coverage", "subset-coverage"):
@@ -299,7 +303,7 @@ class SwarmProblem(Problem):
         if self.budget is not None and self.time_per_move is not None:
             raise InvalidInputError("budget: expected a budget or a time per move, got both")
         if not self.noise:
-            if self.confidence != type(self).confidence:
+            if "confidence" in self.given and not self.given & {"slip", "misplace", "miss"}:
                 raise InvalidInputError(
                     f"confidence: expected a confidence only together with noise (slip, misplace or miss), got {self.confidence:g}"
                 )
@@ -396,7 +400,7 @@ class SwarmProblem(Problem):
         """Open the problem's map and return the workspace."""
         from shoal.swarm.maps.open import open_map
 
-        reading = {name: getattr(self, name) for name in READING}
+        reading = {name: getattr(self, name) for name in READING if name in self.given}
         workspace = open_map(self.map, **reading)
         if self.cell_size is not None:
             workspace = GridWorkspace(workspace.free, name=workspace.name, spacing=spacing_of(self.cell_size, workspace.ndim))

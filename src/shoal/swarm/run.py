@@ -86,7 +86,7 @@ def run(
     game = None if stepwise or (swarm.belief.complete and swarm.finished) else _game(problem, swarm, rng)
     if game is None:
         mapping = getattr(problem.chosen_task, "mapping", True)
-        decider = make_decider(problem, swarm.belief, rng, lambda: swarm.finished)
+        decider = make_decider(problem, swarm.belief, rng, getattr(swarm, "noisy", None))
         limit = problem.max_moves
         trace, status = closed_loop(
             swarm, decider, max_moves=limit, mapping=mapping, on_moves=on_moves, on_trace=on_trace, stop=stop

@@ -46,6 +46,8 @@ def random_swarm(rng: random.Random) -> dict[str, object]:
         del fields["particles"]
     if fields.get("task", "mapping") == "mapping" and rng.random() < 0.3 and fields.get("policy", "best") == "closest-frontier":
         fields |= {"slip": 0.05, "confidence": 0.95, "rule": "block"}
+    if "start" in fields:  # it stands in place of a placement
+        fields.pop("placement", None)
     return fields
 
 

@@ -22,6 +22,10 @@ def write_samples(folder):
     """Write one file of each kind. Return the path of each by its name."""
     for write in (write_pictures, write_tiffs, write_texts, write_arrays, write_niftis, write_dicom):
         write(folder)
+    colours = np.stack([GREYS, np.roll(GREYS, 1, axis=0), GREYS // 2], axis=-1).tobytes()
+    bits = {"BitsAllocated": 8, "BitsStored": 8, "HighBit": 7}
+    colour = {"SamplesPerPixel": 3, "PhotometricInterpretation": "RGB", "PlanarConfiguration": 0, "PixelData": colours}
+    write_dicom(folder, [GREYS, GREYS], name="coloured", **bits, **colour)
     write_nrrd(folder / "volume.nrrd", VOLUME)
     return {path.name: path for path in folder.iterdir()}
 

@@ -14,7 +14,7 @@ import pytest
 
 from shoal import GridWorkspace, open_map
 from shoal.cli import run as shoal
-from shoal.core.errors import RigError
+from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.swarm.grid.placements import place
 from shoal.swarm.noise.model import Noise
 from shoal.swarm.rigs import DriveError, DriveInterrupted, DriveLog, NoisyRig, SimulatedRig, drive, replay_log
@@ -352,6 +352,85 @@ def test_ctrl_c_keeps_the_map():
     assert raised.value.drive.episode.verify()
 
 
+class Cancelled(BaseException):
+    """As in a framework that ends a task: no subclass of Exception."""
+
+
+@pytest.mark.parametrize("error", [SystemExit(3), Cancelled("now"), GeneratorExit()], ids=repr)
+@pytest.mark.parametrize("method", ["send", "observe"])
+def test_whatever_ends_a_drive_keeps_the_map(method, error, tmp_path):
+    rig, calls = Lying(exact(MAZE)), []
+    call = getattr(rig, method)
+
+    def fail(*arguments):
+        calls.append(arguments)
+        if len(calls) > 12:
+            raise error
+        return call(*arguments)
+
+    setattr(rig, method, fail)
+    with pytest.raises(type(error)) as raised:
+        drive(rig, policy="closest-frontier", log=DriveLog(tmp_path / "log.jsonl"))
+    assert raised.value is error
+    driven = error.drive
+    assert (driven.status, driven.moves, rig.stops) == ("interrupted", {"send": 12, "observe": 11}[method], 1)
+    assert driven.alarms[0].kind == "failure"
+    assert driven.trust.level == "limited"
+    assert driven.episode.verify()
+    assert json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])["status"] == "interrupted"
+
+
+def test_an_error_of_a_policy_or_of_the_log_keeps_the_map(tmp_path):
+    class Broken:
+        name, tasks, rules = "broken", ("mapping",), ("block",)
+
+        def decide(self, view, memory, rng):
+            return ("lurd"[view.moves % 4], None) if view.moves < 9 else 1 / 0
+
+    rig = Lying(exact(MAZE))
+    with pytest.raises(InvalidInputError, match="ZeroDivisionError") as raised:
+        drive(rig, policy=Broken())
+    assert (raised.value.drive.moves, rig.stops) == (9, 1)
+    log = DriveLog(tmp_path / "log.jsonl")
+
+    write = log._write
+
+    def fill(entry):
+        if entry["kind"] == "end" or entry.get("move", 0) > 9:
+            raise OutputError("the disk is full")
+        write(entry)
+
+    log._write = fill
+    rig = Lying(exact(MAZE))
+    with pytest.raises(OutputError, match="the disk is full") as raised:
+        drive(rig, policy="closest-frontier", log=log)
+    assert (raised.value.drive.moves, rig.stops) == (9, 1)
+
+
+def test_the_command_writes_the_map_after_a_system_exit(monkeypatch, tmp_path, capsys):
+    sent, send = [], SimulatedRig.send
+
+    def leave(rig, command):
+        sent.append(command)
+        if len(sent) > 9 and isinstance(rig, Leaving):
+            raise SystemExit(5)
+        send(rig, command)
+
+    class Leaving(SimulatedRig):
+        send = leave
+
+    from shoal.swarm.rigs import remote
+
+    monkeypatch.setattr(remote, "open_rig", lambda spec, **options: Leaving(MAZE, MAZE.cells[:4]))
+    with pytest.raises(SystemExit) as raised:
+        shoal(["drive", "--rig", "tcp:localhost:1", "--policy", "closest-frontier", "--json", "--out", str(tmp_path / "out")])
+    assert raised.value.code == 5
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["moves"] == 9
+    assert (tmp_path / "out" / "map.png").exists()
+    assert f"the map so far is in {tmp_path / 'out'}" in printed.err
+
+
 @pytest.mark.parametrize("fields", [{}, {"policy": "closest-frontier", "scan_every": "adaptive"}, STATED], ids=str)
 def test_kernels_are_compiled_before_the_rig_is_connected(fields, monkeypatch):
     from shoal.jit import entry
@@ -564,6 +643,18 @@ def test_commands_carried_out_twice_now_and_then_mark_the_result(noise):
         assert driven.trust.level != "high"
 
 
+@pytest.mark.parametrize("noise", [Noise(0.02, 0.05, 0), Noise(0.1, 0.02, 0.1)], ids=str)
+def test_commands_carried_out_twice_now_and_then_mark_small_maps(noise):
+    """Few motions are seen in a small map: an upper bound of their probability must not ask for as much as an exact one."""
+    for (workspace, particles), seeds in zip(SMALL, ((4, 5, 0, 2), (4, 1)), strict=True):
+        for seed in seeds:
+            rig = Lying(noisy(workspace, particles, seed, noise))
+            rig.command = lambda letter, rig=rig: letter * (2 if len(rig.sent) % 5 == 0 else 1)
+            driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=800)
+            assert driven.trust.level != "high", (seed, driven.trust)
+            assert not driven or "twice" in {alarm.kind for alarm in driven.alarms}
+
+
 def test_honest_rigs_with_few_particles_finish_without_alarms():
     for noise in (*NOISES, Noise(0.4, 0, 0), Noise(0.1, 0.02, 0.1)):
         for workspace, particles in SMALL:
@@ -592,7 +683,11 @@ def test_a_shape_that_is_none_is_an_error_of_the_rig(shape):
         drive(rig)
 
 
-@pytest.mark.parametrize(("error", "told"), [(SystemExit(3), "SystemExit: 3"), (KeyError("x"), "KeyError: 'x'")])
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(SystemExit(3), "SystemExit: 3"), (KeyError("x"), "KeyError: 'x'"), (Cancelled("now"), "Cancelled: now")],
+    ids=["exit", "error", "cancelled"],
+)
 def test_a_stop_that_raises_anything_names_its_type(error, told):
     rig = Lying(exact(MAZE))
     rig.stop = lambda: (_ for _ in ()).throw(error)

@@ -6,6 +6,7 @@ import gzip
 import struct
 
 import numpy as np
+import PIL
 import pytest
 from PIL import Image
 
@@ -124,6 +125,14 @@ def test_float_pictures_use_the_range_of_their_data(tmp_path):
         read_map(path)
 
 
+def test_an_older_pillow_is_named_for_colours_that_it_takes_for_truncated(tmp_path, monkeypatch):
+    path = tmp_path / "stairs.tif"
+    Image.new("YCbCr", (5, 3)).save(path)
+    monkeypatch.setattr(PIL, "__version__", "12.3.0")
+    with pytest.raises(InvalidInputError, match=r"stairs\.tif: expected Pillow 13 or newer .* got Pillow 12\.3\.0"):
+        read_map(path)
+
+
 @pytest.mark.parametrize(
     ("suffix", "mode"),
     [
@@ -142,6 +151,10 @@ def test_every_mode_of_picture_shows_the_same_cells(tmp_path, suffix, mode):
         image = Image.fromarray(grey).convert("RGB").convert(mode)
     path = tmp_path / f"stairs{suffix}"
     image.save(path)
+    if mode == "YCbCr" and int(PIL.__version__.split(".")[0]) < 13:
+        with pytest.raises(InvalidInputError, match="expected Pillow 13 or newer"):
+            read_map(path)
+        return
     np.testing.assert_array_equal(read_map(path).free, STAIRS)
     pixels = read_pixels(path)
     assert pixels.dtype == np.uint8

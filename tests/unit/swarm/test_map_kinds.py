@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import io
 
 import numpy as np
 import pytest
@@ -316,10 +317,10 @@ def test_matlab(tmp_path):
     savemat(tmp_path / "volume.mat", {"v": VOLUME.transpose(1, 2, 0)}, do_compression=True)
     np.testing.assert_array_equal(read_map(tmp_path / "volume.mat", level=100).free, VOLUME >= 100)
     savemat(tmp_path / "two.mat", {"a": LINES, "b": LINES})
-    with pytest.raises(InvalidInputError, match="expected one matrix of numbers, got a 20x30, b 20x30"):
+    with pytest.raises(InvalidInputError, match="expected one matrix of numbers in 2 or 3 dimensions, got a 20x30, b 20x30"):
         read_map(tmp_path / "two.mat")
     savemat(tmp_path / "none.mat", {"about": "a maze"})
-    with pytest.raises(InvalidInputError, match="expected one matrix of numbers, got none"):
+    with pytest.raises(InvalidInputError, match="expected one matrix of numbers in 2 or 3 dimensions, got about 1 \\(char\\)"):
         read_map(tmp_path / "none.mat")
     (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(99))
     with pytest.raises(InvalidInputError, match=r"got version 7\.3 \(save"):
@@ -614,8 +615,97 @@ def test_films_and_compressed_images_of_scanners(tmp_path):
     write_dicom(tmp_path, film, name="volume", SpacingBetweenSlices=2, **more)
     volume = read_map(next((tmp_path / "volume").iterdir()))
     assert (volume.shape, volume.spacing) == ((2, 20, 30), (2.0, 0.5, 0.25))
-    with pytest.raises(InvalidInputError, match="frame: expected no frame for DICOM images of grey values, got 2"):
+    with pytest.raises(InvalidInputError, match="frame: expected no frame for DICOM images without several points in time, got 2"):
         read_map(next((tmp_path / "volume").iterdir()), frame=2)
+
+
+@pytest.mark.parametrize(("kind", "planar"), [("RGB", 0), ("RGB", 1), ("YBR_FULL", 0)])
+def test_colour_images_of_scanners(tmp_path, kind, planar):
+    pixels = pytest.importorskip("pydicom.pixels")
+    colours = np.stack([LINES * 200, 200 - LINES * 200, LINES * 0 + 90], axis=-1).astype(np.uint8)
+    stored = colours if kind == "RGB" else pixels.convert_color_space(colours, "RGB", kind)
+    more = {
+        "SamplesPerPixel": 3, "PhotometricInterpretation": kind, "PlanarConfiguration": planar, "BitsAllocated": 8, "BitsStored": 8,
+        "HighBit": 7, "PixelData": (stored.transpose(2, 0, 1) if planar else stored).tobytes(),
+    }  # fmt: skip
+    write_dicom(tmp_path, [LINES], name="one", **more)
+    one = next((tmp_path / "one").iterdir())
+    with pytest.raises(InvalidInputError, match=r"choice of one channel \(--channel\), got 3: 1 \(red\), 2 \(green\), 3 \(blue\)"):
+        read_map(one)
+    np.testing.assert_array_equal(read_map(one, channel="red", level=100).free, FREE)
+    np.testing.assert_array_equal(read_map(one, channel=2, level=100).free, ~FREE)
+    write_dicom(tmp_path, [LINES, LINES], name="several", **more)
+    assert read_map(tmp_path / "several", channel="red", level=100).shape == (20, 2, 30)  # seen from the front
+    with pytest.raises(InvalidInputError, match=r"channel: expected one of 1 \(red\), .*, got 4"):
+        read_map(one, channel=4)
+    write_dicom(tmp_path, [LINES], name="grey")
+    with pytest.raises(InvalidInputError, match="channel: expected no channel for DICOM images without colours, got 1"):
+        read_map(next((tmp_path / "grey").iterdir()), channel=1)
+
+
+def nrrd_bytes(*more, dimension=2, kind="uchar"):
+    head = ["NRRD0004", f"type: {kind}", f"dimension: {dimension}", "sizes: 4 4", "encoding: raw", *more]
+    return ("\n".join(head) + "\n\n").encode() + bytes([1] * 64)
+
+
+def matlab_bytes(name, value):
+    from scipy.io import savemat
+
+    written = io.BytesIO()
+    savemat(written, {name: value})
+    return written.getvalue()
+
+
+# Strange files, and a word of the one sentence that says what is wrong
+STRANGE = {
+    "skipped.nrrd": (lambda: nrrd_bytes("line skip: 999999999999"), "expected 999999999999 lines before the data, got fewer"),
+    "dimensions.nrrd": (lambda: nrrd_bytes(dimension=999999), "expected 999999 sizes, got 2"),
+    "order.nrrd": (lambda: nrrd_bytes("endian: middle", kind="short"), "endian: expected little or big, got 'middle'"),
+    "report.dcm": (lambda: bytes(128) + b"DICM", "expected a DICOM image, got a DICOM file without rows and columns"),
+    "cells.mat": (lambda: matlab_bytes("m", np.array([LINES, 1], dtype=object)), r"got m 1x2 \(cell\)"),
+    "four.mat": (lambda: matlab_bytes("m", np.ones((2, 2, 2, 2))), r"in 2 or 3 dimensions, got m 2x2x2x2 \(double\)"),
+    "underscore.csv": (lambda: b"1_0,0\n0,0\n", "line 1, column 1: expected 0 or 1, got '1_0'"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_strange_files_get_one_sentence(tmp_path, name):
+    made, words = STRANGE[name]
+    (tmp_path / name).write_bytes(made())
+    with pytest.raises(InvalidInputError, match=words) as refused:
+        read_map(tmp_path / name)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_size_of_a_film_is_checked_before_its_frames_are_decoded(tmp_path):
+    from shoal.swarm.maps.pictures import read_pixels
+
+    head = b"GIF89a" + bytes([255] * 4) + b"\xf0\0\0" + bytes(6)
+    frame = b"," + bytes(4) + bytes([255] * 4) + b"\0\x02\x02\x4c\x01\0"
+    (tmp_path / "large.gif").write_bytes(head + frame + frame + b";")
+    for read in (read_map, read_pixels):
+        with pytest.raises(InvalidInputError, match="expected at most 268435456 cells, got 65535x65535"):
+            read(tmp_path / "large.gif")
+
+
+def test_a_compression_that_no_library_knows_is_no_damage(tmp_path):
+    import struct
+
+    tags = [
+        (256, 4, 5),
+        (257, 4, 5),
+        (258, 3, 8),
+        (259, 3, 34712),
+        (262, 3, 1),
+        (273, 4, 200),
+        (277, 3, 1),
+        (278, 4, 5),
+        (279, 4, 25),
+    ]
+    entries = b"".join(struct.pack("<HHII", tag, size, 1, value) for tag, size, value in tags)
+    (tmp_path / "map.tif").write_bytes(struct.pack("<2sHIH", b"II", 42, 8, len(tags)) + entries + bytes(200))
+    with pytest.raises(InvalidInputError, match="got another compression together with numbers that need tifffile"):
+        read_map(tmp_path / "map.tif")
 
 
 # Memory: about the size of the map, whatever the numbers of the file

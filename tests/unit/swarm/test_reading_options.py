@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tests.unit.swarm.map_samples import GREYS, write_samples
 
+from shoal.cli import run as run_command
 from shoal.core.errors import InvalidInputError
-from shoal.swarm import GridWorkspace
+from shoal.core.parts import load_problem
+from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_problem
+from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.maps.files import FORMATS
 from shoal.swarm.maps.open import open_map
 from shoal.swarm.maps.reading import KINDS, REASONS
@@ -51,6 +58,7 @@ USED = {
     "film.nii": ({*NUMBERS, "frame"}, {"label": 220, "frame": 1}),
     "volume.nrrd": (NUMBERS, {"label": 220}),
     "series": (NUMBERS, {"label": 220}),
+    "coloured": ({*NUMBERS, "channel"}, {"channel": 1, "label": 220}),
     "line:7": (set(), {}),
 }
 SCALED_LABEL = {"deep.tif": {"level": 50 * 290, "label": 100 * 290}, "palette.png": {"label": 2}}
@@ -85,6 +93,73 @@ def test_an_option_is_used_or_refused(files, name, option):
     changed = open_map(files[name], **{**others, option: value})
     assert changed.n_free > 0
     assert changed.shape != plain.shape or not np.array_equal(changed.free, plain.free)
+
+
+DEFAULTS = {"vessels": False, "low": 0.6, "high": 1.2, "invert": False, "scale": 1.0, "join_diagonals": False}
+
+
+def takes(name: str, option: str) -> bool:
+    """Whether a kind of map has a meaning for an option at its default value."""
+    if option == "vessels":  # it says of a picture that it is no photograph
+        return name.endswith((".png", ".bmp", ".jpg", ".tif", ".gif"))
+    return option in USED[name][0] or (option == "join_diagonals" and name != "line:7")
+
+
+def test_the_defaults_are_those_of_the_problem():
+    declared = SwarmProblem.declarations()
+    assert {name: declared[name].default for name in READING if declared[name].default is not None} == DEFAULTS
+
+
+@pytest.mark.parametrize("option", DEFAULTS)
+@pytest.mark.parametrize("name", USED)
+def test_an_option_at_its_default_is_used_or_refused(files, name, option, monkeypatch):
+    monkeypatch.chdir(Path(files["grey.png"]).parent)
+    given = {**USED[name][1], option: DEFAULTS[option]}
+    problem = checked_problem({"kind": "swarm", "map": Path(files[name]).name, **given}, Folder("."))  # as the studio does
+    if takes(name, option):
+        plain = open_map(files[name], **USED[name][1])
+        assert np.array_equal(open_map(files[name], **given).free, plain.free)
+        assert np.array_equal(problem.place.free, plain.free)
+        return
+    flag = option.replace("_", "-")
+    for attempt in (lambda: open_map(files[name], **given), lambda: problem.place):
+        with pytest.raises(InvalidInputError, match=rf"{flag}: expected .*, got .*") as refused:
+            attempt()
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("option", [name for name in DEFAULTS if name != "vessels"])
+def test_an_option_at_its_default_is_no_option_of_arrays_workspaces_and_photographs(files, option):
+    given = {option: DEFAULTS[option]}
+    words = rf"{option.replace('_', '-')}: expected no "
+    with pytest.raises(InvalidInputError, match=words):
+        open_map(GridWorkspace(GREYS), **given)
+    if option in {"low", "high", "scale"}:
+        with pytest.raises(InvalidInputError, match=words):
+            open_map(GREYS, **given)
+    else:
+        assert np.array_equal(open_map(GREYS, **given).free, open_map(GREYS).free)
+    if option not in {"low", "high"}:
+        with pytest.raises(InvalidInputError, match=words):
+            open_map(files["grey.png"], vessels=True, **given)
+
+
+@pytest.mark.parametrize("option", DEFAULTS)
+@pytest.mark.parametrize("command", [["maps"], ["map", "-n", "1"], ["cover", "-n", "1"]])
+def test_commands_refuse_an_option_at_its_default(command, option, capsys):
+    value, flag = DEFAULTS[option], option.replace("_", "-")
+    words = [f"--no-{flag}"] if value is False else [f"--{flag}", str(value)]
+    assert run_command([command[0], "line:7", *command[1:], *words]) == 2
+    said = capsys.readouterr().err
+    assert f"{flag}: expected no {flag}" in said
+    assert said.count("\n") == 1
+
+
+def test_an_option_replaces_that_of_a_problem_file(tmp_path, files, capsys):
+    source = tmp_path / "problem.json"
+    source.write_text(json.dumps({"kind": "swarm", "map": str(files["grey.png"]), "scale": 2.0, "particles": 1}))
+    assert load_problem(source).replaced(scale=1.0).place.shape == open_map(files["grey.png"]).shape
+    assert "scale" in load_problem(source).replaced(particles=2).given
 
 
 @pytest.mark.parametrize("name", USED)

@@ -190,6 +190,14 @@ def test_figure_numbers_every_robot_and_shows_the_dead_and_what_nobody_saw():
     assert set(whole) <= {"start", "way to a cell farther off"}
 
 
+@pytest.mark.parametrize("name", ["ring", "box"])
+def test_heading_and_summary_of_a_figure_stand_apart(name):
+    figure = routes_figure(search("box:60x36x30", robots=2, footprint=10) if name == "box" else episode(name))
+    summary = figure.axes[0]._left_title.get_window_extent()
+    assert figure._suptitle.get_window_extent().y0 > summary.y1 + 5
+    assert summary.y0 > figure.axes[0].get_window_extent().y1
+
+
 def test_timeline_names_whose_part_and_when():
     figure = timeline_figure(episode("ring"))
     words = texts(figure)

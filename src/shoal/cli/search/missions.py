@@ -15,6 +15,7 @@ from shoal.cli.options import help_of, parsed
 from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.core.checks import check_number
 from shoal.core.counts import count_text
+from shoal.core.errors import InvalidInputError
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions, parse_separation
@@ -58,7 +59,11 @@ Angle = Annotated[
         help="Angle of the footprints, counter-clockwise from east. Default: the direction of most legs.",
     ),
 ]
-Least = Annotated[float, typer.Option("--least", help="Minimum share of the region that the vehicles must see, from 0 to 1.")]
+LEAST = 0.999
+Least = Annotated[
+    float | None,
+    typer.Option("--least", show_default=str(LEAST), help="Minimum share of the region that the vehicles must see, from 0 to 1."),
+]
 Format = Annotated[
     str | None,
     typer.Option(
@@ -79,7 +84,10 @@ SEPARATION, DELAY = _KEPT["separation"].text(_KEPT["separation"].default), _KEPT
 Separated = Annotated[
     str, typer.Option("--separation", metavar=_KEPT["separation"].option.metavar, help=help_of(_KEPT["separation"]))
 ]
-Late = Annotated[float, typer.Option("--delay-tolerance", metavar="SECONDS", help=help_of(_KEPT["delay_tolerance"]))]
+Late = Annotated[
+    float | None,
+    typer.Option("--delay-tolerance", metavar="SECONDS", show_default=str(DELAY), help=help_of(_KEPT["delay_tolerance"])),
+]
 FlownBy = Annotated[
     str | None,
     typer.Option(
@@ -116,9 +124,10 @@ OverTerrain = Annotated[
     ),
 ]
 HeightError = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--terrain-error",
+        show_default=str(_KEPT["terrain_error"].default),
         metavar=_KEPT["terrain_error"].option.metavar,
         help="Maximum error of the height above ground, in metres, for missions with altitudes above ground.",
     ),
@@ -147,7 +156,7 @@ def check(
     region: Region,
     footprint: Footprint = None,
     angle: Angle = None,
-    least: Least = 0.999,
+    least: Least = None,
     format_: Format = None,
     no_go: NoGo = None,
     layer: Layer = None,
@@ -158,12 +167,12 @@ def check(
     cap: Cap = None,
     autopilot: Autopilot = None,
     separation: Separated = SEPARATION,
-    delay_tolerance: Late = DELAY,
+    delay_tolerance: Late = None,
     vehicle: FlownBy = None,
     airspace: Airspace = None,
     fence_distance: FenceDistance = None,
     terrain: OverTerrain = None,
-    terrain_error: HeightError = _KEPT["terrain_error"].default,
+    terrain_error: HeightError = None,
     bands: Bands = None,
     seed: options.UnusedSeed = 0,
     out: Out = None,
@@ -179,16 +188,28 @@ def check(
     from shoal.search.missions import check_missions
     from shoal.search.regions.margin import with_margin
 
-    check_number(least, what="--least", least=0, most=1)
-    check_number(terrain_error, what="--terrain-error", least=0.01)
+    if least is not None:
+        check_number(least, what="--least", least=0, most=1)
+    if terrain_error is not None:
+        check_number(terrain_error, what="--terrain-error", least=0.01)
+        if terrain is None:
+            raise InvalidInputError(f"--terrain-error: expected --terrain together with it, got {terrain_error:g} alone")
     if out is not None:
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
     searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, hidden=hidden, closed_lines=closed_lines)
-    kept = MissionOptions(separation=parse_separation(separation), delay_tolerance=delay_tolerance).kept_apart
+    late: dict[str, Any] = {} if delay_tolerance is None else {"delay_tolerance": delay_tolerance}
+    kept = MissionOptions(separation=parse_separation(separation), **late).kept_apart
     flown = None if vehicle is None else vehicle_of(vehicle)
     if sides is None and flown is not None:
         sides = flown.row_spacing
+    if sides is None:
+        for option, value in (("--least", least), ("--angle", angle), ("--bands", bands)):
+            if value is not None:
+                raise InvalidInputError(
+                    f"{option}: expected --footprint, or a --vehicle with a camera or detector, because without them coverage "
+                    f"is not measured, got {value}"
+                )
     searched = with_margin(searched, check_number(margin, what="--margin", least=0))
     result = check_missions(
         folder, searched, sides, angle=angle, format=format_, cap=cap, autopilot=autopilot, separation=kept, vehicle=flown,
@@ -206,7 +227,9 @@ def check(
         print_json(result.report())
     else:
         _print(result, written, flown)
-    faults = _faults(result, kept, least=least, terrain_error=terrain_error)
+    faults = _faults(
+        result, kept, least=LEAST if least is None else least, terrain_error=terrain_error or _KEPT["terrain_error"].default
+    )
     if faults:
         say(f"shoal: {' and '.join(faults)}")
         raise typer.Exit(1)

@@ -11,6 +11,7 @@ import typer
 from shoal.cli.options import Film, Json, Seed, takes_problem
 from shoal.cli.output import check_folder, check_outputs, patience, print_json, say, write_episode
 from shoal.cli.search.texts import print_search
+from shoal.core.errors import InvalidInputError
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash
 from shoal.search.problem.mission_options import MissionOptions
@@ -55,6 +56,10 @@ def search(
     """
     from shoal.search.run import run
 
+    if missions is None and options.given:
+        name = next(name for name in options.declarations() if name in options.given)
+        value = options.declarations()[name].text(getattr(options, name))
+        raise InvalidInputError(f"{options.declarations()[name].flag}: expected --missions DIR together with it, got {value} alone")
     problem.check_at_place()
     if missions is not None and problem.vehicle is None:
         problem = problem.replaced(vehicle="multirotor").at_place(problem.place)

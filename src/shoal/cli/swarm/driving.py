@@ -63,13 +63,21 @@ def drive(
     size: Size = None,
     seed: options.Seed = 0,
     repeat_after: Annotated[
-        float,
-        typer.Option("--repeat-after", help="Time without an answer after which Shoal repeats a request, in seconds."),
-    ] = SECONDS["repeat_after"],
+        float | None,
+        typer.Option(
+            "--repeat-after",
+            help="Time without an answer after which Shoal repeats a request, in seconds.",
+            show_default=str(SECONDS["repeat_after"]),
+        ),
+    ] = None,
     end_after: Annotated[
-        float,
-        typer.Option("--end-after", help="Time without an answer to repeated requests after which the run ends, in seconds."),
-    ] = SECONDS["end_after"],
+        float | None,
+        typer.Option(
+            "--end-after",
+            help="Time without an answer to repeated requests after which the run ends, in seconds.",
+            show_default=str(SECONDS["end_after"]),
+        ),
+    ] = None,
     test_move: Annotated[
         bool,
         typer.Option(
@@ -96,17 +104,19 @@ def drive(
     """
     from shoal.swarm.maps.open import open_map
     from shoal.swarm.problem import spacing_of
-    from shoal.swarm.rigs.driving import DriveError, DriveInterrupted, load_drive_kernels
     from shoal.swarm.rigs.driving import drive as drive_rig
+    from shoal.swarm.rigs.driving import load_drive_kernels
     from shoal.swarm.rigs.log import DriveLog
     from shoal.swarm.rigs.remote import open_rig
 
     check_outputs(out, film)
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
-    for what, seconds in (("repeat_after", repeat_after), ("end_after", end_after)):
+    given = {"repeat_after": repeat_after, "end_after": end_after}
+    patience = {name: seconds for name, seconds in given.items() if seconds is not None}
+    for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
-    _check_effect(rig, problem, repeat_after=repeat_after, end_after=end_after)
+    _check_effect(rig, problem, **patience)
     book = None if log is None else DriveLog(log)
     load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
@@ -115,7 +125,7 @@ def drive(
         if rig == "simulated":
             opened = _simulated(truth, problem, seed)
         else:
-            opened = open_rig(rig, repeat_after=repeat_after, end_after=end_after, on_event=None if book is None else book.event)
+            opened = open_rig(rig, **SECONDS | patience, on_event=None if book is None else book.event)
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN}
@@ -130,12 +140,14 @@ def drive(
         try:
             _check_shape(opened, shape, truth)
             result = drive_rig(opened, **options, **fields)
-        except (DriveError, DriveInterrupted) as error:
+        except BaseException as error:
+            if not hasattr(error, "drive"):  # nothing was scanned
+                raise
             failure, result = error, error.drive
         finally:
             getattr(opened, "close", lambda: None)()
         _report(result, opened, truth, log, out, film, json_, seed=seed, spacing=spacing)
-        if isinstance(failure, DriveInterrupted):
+        if isinstance(failure, KeyboardInterrupt | SystemExit):
             say(_how_to_go_on(result, log, out))
         if failure is not None:
             raise failure
@@ -149,12 +161,10 @@ def drive(
 def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
     """Refuse options that have no effect on the kind of rig."""
     if rig == "simulated":
-        given = {name: value for name, value in seconds.items() if value != SECONDS[name]}
+        given: dict[str, Any] = dict(seconds)
         expected = "a rig behind a connection, whose answers may be late"
     else:
-        defaults = type(problem).declarations()
-        names = ("start", "particles", "placement", "rule")
-        given = {name: getattr(problem, name) for name in names if getattr(problem, name) != defaults[name].default}
+        given = {name: getattr(problem, name) for name in ("start", "particles", "placement", "rule") if name in problem.given}
         expected = "the rig simulated, because a real rig reports its own particles and rule"
     for name, value in given.items():
         raise InvalidInputError(f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}")

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import cache, cached_property
+from itertools import islice
 from typing import Any, ClassVar, Self, get_type_hints
 
 from shoal.core.checks import shortened, suggestion
@@ -51,6 +52,18 @@ class Problem:
 
     In an unfinished episode, the value of such a measure is only a lower bound.
     """
+
+    def __new__(cls, *values: Any, **given: Any) -> Self:
+        """Keep which fields the caller gives: a field at its default is also refused where it would have no effect."""
+        problem = super().__new__(cls)
+        problem.__dict__["_given"] = frozenset([*islice(cls.declarations(), len(values)), *given])
+        return problem
+
+    @property
+    def given(self) -> frozenset[str]:
+        """Names of the fields that the maker of the problem gave, at their defaults or at other values."""
+        found: frozenset[str] = self.__dict__["_given"]
+        return found
 
     def __post_init__(self) -> None:
         for name, declared in self.declarations().items():
@@ -142,7 +155,8 @@ class Problem:
         InvalidInputError
         """
         check_known(changes, self.declarations(), where="problem")
-        return replace(self, **changes)
+        kept = {name: getattr(self, name) for name in self.declarations() if name in self.given}
+        return type(self)(**kept | changes)
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and self.to_dict() == other.to_dict()
@@ -175,7 +189,7 @@ class Problem:
 
     def at_place(self, place: Any) -> Self:
         """Return a copy of the problem with ``place`` as its opened place."""
-        same = replace(self)
+        same = self.replaced()
         same.__dict__["place"] = place
         return same
 

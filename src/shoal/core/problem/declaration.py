@@ -8,7 +8,7 @@ from dataclasses import MISSING, Field, field
 from math import inf
 from typing import Any, Union, get_args, get_origin
 
-from shoal.core.checks import check_bool, check_choice, check_integer, check_number, check_text, range_text
+from shoal.core.checks import check_bool, check_choice, check_integer, check_number, check_text, range_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
@@ -156,7 +156,9 @@ class Declaration:
         except InvalidInputError:
             raise
         except ValueError as error:
-            raise InvalidInputError(f"{self.flag}: {error}") from None
+            # Python's own words, such as "invalid literal for int()", say neither what is expected nor what came
+            why = str(error) if "expected" in str(error) else f"expected {self.option.metavar or 'numbers'}, got {shortened(text)}"
+            raise InvalidInputError(f"{self.flag}: {why}") from None
 
 
 def _plain(value: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.search.allocation.allocate import Allocation
 from shoal.search.allocation.arcs import Arc, numbers_of
 from shoal.search.allocation.choice import Candidate, compared_allocations
@@ -44,20 +45,26 @@ from shoal.search.flight.merging import merged
 from shoal.search.flight.pace import turn_cells, working_seconds
 from shoal.search.flight.sorties import Sorties as FlightSorties
 from shoal.search.flight.timing import Trajectory, turn_shares
-from shoal.search.flight.turning import LINK
+from shoal.search.flight.turning import LINK, Costs
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.regions.coverage import Image, check_footprints, coverage_check
-from shoal.search.regions.margin import grown
+from shoal.search.regions.margin import grown, with_margin, without_margin
 from shoal.search.regions.places import places_of
-from shoal.search.regions.region import TOUCH
+from shoal.search.regions.region import TOUCH, SearchRegion
 from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
 Sorties = tuple[tuple[float, float], ...]
 MERGED = 0.001
 """Maximum distance in metres of an omitted point of a path from the straight leg that replaces it."""
+
+NARROWER = (0.5, 0.25, 0.0)
+"""Margins that are tried for vehicles without room, as shares of the default margin."""
+
+NO_ROOM = ("turn_radius", "launch: expected a path ", "landing: expected a path ")
+"""Beginnings of the errors of a vehicle without room."""
 
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 _FLOWN = 3_000  # cells times robots: above this, allocations and tours are compared by their costs in cells alone
@@ -107,6 +114,10 @@ class SearchPlan:
         starts determine them. By default, each robot starts after its delay, and again as soon as it is back and recharged.
     image : Image, optional
         Image of the vehicles' camera. By default, robots see squares along the rows of cells.
+    curves : dict
+        Cache of the curves of fixed wings, which all compared plans and the missions share.
+    flown : dict
+        Cache of the durations of flights, which all compared allocations of one tour share.
     """
 
     grid: Grid
@@ -125,6 +136,8 @@ class SearchPlan:
     flies: bool = False
     schedule: tuple[Sorties, ...] | None = None
     image: Image | None = None
+    curves: dict[Any, Costs] = field(default_factory=dict, repr=False)
+    flown: dict[Any, tuple[float, ...] | str] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if self.delays is None:
@@ -161,6 +174,29 @@ class SearchPlan:
         times = self.allocation.times - self.delays / self.cell_seconds
         return tuple(self.sorties_along(robot, self.stops(robot), cells=float(cells)) for robot, cells in enumerate(times.tolist()))
 
+    @cached_property
+    def refusal(self) -> str:
+        """The reason why a vehicle cannot fly its path, or an empty text if all vehicles can.
+
+        A battery may be too small, or there may be no room for a turn.
+        """
+        if not self.flies or self.schedule is not None:
+            return ""
+        durations = (self._durations(robot, stops) for robot in range(len(self.places)) if len(stops := self.stops(robot)))
+        return next((lasting for lasting in durations if isinstance(lasting, str)), "")
+
+    def _durations(self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> tuple[float, ...] | str:
+        """Return the durations of a robot's flights in seconds or, if it cannot fly its path, the reason."""
+        landing = None if self.landing is None else self.landing[robot].tobytes()
+        own = (self.rates[robot], self.footprints[robot], self.places[robot].tobytes(), landing)
+        key = (robot, self.vehicle, own, np.asarray(stops).tobytes(), tuple(map(tuple, detours)))
+        if key not in self.flown:
+            try:
+                self.flown[key] = tuple(flight.duration for flight in self._flights(robot, stops, detours))
+            except InvalidInputError as error:
+                self.flown[key] = str(error)
+        return self.flown[key]
+
     def sorties_along(self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = (), *, cells: float = 0.0) -> Sorties:
         """Return the start time and the duration of each sortie in which robot ``robot`` (counted from 0) makes the given stops.
 
@@ -170,11 +206,8 @@ class SearchPlan:
         since, found = float(self.delays[robot]), []
         if not len(np.asarray(stops)):
             return ()
-        try:
-            lasting = [flight.duration for flight in self._flights(robot, stops, detours)]
-        except InvalidInputError:
-            lasting = [self.seconds(cells)]
-        for seconds in lasting:
+        durations = self._durations(robot, stops, detours)
+        for seconds in (self.seconds(cells),) if isinstance(durations, str) else durations:
             found.append((since, seconds))
             since += seconds + self.vehicle.recharge_seconds
         return tuple(found)
@@ -193,6 +226,7 @@ class SearchPlan:
             free=region.free,
             landing=None if self.landing is None else self.landing[robot],
             ending=ending,
+            curves=self.curves,
         )
         led, searched = merged(way[: out + 1], MERGED)[:-1], merged(way[out:], MERGED)
         return FlightSorties(np.vstack([led, searched]), flight, _MEMORY, self.leg, robot + 1, len(led)).trajectories()
@@ -379,6 +413,46 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     >>> len(plan.tour_cost), plan.allocation.lower_bound
     (100, 25.0)
     """
+    plan = plan_at_margin(problem, seed)
+    region: SearchRegion = problem.place
+    if problem.margin is not None or not region.margin:
+        return _said(plan)
+    for share in NARROWER if plan.refusal.startswith(NO_ROOM) else ():
+        margin = share * region.margin
+        place = with_margin(without_margin(region), margin, barriers=region.barriers, pointed=region.pointed)
+        try:
+            narrow = problem.replaced(margin=margin).at_place(place)
+            found = plan_at_margin(narrow, seed)
+        except InvalidInputError:
+            continue
+        if not found.refusal.startswith(NO_ROOM):
+            tell_once(narrower_margin_text(margin, region.margin))
+            return _said(found)
+    return _said(plan)
+
+
+def narrower_margin_text(margin: float, wanted: float) -> str:
+    """Return the notice about a margin that is narrower than the default because of a vehicle without room."""
+    return (
+        f"margin: {margin:.3g} m in place of {wanted:.3g} m, because with the wider margin a vehicle has no room for its turns or "
+        "its path; --margin sets another one"
+    )
+
+
+def _said(plan: SearchPlan) -> SearchPlan:
+    """Return a plan, with a notice if a vehicle cannot fly its path."""
+    if plan.refusal:
+        tell_once(
+            f"plan: its times are estimates without the paths of vehicles, because a vehicle cannot fly its path: {plan.refusal}"
+        )
+    return plan
+
+
+def plan_at_margin(problem: SearchProblem, seed: int) -> SearchPlan:
+    """Return the plan of a search with the margin of the problem's region.
+
+    If a camera, which turns with its vehicle, misses some of the region, the cells become narrower.
+    """
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
     image = problem.image
@@ -413,7 +487,10 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     # What counts is when the last vehicle is back: its way out and home, curves, climbs and charges belong to that.
     names = dict.fromkeys(problem.tours_to_compare(1.0)) if problem.tour == AUTO and problem.passes == 1 else {}
     tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
-    plans = [plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)]
+    every = [plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)]
+    curves: dict[Any, Costs] = {}
+    every = [replace(plan, curves=curves) for plan in every]
+    plans = [plan for plan in every if not plan.refusal] or every  # a plan that cannot be flown is not the fastest
     best = min(plans, key=_without_delays)
     return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
 
@@ -475,6 +552,7 @@ def _team_plans(
     shared = [Candidate(angle, tour.name, time, given.allocator) for given, time in compared]
     delays = np.zeros(robots) if problem.delays is None else np.array(problem.delays)
     plans = []
+    flown: dict[Any, tuple[float, ...] | str] = {}
     for allocation, _ in compared:
         given = allocation
         if problem.multiplicity > 1:
@@ -496,6 +574,7 @@ def _team_plans(
             flies=problem.vehicle is not None,
             stay_inside=problem.stay_inside,
             image=None if problem.image is None else problem.image.scaled(1 / scale),
+            flown=flown,
         )
         plans.append(replace(plan, allocation=replace(given, times=given.times + _late(plan))))
     return plans

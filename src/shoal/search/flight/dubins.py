@@ -17,6 +17,7 @@ _ROUND = 2 * pi
 _CLOSE = 1e-9
 _SLIGHT = 0.01  # metres: half of an arc that needs no vertex
 _SENSE = {"L": 1.0, "R": -1.0, "S": 0.0}
+_SENSES = np.array([[_SENSE[letter] for letter in word] for word in WORDS])
 
 
 def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
@@ -102,6 +103,51 @@ def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> 
             x, y = x + reach * cos(heading), y + reach * sin(heading)
     found.append((x, y))
     return np.array(found)
+
+
+def dubins_ways(starts: Floats, words: NDArray[np.int64], parts: Floats, radius: float) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the paths of many Dubins curves at once, equal to those of `dubins_way` except for rounding errors.
+
+    Parameters
+    ----------
+    starts : ndarray of float64, shape (n, 3)
+        Start pose of each curve, in metres and radians.
+    words : ndarray of int64, shape (n,)
+        Type of each curve as an index in `WORDS`.
+    parts : ndarray of float64, shape (n, 3)
+        Lengths of the parts of each curve, divided by the radius.
+    radius : float
+        Turning radius in metres.
+
+    Returns
+    -------
+    points : ndarray of float64, shape (k, 2)
+        The points of all paths in metres, path after path.
+    numbers : ndarray of int64, shape (k,)
+        Index of the curve to which each point belongs.
+    """
+    place, heading = starts[:, :2], starts[:, 2]
+    columns, present = [place[:, None, :]], [np.ones((len(starts), 1), dtype=np.bool_)]
+    for part in range(3):
+        sense, length = _SENSES[words, part], parts[:, part]
+        counts = np.maximum(np.ceil(length / SHARPEST - _CLOSE), 1.0)
+        bend = length / counts
+        number = np.arange(int(counts[sense != 0].max(initial=0.0)))
+        # The tangents of an arc meet at the angle in the middle between two points of the arc, R / cos(bend / 2) from its centre.
+        angles = heading[:, None] + (sense * bend)[:, None] * (number + 0.5)
+        centre = place + (sense * radius)[:, None] * np.column_stack([-np.sin(heading), np.cos(heading)])
+        away = sense * radius / np.cos(bend / 2)
+        columns.append(centre[:, None, :] + away[:, None, None] * np.stack([np.sin(angles), -np.cos(angles)], axis=-1))
+        bent = (sense != 0) & (radius * np.tan(bend / 2) > _SLIGHT)
+        present.append(bent[:, None] & (number < counts[:, None]))
+        ahead = np.where(sense == 0, radius * length, 0.0)[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+        heading = heading + sense * length
+        ended = centre + (sense * radius)[:, None] * np.column_stack([np.sin(heading), -np.cos(heading)])
+        place = np.where((sense == 0)[:, None], place + ahead, ended)
+    columns.append(place[:, None, :])
+    present.append(np.ones((len(starts), 1), dtype=np.bool_))
+    kept = np.concatenate(present, axis=1)
+    return np.concatenate(columns, axis=1)[kept], np.nonzero(kept)[0]
 
 
 def shortest_length(start: ArrayLike, end: ArrayLike, radius: float) -> float:

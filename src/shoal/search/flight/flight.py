@@ -18,7 +18,7 @@ from shoal.search.flight.dubins import dubins_way
 from shoal.search.flight.merging import lengthened
 from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, limited_climbs, profile_of
 from shoal.search.flight.timing import Trajectory, climbs_apart, leg_seconds, trajectory, whole_way
-from shoal.search.flight.turning import NEAR, KnownCurves, room_beside, turned_way
+from shoal.search.flight.turning import NEAR, Costs, KnownCurves, room_beside, turned_way
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -69,6 +69,8 @@ class Flight:
         Ending of the flight. With "land", a fixed wing descends steadily on a straight approach.
     free : Shapely geometry, optional
         Area that a path must not leave where legs are merged, unless the original path leaves it.
+    curves : dict, optional
+        Curves of other flights, which this flight uses, and to which it adds its own.
 
     Raises
     ------
@@ -88,6 +90,7 @@ class Flight:
     area: Any = None
     ending: str = "return"
     free: Any = None
+    curves: dict[Any, Costs] | None = None
 
     def __post_init__(self) -> None:
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
@@ -100,7 +103,10 @@ class Flight:
 
     @cached_property
     def _known(self) -> KnownCurves:
-        return KnownCurves()
+        if self.curves is None:
+            return KnownCurves()
+        areas = (None if shape is None else shape.wkb for shape in (self.blocked, self.area))
+        return KnownCurves(self.curves.setdefault((self.radius, *areas), {}))
 
     @property
     def end(self) -> Points:

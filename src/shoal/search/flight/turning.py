@@ -12,7 +12,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.flight.dubins import WORDS, Floats, dubins_parts, dubins_way
+from shoal.search.flight.dubins import WORDS, Floats, dubins_parts, dubins_way, dubins_ways
 from shoal.search.regions.outline_checks import text_of
 
 NEAR = 0.05
@@ -25,6 +25,8 @@ _KEPT, _CUT = 1, 2  # marks of vertices
 _AT_ONCE = 1000  # number of links whose curves are computed at once
 _TOUCH = 0.005  # metres by which a curve may enter a blocked area because of rounding
 _SAME = 1e-6  # metres, and radians
+_AHEAD = np.array([0.0, 1.0, 2.0, 4.0])  # lengths of straight ends of a detour, divided by the radius
+_RETRIED = 4  # number of links before an unreachable point that may become detours
 
 
 @dataclass
@@ -63,21 +65,44 @@ class _Room:
 
     def crossing(self, curves: list[Floats]) -> list[int]:
         """Return the indices of the curves that cross a blocked area or leave the allowed area."""
-        if not curves or (self.blocked is None and self.area is None):
+        if not curves:
             return []
+        numbers = np.repeat(np.arange(len(curves)), [len(curve) for curve in curves])
+        return [int(number) for number in np.flatnonzero(self.crossed(np.concatenate(curves), numbers))]
+
+    def crossed(self, points: Floats, numbers: Any) -> Any:
+        """Return whether each of n curves crosses a blocked area or leaves the allowed area; bool, shape (n,).
+
+        The array ``points`` holds the points of all curves, and ``numbers`` the index of the curve of each point, ascending from 0.
+        """
+        count = int(numbers[-1]) + 1 if len(numbers) else 0
+        if not count or (self.blocked is None and self.area is None):
+            return np.zeros(count, dtype=np.bool_)
         import shapely
 
-        lines = np.array([shapely.linestrings(curve if len(curve) > 1 else np.repeat(curve, 2, axis=0)) for curve in curves])
-        wrong = np.zeros(len(lines), dtype=np.bool_) if self.blocked is None else shapely.intersects(self.blocked, lines)
+        begins = np.searchsorted(numbers, np.arange(count))
+        single = begins[np.diff(np.append(begins, len(numbers))) == 1]
+        if len(single):  # a line needs two points
+            points, numbers = np.insert(points, single, points[single], axis=0), np.insert(numbers, single, numbers[single])
+            begins = np.searchsorted(numbers, np.arange(count))
+        lines = shapely.linestrings(points, indices=numbers)
+        wrong = np.zeros(count, dtype=np.bool_) if self.blocked is None else shapely.intersects(self.blocked, lines)
         if self.area is not None:
-            chords = shapely.linestrings(np.array([curve[[0, -1]] for curve in curves]))
+            ends = np.append(begins[1:], len(numbers)) - 1
+            chords = shapely.linestrings(np.stack([points[begins], points[ends]], axis=1))
             wrong |= ~shapely.covers(self.area, lines) & shapely.covers(self.area, chords)
-        return [int(number) for number in np.flatnonzero(wrong)]
+        return wrong
+
+
+Costs = dict[bytes, tuple[Floats, Any]]
+"""Costs of links, as `KnownCurves` holds them."""
 
 
 @dataclass
 class KnownCurves:
     """A cache of curves, which all candidate sorties along one route share.
+
+    Several routes may share the costs, but not the vertices: the result for a route must not depend on the routes before it.
 
     Parameters
     ----------
@@ -88,7 +113,7 @@ class KnownCurves:
         Vertices at which straight legs had to be shortened, because all curves at the vertex were blocked.
     """
 
-    costs: dict[bytes, tuple[Floats, Any]] = field(default_factory=dict)
+    costs: Costs = field(default_factory=dict)
     loose: set[bytes] = field(default_factory=set)
 
 
@@ -110,7 +135,8 @@ def turned_way(
     without a straight leg, the function compares `HEADINGS` headings.
 
     If all curves at an end of a straight leg are blocked, the path near this end passes a series of points on the leg, each in any
-    direction. The distance between neighbouring points is at most max(``link`` / `LINK`, ``radius`` / 8).
+    direction. The distance between neighbouring points is at most max(``link`` / `LINK`, ``radius`` / 8). If this does not suffice,
+    the path makes detours: it leaves a point straight on, out of a gap between blocked areas, before it turns.
 
     Parameters
     ----------
@@ -159,14 +185,19 @@ def turned_way(
     room = _Room.of(blocked, area)
     memory = KnownCurves() if known is None else known
     loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in memory.loose]
+    detours = False
     while True:
         for vertex in reversed(loosen):
             points, straight, marks = _loosened(points, straight, marks, vertex, 3 * radius, max(link / LINK, radius / 8))
-        found = _along(_poses(points, straight), radius, room, memory)
+        found = _along(_poses(points, straight), radius, room, memory, detours=detours)
         if not isinstance(found, list):
             return _joined(*found, marks)
         *stuck, lost = found
-        if not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck):
+        exhausted = not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck)
+        if exhausted and not detours:
+            detours, loosen = True, []
+            continue
+        if exhausted:
             allowed = "outside the no-go zones" if area is None else "in the airspace around the region"
             raise InvalidInputError(
                 f"turn_radius: expected room for turns of {radius:.4g} m {allowed}, got none at {text_of(points[lost])}"
@@ -197,27 +228,46 @@ def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: flo
     return points, straight, marks
 
 
-def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tuple[_Poses, Any, list[Floats]] | list[int]:
+def _along(
+    poses: _Poses, radius: float, room: _Room, known: KnownCurves, *, detours: bool
+) -> tuple[_Poses, Any, list[Floats]] | list[int]:
     """Return the shortest path through all points.
 
+    With ``detours``, the links before a point that is otherwise unreachable may make detours.
     If no path exists, return the vertices at which straight legs must be shortened, followed by the first unreachable vertex.
     """
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
     looked: set[int] = set()
+    extended: set[int] = set()
+    known_curves: dict[tuple[int, int, int], Floats] = {}
     while True:
         chosen = _cheapest(poses, links, lengths)
         if isinstance(chosen, int):
+            before = range(*np.searchsorted(links, (chosen - _RETRIED, chosen)).tolist()) if detours else ()
+            retried = [number for number in before if number not in extended]
+            if retried:
+                for number in retried:
+                    looked.add(number)
+                    extended.add(number)
+                    lengths[number], words[number] = _detour_costs(poses, int(links[number]), radius, room, known)
+                known_curves = {key: curve for key, curve in known_curves.items() if key[0] not in extended}
+                continue
             stuck = [number for number in looked if not np.isfinite(lengths[number]).any()] or looked
             ends = (poses.vertices[links[number] + end] for number in stuck for end in (0, 1))
             return [*sorted({int(vertex) for vertex in ends}), poses.vertices[chosen]]
-        curves = _curves(poses, links, words, chosen, radius)
-        crossing = [number for number in room.crossing(curves) if number not in looked]
+        keys = [(number, chosen[link], chosen[link + 1]) for number, link in enumerate(links.tolist())]
+        fresh = [key for key in keys if key not in known_curves]
+        curves = _curves(poses, links, words, fresh, radius)
+        known_curves.update(zip(fresh, curves, strict=True))
+        untested = [k for k, key in enumerate(fresh) if key[0] not in looked]
+        crossing = [fresh[untested[k]][0] for k in room.crossing([curves[k] for k in untested])]
         if not crossing:
-            return poses, links, curves
+            return poses, links, [known_curves[key] for key in keys]
         for number in crossing:  # all curves of these links are tested once
             looked.add(number)
             lengths[number], words[number] = _free_costs(poses, int(links[number]), radius, room, known)
+        known_curves = {key: curve for key, curve in known_curves.items() if key[0] not in crossing}
 
 
 def _poses(points: Floats, far: Any) -> _Poses:
@@ -271,15 +321,73 @@ def _free_costs(poses: _Poses, link: int, radius: float, room: _Room, known: Kno
         return known.costs[key]
     parts = _parts(poses, np.array([link]), radius)[0]
     lengths = parts.sum(axis=-1)
-    there = np.argwhere(np.isfinite(lengths))
-    ways = [
-        dubins_way((*poses.points[link], poses.headings[link, one]), WORDS[word], parts[one, other, word], radius)
-        for one, other, word in there.tolist()
-    ]
-    for number in room.crossing(ways):
-        lengths[tuple(there[number])] = np.inf
-    known.costs[key] = lengths.min(axis=-1), lengths.argmin(axis=-1)
+    ranks = np.argsort(lengths, axis=-1, kind="stable")
+    best, words = np.full(lengths.shape[:2], np.inf), np.zeros(lengths.shape[:2], dtype=np.int8)
+    ones, others = np.nonzero(np.isfinite(lengths).any(axis=-1))
+    for rank in range(len(WORDS)):  # the shortest curve of each pair of headings first; a longer one only if it is blocked
+        word = ranks[ones, others, rank]
+        there = np.isfinite(lengths[ones, others, word])
+        ones, others, word = ones[there], others[there], word[there]
+        if not len(ones):
+            break
+        starts = np.column_stack([np.tile(poses.points[link], (len(ones), 1)), poses.headings[link, ones]])
+        blocked = room.crossed(*dubins_ways(starts, word, parts[ones, others, word], radius))
+        free = ones[~blocked], others[~blocked]
+        words[free] = word[~blocked]
+        best[free] = lengths[(*free, word[~blocked])]
+        ones, others = ones[blocked], others[blocked]
+    known.costs[key] = best, words
     return known.costs[key]
+
+
+def _detour_costs(poses: _Poses, link: int, radius: float, room: _Room, known: KnownCurves) -> tuple[Floats, Any]:
+    """Return the lengths and types of the shortest unblocked curves of one link, with detours where all Dubins curves are blocked.
+
+    A detour is a Dubins curve with a straight leg before it, a straight leg after it, or both. The type is the index of the curve
+    type in `WORDS` plus 6 times the index of the pair of straight legs.
+    """
+    key = poses.points[link : link + 2].tobytes() + poses.headings[link : link + 2].tobytes() + b"detours"
+    if key in known.costs:
+        return known.costs[key]
+    best, types = (array.copy() for array in _free_costs(poses, link, radius, room, known))
+    there = ~np.isnan(poses.headings[link])[:, None] & ~np.isnan(poses.headings[link + 1])
+    ones, others = np.nonzero(there & ~np.isfinite(best))
+    poses_at = [
+        np.column_stack([np.tile(poses.points[link + end], (len(k), 1)), poses.headings[link + end, k]])
+        for end, k in ((0, ones), (1, others))
+    ]
+    count = len(_AHEAD)
+    before, after = np.repeat(_AHEAD, count), np.tile(_AHEAD, count)
+    starts = _moved(poses_at[0][:, None], radius * before)  # shape (pairs, combinations of straight legs, 3)
+    ends = _moved(poses_at[1][:, None], -radius * after)
+    parts = dubins_parts(starts, ends, radius)
+    lengths = (parts.sum(axis=-1) + (before + after)[:, None]).reshape(len(ones), len(before) * len(WORDS))
+    lengths[:, : len(WORDS)] = np.inf  # without straight legs: already blocked
+    ranks = np.argsort(lengths, axis=-1, kind="stable")
+    left = np.arange(len(ones))
+    for rank in range(lengths.shape[1] - len(WORDS)):
+        kind = ranks[left, rank]
+        possible = np.isfinite(lengths[left, kind])
+        left, kind = left[possible], kind[possible]
+        if not len(left):
+            break
+        legs, word = kind // len(WORDS), kind % len(WORDS)
+        points, numbers = dubins_ways(starts[left, legs], word, parts[left, legs, word], radius)
+        points = np.concatenate([poses_at[0][left, :2], points, poses_at[1][left, :2]])
+        numbers = np.concatenate([np.arange(len(left)), numbers, np.arange(len(left))])
+        order = np.argsort(numbers, kind="stable")
+        free = ~room.crossed(points[order], numbers[order])
+        best[ones[left[free]], others[left[free]]] = lengths[left[free], kind[free]]
+        types[ones[left[free]], others[left[free]]] = kind[free]
+        left = left[~free]
+    known.costs[key] = best, types
+    return known.costs[key]
+
+
+def _moved(poses: Floats, lengths: Floats) -> Floats:
+    """Return poses moved straight ahead by given lengths in metres."""
+    x, y, heading = np.moveaxis(poses, -1, 0)
+    return np.stack([*np.broadcast_arrays(x + lengths * np.cos(heading), y + lengths * np.sin(heading), heading)], axis=-1)
 
 
 def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
@@ -306,15 +414,27 @@ def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
     return chosen[::-1]
 
 
-def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: float) -> list[Floats]:
+def _curves(poses: _Poses, links: Any, words: Any, chosen: list[tuple[int, int, int]], radius: float) -> list[Floats]:
+    """Return the curve of each chosen link. A chosen link is its number, and the numbers of the headings at its two ends."""
+    if not chosen:
+        return []
+    numbers, ones, others = np.array(chosen).T
+    begins = links[numbers]
+    starts = np.column_stack([poses.points[begins], poses.headings[begins, ones]])
+    ends = np.column_stack([poses.points[begins + 1], poses.headings[begins + 1, others]])
+    legs, types = np.divmod(words[numbers, ones, others].astype(np.int64), len(WORDS))
+    before, after = (radius * _AHEAD[index] for index in np.divmod(legs, len(_AHEAD)))
+    starts, ends = _moved(starts, before), _moved(ends, -after)
+    parts = dubins_parts(starts, ends, radius)[np.arange(len(types)), types]
     found = []
-    for number, link in enumerate(links.tolist()):
-        one, other = chosen[link], chosen[link + 1]
-        start = np.append(poses.points[link], poses.headings[link, one])
-        end = np.append(poses.points[link + 1], poses.headings[link + 1, other])
-        word = int(words[number, one, other])
-        way = dubins_way(start, WORDS[word], dubins_parts(start, end, radius)[word], radius)
-        way[-1] = poses.points[link + 1]  # the heading exists except for rounding errors
+    for start, end, word, lengths, straight in zip(
+        starts, ends, types.tolist(), parts, np.stack([before, after], axis=1), strict=True
+    ):
+        way = dubins_way(start, WORDS[word], lengths, radius)
+        way[-1] = end[:2]  # the heading exists except for rounding errors
+        if straight.any():
+            first, last = _moved(start[None], -straight[:1])[0, :2], _moved(end[None], straight[1:])[0, :2]
+            way = np.vstack([first, way, last])
         found.append(way)
     return found
 

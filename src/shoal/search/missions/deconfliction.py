@@ -81,6 +81,7 @@ def plan_missions(
         "free": region.free,
         "area": None if airspace is None else region.free.buffer(airspace),
         "ending": ending,
+        "curves": plan.curves,
     }
 
     def sorties(robot: int, layer: int) -> Sorties:

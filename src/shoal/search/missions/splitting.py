@@ -45,6 +45,7 @@ def missions_of(
     landing: ArrayLike | None = None,
     ending: str | None = None,
     out: int = 0,
+    curves: dict[Any, Any] | None = None,
 ) -> tuple[Mission, ...]:
     """Divide a robot's route into missions, one for each sortie.
 
@@ -68,7 +69,7 @@ def missions_of(
     autopilot : "px4" or "ardupilot"
     rate : float
         Speed of the robot divided by the vehicle's cruise speed.
-    altitude_frame, terrain, terrain_error, link, blocked, area, free
+    altitude_frame, terrain, terrain_error, link, blocked, area, free, curves
         Parameters of `Flight`. With the altitude frame "ground", additional waypoints keep the error of the height above ground
         below ``terrain_error``.
     cap : int, optional
@@ -114,7 +115,7 @@ def missions_of(
     how = ("return" if end is None else "land") if ending is None else check_choice(ending, what="ending", choices=ENDINGS)
     if how == "return" and end is not None:
         raise InvalidInputError("ending: expected land or loiter with a landing point, because a return leads home, got return")
-    flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked, end, area, how, free)
+    flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked, end, area, how, free, curves)
     told = _told(kept)
     beside = OVERHEAD[kept.kind] + sum(count for name, count in EXTRA.items() if told[name] is not None)
     most = CAPS[autopilot] if cap is None else cap

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
@@ -245,6 +246,12 @@ class SearchProblem(Problem):
             raise InvalidInputError("vehicle: expected a flying vehicle for bands or a box, got a rover")
         if self.stay_inside and self.launch is None and self.land is None:
             raise InvalidInputError("stay_inside: expected launch or landing points outside the region, got none")
+        if self.launch is not None and "starts" in self.given:
+            raise InvalidInputError(f"starts: expected no starts together with launch points, got {shortened(self.starts)}")
+        if "detection" in self.given and not self.given & {"targets", "false_alarm"}:
+            raise InvalidInputError(
+                f"detection: expected targets, which robots detect, got none and a detection of {self.detection:g}"
+            )
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (
@@ -254,6 +261,10 @@ class SearchProblem(Problem):
                 "region: expected a name or a file together with no_go, layer, inner, hidden or closed_lines, got an opened region"
             )
         if self.live is not None:
+            if "simulate" in self.given and self.simulate is not None:
+                raise InvalidInputError(
+                    f"simulate: expected no choice for a live search, which is no simulation, got {self.simulate}"
+                )
             if self.network != "perfect":
                 raise InvalidInputError(f"live: expected no network, because a live search has only loss, got {self.network!r}")
             if any(not fault_text(fault).startswith(LIVE_FAULTS) for fault in self.faults):

@@ -114,6 +114,15 @@ class MissionOptions(Problem):
     )  # fmt: skip
     cap: int | None = option(None, help="Maximum number of mission items that the autopilot can store.", least=1)
 
+    def check_together(self) -> None:
+        """Refuse options without effect."""
+        if "terrain_error" in self.given and self.terrain is None:
+            raise InvalidInputError(f"terrain_error: expected a terrain file together with it, got none and {self.terrain_error:g}")
+        if "delay_tolerance" in self.given and not self.separation[0]:
+            raise InvalidInputError(
+                f"delay_tolerance: expected a separation above 0 together with it, got 0 and {self.delay_tolerance:g}"
+            )
+
     @property
     def kept_apart(self) -> Separation | None:
         """The separation of vehicles in flight, or None if the planner does not keep vehicles apart."""

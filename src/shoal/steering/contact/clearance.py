@@ -21,6 +21,8 @@ PLANNED = 2.5  # in clearances: distance that planners keep from all that must n
 STEPS = 0.03, 0.3, 1.0  # in clearances: contact tolerances with which a plan is replayed
 ROUNDING, PATTERNS = 1e-12, 6  # relative to the size: errors of starts and moves, and number of patterns of such errors
 FORGIVEN = 1e-10  # relative to the size: effect of such errors on the end of a plan that amplifies nothing
+GRAZING = 1e-7  # relative to a move: slope below which a particle hardly leaves a wall; on a round wall, it meets the wall again
+HELD = 1e-9  # relative to a move: slope up to which a wall holds a particle
 _TURN, _SCALE = 0.7, 3.0  # angle and scale of the turned copy of a world
 _SLACK = 1e-9  # relative to the tolerance: rounding in the turned copy
 
@@ -78,8 +80,9 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
     """Return why a plan reaches its goals only in exact arithmetic, or None if it also reaches them with every disturbance.
 
     The function replays the plan with several contact tolerances up to ``clearance`` times the size of the workspace, in a turned
-    and scaled copy of the workspace, and with small errors of the starts and of all moves. Around obstacles, it also measures how
-    near the particles come to corners with more than 180 degrees of free space, which a slightly different path would not pass.
+    and scaled copy of the workspace, and with small errors of the starts and of all moves. In convex workspaces without friction,
+    it also measures the slopes at which particles leave walls. Around obstacles, it measures how near the particles come to corners
+    with more than 180 degrees of free space, which a slightly different path would not pass.
     """
     if not clearance:
         return None
@@ -96,6 +99,10 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
         error = float(np.linalg.norm(end - goal, axis=1).max())
         if error > tolerance + FORGIVEN * size:
             return f"with moves that differ by {ROUNDING:.0e} of the size it ends {error:.3g} from the goals"
+    if isinstance(world.workspace, ConvexWorkspace) and world.friction == np.inf:
+        slope = _least_slope(world, start, moves)
+        if slope < GRAZING:
+            return f"a particle leaves a wall with a slope of only {slope:.2g}"
     if isinstance(world.workspace, Region):
         near = _least_passage(world, start, goal, moves, clearance * size)
         if near < clearance * size:
@@ -108,6 +115,30 @@ def _roundings(rows: int, d: int) -> tuple[Points, ...]:
     """Return some arrays of random errors, float64, shape (rows, d), relative to the size of the workspace."""
     rng = np.random.default_rng(rows)
     return tuple(ROUNDING * rng.choice([-1.0, 1.0], size=(rows, d)) for _ in range(PATTERNS))
+
+
+def _least_slope(world: Any, start: Points, moves: Points) -> float:
+    """Return the smallest slope at which a move leads a particle off a wall that it touches.
+
+    The slope is the component of the move along the inward normal of the wall, divided by the length of the move. The result is
+    infinite if no particle leaves a wall.
+    """
+    room = world.room
+    state, least = np.array(start, dtype=np.float64, order="C"), float("inf")
+    for move in np.ascontiguousarray(moves, dtype=np.float64):
+        slopes = np.tile(room.normals @ move, (len(state), 1))
+        near = room.wall_distances(state) <= TOUCH * room.size
+        if room.round:
+            flat = room.center - state[:, :2]
+            slopes = np.column_stack([slopes, flat @ move[:2] / np.maximum(np.hypot(*flat.T), 1e-300)])
+            near = np.column_stack([near, room.circle_distance(state) <= TOUCH * room.size])
+        slopes = slopes / max(float(np.linalg.norm(move)), 1e-300)
+        if near.any():
+            lowest = np.where(near, slopes, np.inf).min(axis=1)
+            leaving = lowest[lowest > HELD]
+            least = min(least, float(leaving.min())) if len(leaving) else least
+        state = world.moved(state, move)
+    return least
 
 
 def _least_passage(world: Any, start: Points, goal: Points, moves: Points, near: float) -> float:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from shoal.steering.planners.task import SteeringTask, path_length
+from shoal.steering.planners.chains.chain import Chain, ChainQuery, refined
+from shoal.steering.planners.task import TINY, SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 
 WORTH = 1e-3
@@ -14,7 +16,8 @@ WORTH = 1e-3
 
 _EQUAL = 1e-6  # relative to the length: plans of as many moves that differ by less are equal
 _STEP = 1e-9  # relative to the size: displacement of a start that measures how sensitive a plan is
-_MOST = 40  # number of moves of a plan that is searched for useless moves
+_MOST = 100  # number of moves of a plan that is searched for useless moves
+_RUN = 4  # largest number of consecutive moves that are left out or merged at once
 
 
 def misses(task: SteeringTask, moves: Points) -> bool:
@@ -73,28 +76,52 @@ def _amplification(task: SteeringTask, moves: Points) -> float:
     return worst
 
 
+def plans_of(task: SteeringTask, first: Sequence[Points], chain: Chain, query: ChainQuery) -> list[Points]:
+    """Return the plans that make the moves ``first`` and then the moves of a chain, without useless moves.
+
+    If a plan has tiny moves, which only lead to the distance from walls that the clearance asks for, the function also makes the
+    plan of the same chain nearer to walls.
+    """
+    found = [task.moves_of(chain, query)]
+    moves = found[0]
+    if moves is not None and task.margin and (np.linalg.norm(moves, axis=1) <= TINY * task.world.room.size).any():
+        near = replace(task, margin=0.0)
+        close = replace(query, margin=near.chain_query().margin)
+        found.append(near.moves_of(refined(close, chain), close))
+    plans = [without_useless_moves(task, np.array([*first, *moves])) for moves in found if moves is not None]
+    return [plan for plan in plans if plan is not None]
+
+
 def without_useless_moves(task: SteeringTask, moves: Points | None) -> Points | None:
     """Return a plan without the moves that it does not need.
 
-    The function leaves out single moves and merges pairs of consecutive moves, as long as the plan stands all disturbances and
-    becomes longer by less than 0.1 % altogether.
+    The function leaves out moves, and merges consecutive moves, as long as the plan stands all disturbances. The plan never becomes
+    longer.
     """
     if moves is None or len(moves) > _MOST or misses(task, moves) or not task.is_sure(moves):
         return moves
-    most, changed = path_length(moves) * (1 + WORTH), True
+    changed = True
     while changed:
         changed = False
-        for shorter in _with_one_less(moves):
-            if path_length(shorter) < most and task.reaches_goal(shorter) and task.is_sure(shorter):
-                moves, changed = shorter, True
+        for fewer in with_fewer_moves(moves):
+            if task.reaches_goal(fewer) and task.is_sure(fewer):
+                moves, changed = fewer, True
                 break
     return moves
 
 
-def _with_one_less(moves: Points) -> Iterable[Points]:
-    """Yield plans with one move less."""
-    for index in range(len(moves) if len(moves) > 1 else 0):
-        yield np.delete(moves, index, axis=0)
-        if index:
-            both = moves[index - 1 : index + 1].sum(axis=0)[None]
-            yield np.concatenate([moves[: index - 1], both, moves[index + 1 :]])
+def with_fewer_moves(moves: Points) -> Iterator[Points]:
+    """Yield plans that leave out one or a few consecutive moves, or merge a few consecutive moves to one.
+
+    Examples
+    --------
+    >>> [plan.ravel().tolist() for plan in with_fewer_moves(np.array([[1.0], [2.0]]))]
+    [[2.0], [1.0], [3.0]]
+    """
+    for count in range(1, min(_RUN, len(moves)) + 1):
+        for begun in range(len(moves) - count + 1):
+            before, after = moves[:begun], moves[begun + count :]
+            if count < len(moves):
+                yield np.concatenate([before, after])
+            if count > 1:
+                yield np.concatenate([before, moves[begun : begun + count].sum(axis=0)[None], after])

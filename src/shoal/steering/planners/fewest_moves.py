@@ -10,7 +10,7 @@ import numpy as np
 from shoal.steering.planners.chains.chain import refined
 from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.chains.search import shortest_chain
-from shoal.steering.planners.choice import choose, misses
+from shoal.steering.planners.choice import choose, misses, plans_of
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest
@@ -53,8 +53,11 @@ class FewestMoves:
             if found is not None and task.is_sure(found):
                 shot = True
                 break
-        if not shot and chains is not None:
-            plans.append(_finished(task, chains))
+        if not shot and most > 3 and not task.late:  # the shortest chain may need fewer moves than its number of cycles suggests
+            plans.append(Shortest().plan(task))
+        few = choose(task, plans, by_moves=True)
+        if not shot and few is not None:
+            plans.append(_finished(task, few))
         return choose(task, plans, by_moves=True)
 
     def _chains(self, task: SteeringTask) -> Points | None:
@@ -62,9 +65,8 @@ class FewestMoves:
         best = None
         for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)
-            moves = None if chain is None else task.moves_of(chain, query)
-            if moves is not None:
-                best = choose(task, [best, np.array([*first, *moves])], by_moves=True)
+            if chain is not None:
+                best = choose(task, [best, *plans_of(task, first, chain, query)], by_moves=True)
         if best is None or misses(task, best) or not task.is_sure(best):
             best = choose(task, [best, self._long(task), Shortest().plan(task)], by_moves=True)
         return best

@@ -11,7 +11,7 @@ from shoal.steering.planners.chains.chain import Chain, ChainQuery
 from shoal.steering.planners.chains.cycles import Cycle, nearest_cycles
 from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.chains.search import shortest_chain
-from shoal.steering.planners.choice import choose, misses, without_useless_moves
+from shoal.steering.planners.choice import choose, misses, plans_of
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
@@ -44,18 +44,17 @@ class Greedy:
         plans: list[Points] = []
         for first, query in task.departures():
             chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
-            moves = None if chain is None else task.moves_of(chain, query)
-            whole = None if moves is None else np.array([*first, *moves])
+            whole = None if chain is None else choose(task, plans_of(task, first, chain, query))
             slipped = whole is not None and query.friction < inf and misses(task, whole)
             if whole is None or slipped or (len(whole) > _LONG and not query.walls.round):
                 chain = any_chain(query, roadmap=slipped)
-                few = None if chain is None else task.moves_of(chain, query)
-                whole = whole if few is None else np.array([*first, *few])
+                few = None if chain is None else choose(task, plans_of(task, first, chain, query))
+                whole = whole if few is None else few
             if whole is not None:
                 plans.append(whole)
                 if not misses(task, whole) and task.is_sure(whole):
                     break
-        return without_useless_moves(task, choose(task, plans))
+        return choose(task, plans)
 
 
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:

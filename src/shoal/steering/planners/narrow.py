@@ -10,7 +10,7 @@ import numpy as np
 from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.contact.wall_release import touched_normals
 from shoal.steering.contact.world import ContactWorld
-from shoal.steering.planners.choice import choose, misses
+from shoal.steering.planners.choice import choose, misses, without_useless_moves
 from shoal.steering.planners.greedy import Greedy
 from shoal.steering.planners.protocol import Planner
 from shoal.steering.planners.task import SteeringTask
@@ -24,15 +24,18 @@ _DIRECTIONS = 16
 def plan_with_clearance(task: SteeringTask, planner: Planner) -> Points | None:
     """Return the moves of the plan that ``planner`` finds for ``task``, or None if the planner finds no plan.
 
-    If a translation solves the task, the function returns the translation. If the planning time is limited and the planner greedy
-    finds a better plan, the function returns the moves of greedy. Where there is no room for the clearance of the task, the
-    function plans with smaller distances from walls, because such a plan may still stand all disturbances. With friction, and
-    between places on walls, it also does so if it has found a plan already, because such a plan may be much shorter.
+    If a translation solves the task, the function returns the translation. If the planning time is limited, the function also
+    considers the plan that the planner greedy finds without a limit, which takes some milliseconds. Where there is no room for the
+    clearance of the task, the function plans with smaller distances from walls, because such a plan may still stand all
+    disturbances. With friction, and between places on walls, it also does so if it has found a plan already, because such a plan
+    may be much shorter.
     """
     by_moves = getattr(planner, "prefers", "length") == "moves"
     simple = isinstance(task.world, ContactWorld) and len(task.start) == 2
     everywhere = simple and not getattr(planner, "general", False) and _needs_narrow(task)
     plans: list[Points | None] = []
+    if task.deadline < inf and simple and planner.name != Greedy.name:
+        plans.append(plan_with_clearance(replace(task, deadline=inf), Greedy()))
     best, sure = None, False
     for margin in dict.fromkeys((task.clearance, 0.0)):
         own = replace(task, margin=margin)
@@ -40,8 +43,6 @@ def plan_with_clearance(task: SteeringTask, planner: Planner) -> Points | None:
         solved = shift is not None and own.is_sure(shift)
         if not solved:
             plans.append(planner.plan(own))
-            if task.deadline < inf and simple:
-                plans.append(Greedy().plan(own))
             if simple and task.clearance and margin == 0.0 and not sure:
                 plans.append(with_last_push(own, planner))
         plans.append(shift)
@@ -49,7 +50,7 @@ def plan_with_clearance(task: SteeringTask, planner: Planner) -> Points | None:
         sure = best is not None and not misses(task, best) and task.is_sure(best)
         if task.late or solved or (sure and not everywhere):
             break
-    return best
+    return without_useless_moves(task, best)
 
 
 def _needs_narrow(task: SteeringTask) -> bool:

@@ -17,7 +17,7 @@ from shoal.steering.contact.world import ContactWorld
 from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
-from shoal.steering.planners.choice import choose
+from shoal.steering.planners.choice import choose, with_fewer_moves
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shortening import Shortening
 from shoal.steering.planners.task import SteeringTask, path_length
@@ -28,14 +28,16 @@ from shoal.steering.workspaces.region import Region
 NODES = 60_000  # maximum number of nodes of one tree
 ROUNDS = 80_000  # maximum number of manoeuvres tried in one tree
 STRETCH = 5000  # manoeuvres between two checks of the time
-TREES = 10  # maximum number of trees until one reaches the goal
+TREES = 60  # maximum number of trees until one reaches the goal
+ALL_ROUNDS = 10 * ROUNDS  # maximum number of manoeuvres in all these trees
 MORE_ROUNDS = 10_000  # nodes of each further tree, which may contain a shorter plan
 MORE_TREES, FEW_TREES = 39, 8  # fewer for more particles and with sliding
 SLIDING = 0.1  # number of changes with sliding particles
 BEST = 6  # number of the shortest plans that lose unnecessary moves at the end
 LONG = 16  # moves: a plan of fewer moves loses unnecessary ones when it is changed
 NARROW = 10  # per tree: maximum number of plans without the clearance, until the search ends with the first of them
-HITS = 1000  # per tree: maximum number of attempts to reach the goal by translations
+HITS = 200  # per tree: maximum number of attempts to reach the goal by translations; another tree is worth more than many attempts
+USELESS = 2.0  # added to the key of a state from which no translation leads to the goals, so that other states grow, too
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # relative to the size: distance of translations from walls, if possible
 LIFT = 1e-6  # relative to the size: distance by which a lift without a clearance moves particles off walls
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
@@ -73,7 +75,9 @@ class Sampling:
             raise InvalidInputError(f"planner sampling: expected a plane workspace, got a {room.kind}")
         world, rng = world_of(task.world, task), np.random.default_rng(task.seed)
         simple = len(task.start) == 2 and task.world.friction == np.inf
-        found, narrow = _grown(task, world, rng, simple=simple)
+        # Between places on walls, plans may stand all disturbances although a move depends a little on the contact tolerance.
+        close = world if task.margin else world._replace(wide_edges=world.edges, wide_walls=world.walls)
+        found, narrow = _grown(task, close, rng, simple=simple)
         if task.world.friction < np.inf and task.clearance:  # nearer to walls, sliding particles often find much shorter plans
             more, others = _grown(task, world_of(task.world), np.random.default_rng(task.seed), simple=simple)
             found, narrow = found + more, narrow + others
@@ -91,12 +95,22 @@ def _grown(task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: 
     translations = Translations(task)
     found: list[Points] = []
     narrow: list[Points] = []
-    for tree in range(TREES + (MORE_TREES if simple else FEW_TREES)):
-        if task.late or (tree >= TREES and not found):
+    left = int(share * ALL_ROUNDS)
+    for _tree in range(TREES):
+        if found or left <= 0 or task.late:
             break
-        if tree < TREES and found:
-            continue  # further trees are smaller
-        moves = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
+        rounds = min(int(share * ROUNDS), left)
+        grown = Tree(task, world, rng, left=rounds)
+        moves = grown.search(translations)
+        left -= rounds - grown.left
+        if moves is not None:
+            (found if task.is_sure(moves) else narrow).append(moves)
+        elif grown.total == 1:
+            break  # no manoeuvre leads away from the start
+    for _tree in range((MORE_TREES if simple else FEW_TREES) if found else 0):  # these trees are smaller
+        if task.late:
+            break
+        moves = Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
         if moves is not None:
             (found if task.is_sure(moves) else narrow).append(moves)
     return found, narrow
@@ -168,6 +182,8 @@ class Tree:
                     if self.task.is_sure(moves):
                         return moves
                     narrow.append(moves)
+            elif self.total > 1:
+                self.nodes.keys[self.total - 1] += USELESS
             if len(narrow) == NARROW or not self.grow():
                 break
         return narrow[0] if narrow else None
@@ -350,16 +366,8 @@ def _shortened(task: SteeringTask, moves: Points) -> Points:
     changed, sure = True, task.is_sure(moves)
     while changed:
         changed = False
-        for index in range(len(moves)):
-            fewer = [np.delete(moves, index, axis=0)]
-            if index:
-                fewer.append(
-                    np.concatenate([moves[: index - 1], moves[index - 1 : index + 1].sum(axis=0)[None], moves[index + 1 :]])
-                )
-            for trial in fewer:
-                if len(trial) and task.reaches_goal(trial) and (not sure or task.is_sure(trial)):
-                    moves, changed = trial, True
-                    break
-            if changed:
+        for fewer in with_fewer_moves(moves):
+            if task.reaches_goal(fewer) and (not sure or task.is_sure(fewer)):
+                moves, changed = fewer, True
                 break
     return moves

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from shoal.steering.planners.chains.chain import Chain, ChainQuery
 from shoal.steering.planners.chains.improvement import improved_chains
-from shoal.steering.planners.choice import choose, without_useless_moves
+from shoal.steering.planners.choice import choose, plans_of, without_useless_moves
 from shoal.steering.planners.greedy import Greedy, greedy_chain
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.task import SteeringTask
@@ -34,15 +32,13 @@ class Shortest:
 
     def plan(self, task: SteeringTask) -> Points | None:
         """Return the moves of a plan for ``task``; see the class `Planner`."""
-        plans = [Greedy().plan(task)]
+        plans: list[Points | None] = [Greedy().plan(task)]
         for first, query in task.departures():
             for chain in improved_chains(query, _greedy_seeds(query, task)):
-                moves = task.moves_of(chain, query)
-                if moves is not None:
-                    plans.append(np.array([*first, *moves]))
+                plans += plans_of(task, first, chain, query)
         if task.world.room.dimensions == 3 and not task.late:
-            plans.append(plan_from_base(task, self))
-        return choose(task, [without_useless_moves(task, moves) for moves in plans])
+            plans.append(without_useless_moves(task, plan_from_base(task, self)))
+        return choose(task, plans)
 
 
 def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:

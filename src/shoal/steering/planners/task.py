@@ -30,7 +30,7 @@ _SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle
 _ERROR = 0.05  # relative to the tolerance: error of an adjustment that a surer contact is worth
 _STEEP = 2e-4  # least height of a lift before a move to a wall, relative to this move, because flat contacts are sensitive
 _CONE = 1 - 1e-4  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
-_TINY = 2e-5  # relative to the size: shorter moves can be left out
+TINY = 2e-5  # relative to the size: shorter moves can be left out
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
 _WIDER = (1e-7, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3)  # margins of chains with sensitive moves
 
@@ -52,7 +52,7 @@ class SteeringTask(StartAndGoal):
     seed : int
         Seed of the random numbers that some planners draw.
     deadline : float
-        Time at which the planner must return the best plan so far, in seconds on the clock `time.monotonic`.
+        Time at which the planner must return the best plan so far, in seconds on the clock `shoal.jit.working_time`.
     clearance : float
         Fraction of the workspace's size: largest contact tolerance with which a plan must still reach the goals.
     margin : float
@@ -252,7 +252,7 @@ class SteeringTask(StartAndGoal):
         while k < len(moves):
             tiny = float(np.linalg.norm(moves[k]))
             before = float(np.linalg.norm(moves[k - 1]))
-            if tiny <= _TINY * size and before > tiny:
+            if tiny <= TINY * size and before > tiny:
                 shorter = np.delete(moves, k, axis=0)
                 shorter[k - 1] *= 1 + 2 * tiny / before
                 if self.error(self.world.final(start, shorter)) <= 0.5 * self.tolerance and self.is_sure(shorter, start):

@@ -60,9 +60,10 @@ class WorldBatch(Inspection):
     frontier : ndarray of int32, shape (worlds,)
         Number of frontier cells in the belief of each world.
     complete, terminated, truncated : ndarray of bool, shape (worlds,)
-        ``complete`` is true for a world whose task is done. ``terminated`` is true for a world without frontier cells. In an
-        episode with noise, some cells of such a world may be unclassified. ``truncated`` is true for a world whose episode reached
-        its maximum number of commands while frontier cells remained.
+        ``complete`` is true for a world whose task is done. ``terminated`` is true for a world without frontier cells. With noise,
+        ``terminated`` equals ``complete``: as in `shoal.run`, a world without frontier cells continues until every cell that
+        particles may enter is classified, and no wall may hide more than the confidence allows. ``truncated`` is true for a world
+        whose episode reached its maximum number of commands before.
     seeds, maps : ndarray of int64, shape (worlds,)
         ``seeds`` contains the seed of each world's current episode, and ``maps`` contains the index of each world's current
         problem.
@@ -285,7 +286,7 @@ class WorldBatch(Inspection):
                 part[...] = swarm.state.counts.reshape(part.shape)
             steps.frontier[world] = len(swarm.belief.frontier)
             steps.complete[world] = bool(swarm.finished)
-            steps.terminated[world] = steps.complete[world] or steps.frontier[world] == 0
+            steps.terminated[world] = steps.complete[world] or (not self._noisy and steps.frontier[world] == 0)
             steps.truncated[world] = not steps.terminated[world] and steps.moves[world] >= steps.limits[world]
 
     def _share(self, kernel: Any, chosen: NDArray[np.int64], *arguments: Any) -> None:

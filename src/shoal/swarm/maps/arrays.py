@@ -82,15 +82,17 @@ def read_matlab(path: Path, options: MapOptions) -> Mask:
 
     with reading(path, "a MATLAB file (.mat)"):
         try:
-            found = [one for one in whosmat(path) if one[2] in MATLAB_NUMBERS and len(one[1]) in (2, 3) and prod(one[1]) > 0]
+            stored = whosmat(path)
+            found = [one for one in stored if one[2] in MATLAB_NUMBERS and len(one[1]) in (2, 3) and prod(one[1]) > 0]
         except NotImplementedError:
             raise InvalidInputError(
                 f"{path}: expected a MATLAB file up to version 7, got version 7.3 (save(..., '-v7') in MATLAB writes version 7)"
             ) from None
         large = [one for one in found if sum(side > 1 for side in one[1]) > 1] or found
         if len(large) != 1:
-            names = ", ".join(f"{name} {'x'.join(map(str, shape))}" for name, shape, _ in large[:8]) or "none"
-            raise InvalidInputError(f"{path}: expected one matrix of numbers, got {names}")
+            sizes = [(f"{name} {'x'.join(map(str, shape))}", kind) for name, shape, kind in large[:8] or stored[:8]]
+            names = ", ".join(words if large else f"{words} ({kind})" for words, kind in sizes) or "none"
+            raise InvalidInputError(f"{path}: expected one matrix of numbers in 2 or 3 dimensions, got {names}")
         name, shape, kind = large[0]
         check_size(path, *shape)
         check_data(path, prod(shape) * MATLAB_NUMBERS[kind])

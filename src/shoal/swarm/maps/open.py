@@ -19,24 +19,19 @@ from shoal.swarm.maps.arrays import free_in_array
 from shoal.swarm.maps.files import named_after, read_map
 from shoal.swarm.maps.generators import generate_cached, is_spec
 from shoal.swarm.maps.parts import MOST_COUNTED
-from shoal.swarm.maps.pictures import read_pixels, scale_of_width
+from shoal.swarm.maps.pictures import PICTURES, read_pixels, scale_of_width
 from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
 from shoal.swarm.maps.resampling import diagonal_contacts, factors_of_width, join_diagonals, scale_cells
 from shoal.swarm.maps.workspace import GridWorkspace
-
-VESSEL_DEFAULTS: dict[str, Any] = {
-    "vessels": False, "width": None, "low": imaging.LOW, "high": imaging.HIGH, "bright": None, "thickest": None,
-}  # fmt: skip
-"""The options for finding vessels, with their defaults."""
 
 
 def open_map(
     place: str | os.PathLike[str] | GridWorkspace | ArrayLike,
     *,
-    vessels: bool = False,
+    vessels: bool | None = None,
     width: int | None = None,
-    low: float = imaging.LOW,
-    high: float = imaging.HIGH,
+    low: float | None = None,
+    high: float | None = None,
     bright: bool | None = None,
     thickest: float | None = None,
     **options: Any,
@@ -50,7 +45,8 @@ def open_map(
         a workspace unchanged. An array contains booleans or numbers, and has the shape (H, W) or (D, H, W). The command
         ``shoal maps`` lists the generated maps. The documentation of `shoal.swarm.maps.files.read_map` lists the file formats.
     vessels : bool
-        Whether the file is a photograph whose vessels form the map. Finding vessels needs the extra ``shoal[imaging]``.
+        Whether the file is a photograph whose vessels form the map; by default not. Finding vessels needs the extra
+        ``shoal[imaging]``.
     width : int, optional
         Maximum number of cells along the larger side of the map of a photograph, a file or an array. A larger map is scaled
         down, and what was connected stays connected. `shoal.swarm.maps.resampling.scale_cells` states what a smaller map keeps.
@@ -59,7 +55,7 @@ def open_map(
     **options
         Options for reading a map file: threshold, invert, scale, level, label, channel, frame and join_diagonals.
         `shoal.swarm.maps.reading.MapOptions` explains the options for reading a map file. An option without effect on the map is
-        refused.
+        refused, also at its default value; None stands for an option that is not given.
 
     Raises
     ------
@@ -78,14 +74,15 @@ def open_map(
     if width is not None:
         check_integer(width, what="width", least=1)
     of_vessels = {"vessels": vessels, "width": width, "low": low, "high": high, "bright": bright, "thickest": thickest}
-    given = {name: value for name, value in of_vessels.items() if value != VESSEL_DEFAULTS[name]} | chosen.given
+    given = {name: value for name, value in of_vessels.items() if value is not None} | dict(chosen.given)
     if isinstance(place, GridWorkspace):
         check_used(KINDS["workspace"], given)
         return place
     if not isinstance(place, str | os.PathLike):
         check_used(KINDS["numbers"], given)
         array = np.asarray(place)
-        workspace = GridWorkspace(free_in_array(array, chosen, where="map") if chosen.given else array)
+        decided = chosen.by_number or chosen.invert or chosen.join_diagonals
+        workspace = GridWorkspace(free_in_array(array, chosen, where="map") if decided else array)
         if chosen.join_diagonals:
             workspace = GridWorkspace(join_diagonals(workspace.free))
         return fit_width(workspace, width)
@@ -97,10 +94,17 @@ def open_map(
         return GridWorkspace(generate_cached(text), name=text)
     if vessels:
         check_used(KINDS["photograph"], given, where=text)
-        mask = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest, **_axes(chosen)).mask
+        limits = {name: given[name] for name in ("low", "high") if name in given}
+        mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **_axes(chosen)).mask
         tell_once(imaging.dropped_text(str(path), mask))
         return named_after(path, imaging.map_of_vessels(mask, width=width))
-    check_used(Kind("a map file", frozenset((*chosen.given, "width"))), given, where=text)
+    is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
+    beside = ("width", *(["vessels"] if is_picture else []))  # the reader of the file checks the other options
+    check_used(
+        Kind("a file that is no picture" if "vessels" in given else "a map file", frozenset((*chosen.given, *beside))),
+        given,
+        where=text,
+    )
     if width is not None and (scale := scale_of_width(path, width, chosen.scale)) is not None:
         options = options | {"scale": scale}
     workspace = fit_width(read_map(path, **options), width, where=str(path))

@@ -564,12 +564,26 @@ def _opened(path: Path, options: MapOptions, *, most: int | None = None) -> Iter
                     with _by_tifffile(path, options) as picture:
                         yield picture
                     return
+                _check_colours_of_tiff(path, image)
                 if image.format == "BMP":
                     _mend_palette_of_bmp(image, file)
                 depth = begin_of_png(file) if image.format == "PNG" else 0
                 yield _Picture(_pages(path, image, options, most, png_depth=depth))
     finally:
         Image.MAX_IMAGE_PIXELS = limit
+
+
+def _check_colours_of_tiff(path: Path, image: Any) -> None:
+    """Refuse what Pillow before 13 takes for subsampled, and for truncated: YCbCr colours without JPEG compression."""
+    from PIL import __version__ as version
+
+    if image.format != "TIFF" or int(version.split(".")[0]) >= 13:
+        return
+    colours, compression = image.tag_v2.get(262), image.tag_v2.get(259, 1)
+    if colours == 6 and compression not in {6, 7}:  # YCbCr; the old and the new JPEG
+        raise InvalidInputError(
+            f"{path}: expected Pillow 13 or newer for a TIFF picture of plain YCbCr colours, got Pillow {version}"
+        )
 
 
 def begin_of_png(file: io.BufferedReader) -> int:
@@ -604,6 +618,7 @@ def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, p
     """Return the pages of a picture that Pillow reads. The size of a page is checked before the page is decoded."""
     film = image.format == "GIF" or int(getattr(image, "n_frames", 1) if image.format == "PNG" else 1) > 1
     if film:
+        _check_pixels(path, image, options, most)  # before counting the frames, which decodes them
         image.seek(_frame_of_film(path, image, options))
     elif options.frame is not None:
         raise InvalidInputError(f"{path}: frame: expected no frame for a file without a time axis, got {options.frame}")

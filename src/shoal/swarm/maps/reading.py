@@ -5,11 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import field, fields
 from math import prod
 from pathlib import Path
 from typing import Any
 
-from shoal.core.checks import check_integer, check_number, shortened
+from shoal.core.checks import check_bool, check_integer, check_number, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
 
@@ -30,6 +31,9 @@ PIECE = 1 << 22
 
 WHITE = 0.5
 """Smallest brightness of a free pixel if no ``threshold`` is given."""
+
+NOT_GIVEN: Any = None
+"""Value of an option that the user has not given. An option that is given, also at its default, is used or refused."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,7 @@ KINDS: dict[str, Kind] = {
     "generated": Kind("a generated map"),
     "workspace": Kind("a finished workspace"),
     "numbers": Kind("an array", frozenset(_NUMBERS)),
-    "picture": Kind("a picture", frozenset(_PICTURES)),
+    "picture": Kind("a picture", frozenset((*_PICTURES, "vessels"))),
     "slices": Kind("a folder of slices", frozenset(_PICTURES)),
     "photograph": Kind("a photograph", frozenset((*_VESSELS, "channel", "frame"))),
     "letters": Kind("a map of letters", frozenset(("invert", *_SIZE))),
@@ -112,9 +116,9 @@ def check_used(kind: Kind, given: Mapping[str, Any], *, where: str = "") -> None
         if name not in kind.options:
             reasons = REASONS | (PHOTOGRAPH_REASONS if kind is KINDS["photograph"] else {})
             place = f"{where}: " if where else ""
-            if name == "vessels":
+            if name == "vessels" and value:
                 raise InvalidInputError(f"{place}vessels: expected a photograph, got {kind.words}")
-            of_vessels = kind.words != "a photograph" and name in _VESSELS and name != "width"
+            of_vessels = kind.words != "a photograph" and name in _VESSELS and name not in {"vessels", "width"}
             expected = "without the option vessels" if of_vessels else f"for {kind.words}"
             flag = name.replace("_", "-")
             raise InvalidInputError(f"{place}{flag}: expected no {flag} {expected}, got {shortened(value)} ({reasons[name]})")
@@ -145,6 +149,11 @@ class MapOptions:
     join_diagonals : bool
         Whether parts of the map that touch only diagonally are joined, by one more free cell at each contact.
 
+    Attributes
+    ----------
+    given : mapping
+        Name and value of each option that the user has given, also at its default. None stands for an option that is not given.
+
     Raises
     ------
     InvalidInputError
@@ -152,17 +161,25 @@ class MapOptions:
     """
 
     threshold: float | None = None
-    invert: bool = False
-    scale: float = 1.0
+    invert: bool = NOT_GIVEN
+    scale: float = NOT_GIVEN
     level: float | None = None
     label: int | None = None
     channel: int | str | None = None
     frame: int | None = None
-    join_diagonals: bool = False
+    join_diagonals: bool = NOT_GIVEN
+    given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        names = [one.name for one in fields(self) if one.init]
+        object.__setattr__(self, "given", {name: value for name in names if (value := getattr(self, name)) is not None})
+        for name, value in {"invert": False, "scale": 1.0, "join_diagonals": False}.items():
+            if name not in self.given:
+                object.__setattr__(self, name, value)
         if self.threshold is not None:
             check_number(self.threshold, what="threshold", least=0, most=1)
+        for name in ("invert", "join_diagonals"):
+            check_bool(getattr(self, name), what=name)
         check_number(self.scale, what="scale", above=0, most=64)
         if self.level is not None:
             check_number(self.level, what="level")
@@ -176,11 +193,6 @@ class MapOptions:
         for name, value in (("level", self.level), ("label", self.label)):
             if self.threshold is not None and value is not None:
                 raise InvalidInputError(f"threshold: expected a threshold or a {name}, got both: {self.threshold:g} and {value:g}")
-
-    @property
-    def given(self) -> dict[str, Any]:
-        """Name and value of each option that differs from its default."""
-        return {name: value for name, value in vars(self).items() if value != getattr(type(self), name)}
 
     @property
     def by_number(self) -> bool:

@@ -156,8 +156,8 @@ def _numbers(path: Path, line_number: int, line: str, *, single: bool, options: 
             raise InvalidInputError(f"{path}, line {line_number}: expected at most {LONGEST_LINE} characters, got {len(line)}")
         mark = "," if "," in line else ";" if ";" in line else ""
         separated = line.split(mark) if mark else line.split()
-        try:
-            numbers = np.array(separated, dtype=np.float64)
+        try:  # Python takes 1_0 for 10, which is a slip in a table
+            numbers = None if "_" in line else np.array(separated, dtype=np.float64)
         except ValueError:
             numbers = None
     else:
@@ -199,4 +199,4 @@ def _is_number(word: str) -> bool:
         float(word)
     except ValueError:
         return False
-    return True
+    return "_" not in word

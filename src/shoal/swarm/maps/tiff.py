@@ -69,6 +69,19 @@ def _library() -> Any:
         ) from None
 
 
+def size_of(path: Path) -> tuple[int, int]:
+    """Return the columns and rows of the first page of a TIFF file.
+
+    Raises
+    ------
+    MissingExtraError
+        Raised without tifffile, which itself raises many kinds of exceptions for damaged files.
+    """
+    with _library().TiffFile(path) as file:
+        page = file.pages.first
+        return int(page.imagewidth), int(page.imagelength)
+
+
 class Tiff:
     """A TIFF file as pages of the map: each page has the shape (rows, columns) or (rows, columns, samples).
 
@@ -244,13 +257,16 @@ class Tiff:
 
     def _by_pillow(self, source: Any) -> NDArray[Any] | None:
         """Return a compressed page by Pillow, which knows more compressions, or None if Pillow changes the numbers of the page."""
-        from PIL import Image
+        from PIL import Image, UnidentifiedImageError
 
         if self.samples != 1 or self.white_is_zero or not hasattr(source, "index"):
             return None
-        with Image.open(self.path, formats=("TIFF",)) as image:
-            image.seek(int(source.index))
-            page = np.asarray(image)
+        try:
+            with Image.open(self.path, formats=("TIFF",)) as image:
+                image.seek(int(source.index))
+                page = np.asarray(image)
+        except UnidentifiedImageError:  # a compression that Pillow does not know either
+            return None
         return page if page.dtype == self.dtype and page.shape == self.size and self.orientation == 1 else None
 
     def _channel_names(self) -> list[str]:

@@ -38,6 +38,7 @@ from shoal.swarm.maps.workspace import GridWorkspace
 NIFTI = (".nii", ".nii.gz")
 NRRD = (".nrrd", ".nhdr")
 DICOM = (".dcm",)
+DICOM_COLOURS = ["red", "green", "blue"]
 NRRD_NUMBERS = {
     "signed char": "i1", "int8": "i1", "uchar": "u1", "unsigned char": "u1", "uint8": "u1",
     "short": "i2", "short int": "i2", "signed short": "i2", "signed short int": "i2", "int16": "i2",
@@ -220,6 +221,8 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         header = nrrd.read_header(start)
         begin = start.tell()
         sides = [int(side) for side in header["sizes"]]
+        if len(sides) != header.get("dimension"):
+            raise ValueError(f"expected {header.get('dimension')} sizes, got {len(sides)}")
         kinds = [str(kind).lower() for kind in header.get("kinds", [])] or ["domain"] * len(sides)
         domain: list[int] = []
         picked: dict[int, int] = {}
@@ -252,6 +255,8 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
     kind = NRRD_NUMBERS.get(str(header["type"]).lower().replace("_t", ""))
     if kind is None:
         raise InvalidInputError(f"{path}: expected numbers, got the type {str(header['type'])[:40]!r}")
+    if np.dtype(kind).itemsize > 1 and header.get("endian", "little") not in {"little", "big"}:
+        raise InvalidInputError(f"{path}: endian: expected little or big, got {str(header['endian'])[:20]!r}")
     dtype = np.dtype(kind).newbyteorder("big" if header.get("endian") == "big" else "little")
     size = count * dtype.itemsize
     check_data(path, size)
@@ -273,7 +278,8 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
     with source.open("rb") as file:
         file.seek(begin)
         for _ in range(skip_lines):
-            file.readline(CHUNK)
+            if not file.readline(CHUNK):
+                raise ValueError(f"expected {skip_lines} lines before the data, got fewer")
         if encoding in {"ascii", "text", "txt"}:
             words = file.read(64 * count + CHUNK).split()
             numbers = np.array(words[:count], dtype=np.float64)
@@ -389,38 +395,49 @@ def _dicom_header(path: Path, pydicom: Any) -> Any:
     if not is_dicom(path):
         with path.open("rb") as file:
             raise InvalidInputError(f"{path}: expected a DICOM file, got a damaged or other file (it begins with {file.read(8)!r})")
-    return pydicom.dcmread(path, stop_before_pixels=True)
+    header = pydicom.dcmread(path, stop_before_pixels=True)
+    if "Rows" not in header or "Columns" not in header:
+        raise InvalidInputError(f"{path}: expected a DICOM image, got a DICOM file without rows and columns of pixels")
+    return header
 
 
 def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any, options: MapOptions) -> Cells:
     """Return the free cells of images with equal sizes, and the size of a cell."""
     first = heads[0]
     rows, columns = int(first.Rows), int(first.Columns)
+    samples = int(first.get("SamplesPerPixel", 1))
+    if samples not in (1, len(DICOM_COLOURS)):
+        raise InvalidInputError(f"{files[0]}: expected 1 or 3 numbers for each pixel, got {samples}")
+    colour = index_of(DICOM_COLOURS, options.channel, where=str(where)) if samples > 1 else None
     for file, head in zip(files, heads, strict=True):
         if (int(head.Rows), int(head.Columns)) != (rows, columns):
             raise InvalidInputError(
                 f"{file}: expected {columns}x{rows} pixels as in the first slice, got {head.Columns}x{head.Rows}"
             )
-        if int(head.get("SamplesPerPixel", 1)) != 1:
-            raise InvalidInputError(f"{file}: expected one number for each pixel, got {head.SamplesPerPixel} (a colour picture)")
+        if int(head.get("SamplesPerPixel", 1)) != samples:
+            raise InvalidInputError(
+                f"{file}: expected {samples} numbers for each pixel as in the first slice, got {head.SamplesPerPixel}"
+            )
     frames = [int(head.get("NumberOfFrames", 1) or 1) for head in heads]
     if len(files) > 1 and max(frames) > 1:
         raise InvalidInputError(f"{where}: expected one image in each file, got a file of {max(frames)} images")
     check_layers(where, len(files) * frames[0])
     check_size(where, len(files) * frames[0], rows, columns)
-    check_data(where, frames[0] * rows * columns * (int(first.get("BitsAllocated", 16)) // 8 or 1))
+    check_data(where, frames[0] * rows * columns * samples * (int(first.get("BitsAllocated", 16)) // 8 or 1))
     # The images of a film, such as ultrasound, have times; the images of a volume do not.
     film = frames[0] > 1 and any(name in first for name in ("FrameTime", "FrameTimeVector", "CineRate"))
     moment = _chosen(where, frames[0], options.frame, axis="frame", what="a time axis") if film else None
-    for name in ("channel",) if film else ("frame", "channel"):
-        if (given := getattr(options, name)) is not None:
-            raise InvalidInputError(f"{where}: {name}: expected no {name} for DICOM images of grey values, got {given}")
+    lacking = {"frame": not film, "channel": colour is None}
+    for name, axis in (("frame", "several points in time"), ("channel", "colours")):
+        if (given := getattr(options, name)) is not None and lacking[name]:
+            raise InvalidInputError(f"{where}: {name}: expected no {name} for DICOM images without {axis}, got {given}")
     order, distance, directions = _dicom_order(where, files, heads)
 
     def pieces() -> Iterator[NDArray[Any]]:
         for index in order:
             image = pydicom.dcmread(files[index])
             pixels = _dicom_pixels(files[index], image)
+            pixels = pixels if colour is None else pixels[..., colour]
             pixels = pixels if moment is None else pixels[moment]
             slope, shift = float(image.get("RescaleSlope", 1) or 1), float(image.get("RescaleIntercept", 0) or 0)
             yield pixels if (slope, shift) == (1.0, 0.0) else pixels * slope + shift
@@ -443,7 +460,10 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
 
 
 def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
-    """Return the pixels of a DICOM image. For a compression that pydicom cannot unfold here, say which one it is."""
+    """Return the pixels of a DICOM image, of which pydicom turns luminance and chrominance into red, green and blue.
+
+    For a compression that pydicom cannot unfold here, the error says which one it is.
+    """
     syntax = image.file_meta.TransferSyntaxUID
     try:
         return np.asarray(image.pixel_array)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import log
+
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -15,12 +17,14 @@ from shoal.swarm.kernels.noise import noisy_episode
 from shoal.swarm.kernels.noise import noisy_state as kernels
 from shoal.swarm.kernels.records import new_record
 from shoal.swarm.kernels.search.frontier_search import Search
+from shoal.swarm.noise.branches import cells_behind
 from shoal.swarm.noise.model import CONFIDENCE, PRIOR, Noise, bound_of
 from shoal.swarm.policies.paths import path_to_frontier
 
 PAD = 3  # the rim and two more cells that are never free
 NEVER = -700.0  # log-odds
 MAY_HOLD = 0.05  # probability from which a cell counts as one that may hold a particle
+SAFETY = 2.0  # the rest of a map may branch more than the part found so far
 
 
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -119,6 +123,8 @@ class NoisyBelief:
         self.state = noisy_state_of(self.layout, noise, confidence) if noisy is None else noisy
         self.guard = guard_of(self.layout)
         self._field = new_field(self.layout)
+        self._first = seen
+        self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
         self._show(seen)
         kernels.first_belief(self.state)
         noisy_episode.refresh(self.state, self._field, self.guard)
@@ -193,12 +199,13 @@ class NoisyBelief:
     def finished(self) -> bool:
         """Whether the mapping is complete: no frontier cell is in reach, and every cell that a particle may enter is classified.
 
-        The property is false if the policy gave up a cell as undecidable, and if no cell surely holds a particle.
+        The property is false if the policy gave up a cell as undecidable, if no cell surely holds a particle, and while there are
+        `weak_walls`.
         """
         belief, occupied = self.belief, self.occupied
         if self.undecided or not belief.open or not occupied or path_to_frontier(belief, occupied):
             return False
-        return self.closed
+        return self.closed and not self.weak_walls
 
     @property
     def closed(self) -> bool:
@@ -214,6 +221,45 @@ class NoisyBelief:
         parts, _ = ndimage.label(passable)
         reachable = np.isin(parts, np.unique(parts[may_hold & passable]))
         return bool(reachable.any()) and not bool((reachable & ~self.belief.open.mask).any())
+
+    @property
+    def weak_walls(self) -> Board:
+        """The walls that must be pushed again before the mapping is complete, because too much may lie behind them.
+
+        Let e be the probability of what the scans show at a wall if it is a free cell, divided by this probability if it is a wall.
+        Of n free cells, each counts as a wall in the end with a probability of about e, and then hides the cells that particles
+        reach only through it: on average a share f of the map (`cells_behind`). The expected share of hidden cells is n f e, and
+        `SAFETY` times this share must not exceed 1 - ``confidence``. Behind a wall without unclassified cells beside it, nothing is
+        hidden, and beside a small unclassified part, no more than this part.
+        """
+        from scipy import ndimage
+
+        belief, inner = self.belief, (slice(1, -1),) * self.layout.ndim
+        parts, _ = ndimage.label(~belief.known.mask[inner])
+        sizes = np.bincount(parts.ravel())
+        sizes[0] = 0  # classified cells
+        around = np.pad(sizes[parts], 1)
+        behind = np.zeros_like(around)  # cells of the largest unclassified part beside a cell
+        for axis in range(self.layout.ndim):
+            for way in (-1, 1):
+                np.maximum(behind, np.roll(around, way, axis), out=behind)
+        walls = np.zeros(self.layout.window, dtype=np.bool_)
+        walls[inner] = (belief.obstacles & belief.open.dilated()).mask[inner]  # beyond the rim, nothing is hidden
+        walls &= behind > 0
+        if not walls.any():
+            return Board.empty(self.layout)
+        share = np.minimum(self._share_behind, (1 + behind) / (len(belief.known) + behind))
+        mistaken = np.exp(self.logit - log(PRIOR / (1 - PRIOR)))
+        return Board(self.layout, self.layout.pack(walls & (len(belief.open) * SAFETY * share * mistaken > 1 - self.confidence)))
+
+    @property
+    def _share_behind(self) -> float:
+        """Mean share of the free cells that particles reach only through a given free cell."""
+        free = self.belief.open
+        if self._behind is None or self._behind[0] != free:
+            cells = cells_behind(free, self._first)
+            self._behind = free, float(cells.mean()) / len(cells)
+        return self._behind[1]
 
     @property
     def undecided(self) -> int:

@@ -41,7 +41,7 @@ KINDS = {
 CRITICAL = 1e-9  # probability under the stated rates from which on the rates cannot be true
 DEMONSTRATED = 1e-3  # probability of what scans show, if a command moved nothing, from which on the command moves particles
 PLAUSIBLE = 7.0  # logarithm of the likelihood ratio up to which a cell may still hold a particle at rest
-MARKED = 1e-5  # probability under the stated rates from which on an event marks the result, but does not stop the drive
+LEAPING = 1e-2  # upper bound of the probability of the motions by two cells from which on they mark the result
 GONE = 1e-4  # probability that all particles are there, but no scan shows all of them, from which on one is gone
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
@@ -443,11 +443,11 @@ class NoiseMonitor:
 
     @property
     def _leaping(self) -> float:
-        """Probability of as many motions by two cells as scans show, if particles are misplaced as stated or as seen aside."""
+        """Probability of as many motions by two cells as scans show, if particles are misplaced as stated or surely seen aside."""
         leaps, trials = self.leapt
         seen = self.rates().get("misplace")
-        share = self.share if seen is None else max(self.share, seen.observed / (2 * self.ndim))
-        return tail(leaps, trials, 2 * share + 1e-3) if leaps > 2 else 1.0
+        share = self.share if seen is None else max(self.share, seen.low / (2 * self.ndim))
+        return tail(leaps, trials, 2 * share + 1e-3) if leaps > 1 else 1.0
 
     @property
     def _leaps(self) -> str:
@@ -496,7 +496,7 @@ class NoiseMonitor:
                     f"{rate.high:.3f}, {count_text(rate.trials, 'observation')}): the confidence of the map does not hold"
                 )
                 alarms.append(Alarm("rates", move, text))
-        if self._leaping < MARKED:
+        if self._leaping < LEAPING:
             alarms.append(Alarm("twice", move, self._leaps))
         trials = max(1, self.aside[1])
         axis = int(np.argmax(np.abs(self.drift)))

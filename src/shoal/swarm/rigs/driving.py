@@ -17,7 +17,7 @@ from shoal.core.checks import check_choice, check_integer
 from shoal.core.counts import count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status, Verification
-from shoal.core.errors import InvalidInputError, RigError, ShoalError
+from shoal.core.errors import InvalidInputError, OutputError, RigError, ShoalError
 from shoal.core.interruption import interruption_held
 from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.belief import Belief
@@ -183,6 +183,9 @@ def drive(
     DriveInterrupted
         Raised after Ctrl-C. The attribute ``drive`` holds the result so far.
 
+    Whatever else ends the run after the first scan, such as SystemExit or an error of a policy or of the log, is raised unchanged,
+    with the result so far in its attribute ``drive``.
+
     Examples
     --------
     >>> from shoal.swarm.rigs import SimulatedRig
@@ -268,29 +271,33 @@ def _driven(
             rig.stop()
     except KeyboardInterrupt as error:
         failure = failure or error
-    except (Exception, SystemExit) as error:  # whatever a rig of others raises: the map must not be lost
+    except BaseException as error:  # whatever a rig of others raises: the map must not be lost
         alarms.append(Alarm("stop", recorder.moves, f"the rig may still move, as its stop failed: {_told(error)}"))
     if swarm is None:
         assert failure is not None
         raise failure
     if failure is None:
         status = _judged(status, swarm, alarms)
-    elif isinstance(failure, Exception):
+    elif not isinstance(failure, KeyboardInterrupt):
         alarms.insert(0, Alarm("outside" if isinstance(failure, PositionError) else "failure", swarm.moves, _told(failure)))
     alarms += swarm.marks()
     trace = recorder.trace
     if log is not None:  # even if the rig did not confirm the stop
-        for alarm in alarms:
-            log.event("alarm", {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text})
-        log.end(status, moves=trace.moves, belief=None if status is Status.INTERRUPTED else swarm.belief)
+        try:
+            for alarm in alarms if not isinstance(failure, OutputError) else ():
+                log.event("alarm", {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text})
+            log.end(status, moves=trace.moves, belief=None if status is Status.INTERRUPTED else swarm.belief)
+        except BaseException as error:  # a full disk, or a second Ctrl-C
+            failure = failure or error
     about: dict[str, Any] = {"trace": trace, "status": status, "policy": policy, "seconds": time.perf_counter() - began}
     result = _result(rig, swarm, problem, alarms, about, seed=seed, spacing=spacing)
     if isinstance(failure, KeyboardInterrupt):
         raise DriveInterrupted(result) from failure
     if isinstance(failure, RigError) or (isinstance(failure, Exception) and not isinstance(failure, ShoalError)):
-        what = str(failure) if isinstance(failure, RigError) else f"{rig.name}: {type(failure).__name__}: {failure}"
+        what = str(failure) if isinstance(failure, RigError) else f"{rig.name}: {_told(failure)}"
         raise DriveError(what, result) from failure
     if failure is not None:
+        failure.drive = result  # type: ignore[attr-defined]  # its catchers know its type
         raise failure
     return result
 
@@ -336,7 +343,7 @@ def _explored(
             recorder.add(command, rows, scanned=scanned)
             check()
         return status if status is not Status.COMPLETE or swarm.finished else Status.STALLED
-    decider = make_decider(problem, swarm.belief, trial_rng(seed), lambda: swarm.finished)
+    decider = make_decider(problem, swarm.belief, trial_rng(seed), swarm.noisy)
     for _ in range(CLOSING):
         _, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves, on_trace=check, recorder=recorder)
         # under noise no scan proves anything by itself: a map is only complete after commands that must move particles

@@ -6,6 +6,7 @@ import json
 import os
 import time
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -88,9 +89,12 @@ class DriveLog:
         if self._file is None:
             return
         found = {} if belief is None else {"moves": moves} | map_digest(belief)
-        self._write({"kind": "end", "status": str(status)} | found | {"time": self._time()})
-        self._file.close()
-        self._file = None
+        try:
+            self._write({"kind": "end", "status": str(status)} | found | {"time": self._time()})
+        finally:
+            with suppress(OSError):  # a full disk, of which the entries have told
+                self._file.close()
+            self._file = None
 
     def _time(self) -> float:
         return round(time.monotonic() - self._began, 4)

@@ -63,6 +63,7 @@ class RigSwarm(ABC):
     first_frontier: int
     moved: bool = False
     unproven: int = 0
+    noisy: NoisyBelief | None = None
 
     def __init__(self, rig: Rig) -> None:
         self.rig, self.rule, self.layout, self.moves = rig, rig.rule, GridLayout(rig.shape), 0
@@ -300,7 +301,7 @@ class NoisyRigSwarm(RigSwarm):
     def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
         super().__init__(rig)
         cells = self.observe()
-        self._noisy = NoisyBelief(rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS)
+        self.noisy = NoisyBelief(rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS)
         self.monitor = NoiseMonitor(rig.shape, noise)
         self.monitor.count(cells)
         self._confidence, self._shown = confidence, False
@@ -309,12 +310,12 @@ class NoisyRigSwarm(RigSwarm):
         self._once_free = Board.empty(self.layout)
         self._unseen = 0  # commands since the last scan
         self._take_over()
-        self.start, self.first_frontier, self.observations = self.state.cells, self._noisy.remaining, [cells]
+        self.start, self.first_frontier, self.observations = self.state.cells, self.noisy.remaining, [cells]
 
     @property
     def finished(self) -> bool:
         """Whether every cell that a particle may still enter is classified."""
-        return self._noisy.finished
+        return self.noisy.finished
 
     @property
     def doubtful(self) -> bool:
@@ -340,7 +341,7 @@ class NoisyRigSwarm(RigSwarm):
         """Whether commands move nothing: false once scans show motion, true if enough commands should have shown it."""
         if self.moved or self.monitor.along:
             return False
-        noise, rounds = self._noisy.noise, self.moves // (2 * self.layout.ndim)
+        noise, rounds = self.noisy.noise, self.moves // (2 * self.layout.ndim)
         expected = rounds * (1 - noise.slip) * ((1 - noise.miss) * (1 - noise.misplace)) ** 2 * self._singles
         doubt = float(np.sqrt(np.trace(self.monitor.variance)))
         enough = rounds >= 3 and expected > 8 * doubt + 2
@@ -373,19 +374,19 @@ class NoisyRigSwarm(RigSwarm):
     def predict(self, command: str, steps: int) -> list[Row]:
         """Update the estimated positions of the particles after ``steps`` commands without a scan. Do not classify any cell."""
         for _ in range(steps):
-            self._noisy.spread(command)
+            self.noisy.spread(command)
         self._unseen += steps
         self._take_over()
-        return [(0, self._noisy.remaining, 0)] * steps
+        return [(0, self.noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
         """Update the belief with a scan after the command was sent ``steps`` times. Report 0 as the unknown travelled distance."""
         rows = self.predict(command, steps - 1)
         alone, self._unseen = self._unseen == 0, 0
         if alone:
-            inside = self._noisy.state.inside.reshape(padded_shape(self.layout.shape))
+            inside = self.noisy.state.inside.reshape(padded_shape(self.layout.shape))
             self.monitor.compare(command, self.observations[-1], cells, inside, self._once_free.mask)
-        classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
+        classified = self.noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
         self._take_over()
         shown = self.monitor.count(cells)
@@ -396,7 +397,7 @@ class NoisyRigSwarm(RigSwarm):
         self._recent += classified
         self.unproven = self._recent if shown else self.unproven + classified
         self._recent = 0 if shown else self._recent
-        return [*rows, (classified, self._noisy.remaining, 0)]
+        return [*rows, (classified, self.noisy.remaining, 0)]
 
     def check(self) -> None:
         """Raise an alarm if the scans so far contradict the commands."""
@@ -413,5 +414,5 @@ class NoisyRigSwarm(RigSwarm):
         return marks
 
     def _take_over(self) -> None:
-        self.belief, self.state = self._noisy.belief, SwarmState(self._noisy.occupied)
+        self.belief, self.state = self.noisy.belief, SwarmState(self.noisy.occupied)
         self._once_free = self._once_free | self.belief.open

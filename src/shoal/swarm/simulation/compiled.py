@@ -242,12 +242,12 @@ class NoisyGame:
     def __init__(self, policy: Any, belief: NoisyBelief, rng: Generator, *, every: int) -> None:
         size = int(np.prod(belief.layout.window))
         self.search = search_of(belief.layout, ties=policy.ties, neighbours=policy.neighbours, plan_size=size)
-        self.belief, self.rng, self.every, self.lookout = belief, rng, every, Lookout()
+        self.belief, self.rng, self.every, self.lookout = belief, rng, every, Lookout(belief)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Compute one piece of the episode, as `Game` describes.
 
-        Where the policy finds no path although the mapping is not complete, commands in all directions look for the particles.
+        Where the policy finds no path although the mapping is not complete, a `Lookout` chooses the commands.
         """
         belief, moves, status = self.belief, 0, RUNNING
         while moves < trace.moves and status == RUNNING:
@@ -260,15 +260,13 @@ class NoisyGame:
         return moves, status
 
     def _look(self, step: Trace) -> int:
-        """Send one command that looks for the particles, and fill the trace of one move. Return the status code."""
-        known = len(self.belief.belief.known)
-        code = None if self.belief.undecided else self.lookout.next(known, ndim=self.belief.layout.ndim)
+        """Send one command of the lookout, and fill the trace of one move. Return the status code."""
+        code = None if self.belief.undecided else self.lookout.next()
         if code is None:
             return int(policy_episode.STALLED)
         step.commands[0], step.scanned[0] = code, True
         self.belief.follow(self.rng, step)
-        if step.classified[0] > 0:
-            self.belief.guard.memory.budget = -1
+        self.belief.guard.memory.budget = -1  # of a cell that is found to be no wall
         return int(RUNNING)
 
     @property

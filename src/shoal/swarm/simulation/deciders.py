@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,6 +17,7 @@ from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.kernels.episodes import policy_episode
 from shoal.swarm.kernels.noise.noisy_episode import PATIENCE as NOISY_PATIENCE
 from shoal.swarm.kernels.noise.noisy_episode import TIMES
+from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.lookout import Lookout
 from shoal.swarm.policies.manual import Manual
 from shoal.swarm.policies.protocol import Policy, View
@@ -54,14 +54,14 @@ class Decider(Protocol):
         """
 
 
-def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator, finished: Callable[[], bool]) -> Decider:
+def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator, noisy: NoisyBelief | None) -> Decider:
     """Return the decider for the policy and the scan rule of a problem.
 
-    ``belief`` is the belief at the start of the episode. ``finished`` tells whether the mapping is complete.
+    ``belief`` is the belief at the start of the episode. ``noisy`` is the belief that an episode with noise changes in place.
     """
     policy, scanning = problem.chosen_policy, problem.scanning
-    if problem.noise is not None:
-        return ReplannedRuns(policy, finished, rng, every=scanning.step, max_moves=problem.max_moves)
+    if noisy is not None:
+        return ReplannedRuns(policy, noisy, rng, every=scanning.step, max_moves=problem.max_moves)
     if scanning.kind != "adaptive":
         return PlannedRuns(scanning, policy, rng)
     options = {name: getattr(policy, name) for name in ("ties", "neighbours")}
@@ -153,13 +153,13 @@ class ReplannedRuns:
     without memory discards the rest of its plan and makes a new plan. A policy that classifies no new cell for too many moves is
     stopped, so that every episode ends. `NOISY_TIMES` determines the limit on moves without a new cell.
 
-    Where the policy has no commands although the mapping is not complete, commands in all directions look for the particles. The
-    policy ``manual`` is left alone, because its commands are the user's.
+    Where the policy has no commands although the mapping is not complete, a `Lookout` chooses them. The policy ``manual`` is left
+    alone, because its commands are the user's.
     """
 
-    def __init__(self, policy: Policy, finished: Callable[[], bool], rng: Generator, *, every: int, max_moves: int) -> None:
-        self.policy, self.finished, self.rng, self.every, self.max_moves = policy, finished, rng, every, max_moves
-        self.lookout = None if isinstance(policy, Manual) else Lookout()
+    def __init__(self, policy: Policy, noisy: NoisyBelief, rng: Generator, *, every: int, max_moves: int) -> None:
+        self.policy, self.noisy, self.rng, self.every, self.max_moves = policy, noisy, rng, every, max_moves
+        self.lookout = None if isinstance(policy, Manual) else Lookout(noisy)
         self.unseen, self.due = 0, True
         self.memory: Any = None
         self.plan, self.in_vain, self.wakes = "", 0, 0
@@ -167,10 +167,10 @@ class ReplannedRuns:
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the next command, in a run of length 1. If no commands are left, return None."""
         planned = self._planned(view)
-        if planned is not None or self.lookout is None or self.finished():
+        if planned is not None or self.lookout is None or self.noisy.finished:
             return planned
         self.plan, self.memory, self.unseen, self.due = "", None, 0, True  # the policy begins anew where the particles then are
-        code = self.lookout.next(len(view.belief.known), ndim=view.occupied.layout.ndim)
+        code = self.lookout.next()
         return None if code is None else (LETTERS[code], 1)
 
     def _planned(self, view: View) -> tuple[str, int] | None:

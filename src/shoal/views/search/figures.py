@@ -45,7 +45,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     left, right, bottom, top = history.sides
     ratio = (top - bottom) / (right - left)
     width = 7.2 if ratio < 1.2 else max(4.6, 8.4 / ratio)
-    figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + (1.7 if history.panels.labels else 1.3))
+    figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + (1.9 if history.panels.labels else 1.3))
     axes = figure.add_subplot()
     side = 72 * 0.9 * min(width / (right - left), figure.get_figheight() / (top - bottom)) * episode.plan.grid.size
     _draw_ground(axes, history)
@@ -65,7 +65,10 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     )
     draw_heading(figure, axes, f"{episode.plan.grid.region.name}, {count_text(history.n_robots, 'robot')}")
     _draw_legend(figure, history)
-    figure.draw_without_rendering()  # fixes the positions of the axes, so that the numbers can be moved apart
+    # Fixes the positions of the axes, so that the numbers can be moved apart. The summary moves with the axes, so that the layout
+    # leaves its place below the heading free only the second time.
+    for _ in range(2):
+        figure.draw_without_rendering()
     figure.set_layout_engine("none")
     _draw_robots(axes, history)
     draw_scale_bar(figure, axes, north=history.north)
@@ -117,7 +120,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
         for ring in part:
             axes.add_patch(PathPatch(Path(ring, closed=True), facecolor="none", edgecolor=_EDGE, lw=1.2, zorder=1.2))
     for words, x, y in history.panels.labels:
-        axes.annotate(words, (x, y), xytext=(0, 3), textcoords="offset points", fontsize=8, color=INK, zorder=4)
+        _label(axes, words, (x, y), (0, 3), fontsize=8)
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
@@ -215,12 +218,12 @@ def _draw_findings(axes: Axes, history: SearchHistory) -> None:
             _label(axes, f"{100 * finding.confidence:.3g} %", place, (6, 5))
 
 
-def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float]) -> None:
+def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float], *, fontsize: float = 7) -> None:
     from matplotlib.patheffects import withStroke
 
     axes.annotate(
-        words, (float(place[0]), float(place[1])), xytext=offset, textcoords="offset points", fontsize=7, color=INK, zorder=8,
-        path_effects=[withStroke(linewidth=2, foreground="white")],
+        words, (float(place[0]), float(place[1])), xytext=offset, textcoords="offset points", fontsize=fontsize, color=INK,
+        zorder=8, path_effects=[withStroke(linewidth=2, foreground="white")],
     )  # fmt: skip
 
 

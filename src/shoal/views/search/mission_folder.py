@@ -11,7 +11,7 @@ import numpy as np
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.core.notices import tell_once
-from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.allocation.plan import NARROWER, NO_ROOM, SearchPlan, narrower_margin_text, plan_at_margin
 from shoal.search.episode import SearchEpisode
 from shoal.search.flight.terrain_files import open_terrain
 from shoal.search.missions import FORMATS, Mission, MissionCheck, write_missions
@@ -29,8 +29,6 @@ from shoal.views.drawing.charts import save_figure
 from shoal.views.search.missions import missions_figure
 
 MAP = "map.png"
-_SHARES = (0.5, 0.25, 0.0)  # of the default margin, for vehicles without room
-_NARROW = ("turn_radius", "launch: expected a path from")  # beginnings of the errors of a vehicle without room
 
 
 class MissionFolder:
@@ -80,22 +78,19 @@ class MissionFolder:
         If a vehicle has no room for a turn or a path, and the user asked for no margin, the method tries narrower margins.
         """
         wide = self.problem.margin or 0.0
-        for share in _SHARES if self.asked.margin is None else ():
+        for share in NARROWER if self.asked.margin is None else ():
             try:
-                plan = plan_search(self.problem, seed=seed)
+                plan = plan_at_margin(self.problem, seed=seed)
                 self.plan(plan)
             except InvalidInputError as error:
-                if not str(error).startswith(_NARROW):
+                if not str(error).startswith(NO_ROOM):
                     raise
                 self.problem = self._ready(self.asked.replaced(margin=share * wide).at_place(self.asked.place))
             else:
                 if self.problem.margin != wide:
-                    tell_once(
-                        f"margin: {self.problem.margin:.3g} m in place of {wide:.3g} m, because with the wider margin a vehicle "
-                        "has no room for its turns or its path; --margin sets another one"
-                    )
+                    tell_once(narrower_margin_text(self.problem.margin or 0.0, wide))
                 return plan
-        plan = plan_search(self.problem, seed=seed)
+        plan = plan_at_margin(self.problem, seed=seed)
         self.plan(plan)
         return plan
 

@@ -58,7 +58,7 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     (left, bottom), (right, top) = low - pad, high + pad
     ratio = (top - bottom) / (right - left)
     width = 7.4 if ratio < 1.2 else max(4.8, 8.6 / ratio)
-    figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.6, 8.8)) + 1.5)
+    figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.6, 8.8)) + 1.65)
     axes = figure.add_subplot()
     _draw_region(axes, region)
     for ring in rings:
@@ -68,7 +68,7 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     if approach is not None:
         _draw_approach(axes, approach)
     axes.set(xlim=(left, right), ylim=(bottom, top))
-    axes.set_xlabel("metres", color=MUTED, fontsize=8)
+    axes.set_xlabel("metres\n", color=MUTED, fontsize=8)  # the empty line leaves room for the scale bar above the legend
     bare_axes(axes)
     axes.set_anchor("N")
     axes.set_title(_summary(missions, approach), fontsize=9, color=MUTED, loc="left", parse_math=False)

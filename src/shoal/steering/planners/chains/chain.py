@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import field, replace
 from functools import cached_property
 from math import inf
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.jit import working_time
 from shoal.steering.kernels.chain import settle
 from shoal.steering.kernels.chain_limits import Kind, new_work
 from shoal.steering.kernels.cycles import CycleModel
@@ -83,7 +83,7 @@ class StartAndGoal:
     @property
     def late(self) -> bool:
         """Whether the deadline of the search has passed."""
-        return time.monotonic() > self.deadline
+        return working_time() > self.deadline
 
     @property
     def before(self) -> Points:
@@ -114,7 +114,7 @@ class ChainQuery(StartAndGoal):
         For each round of the optimization, the sharpness of the barrier function that keeps a chain inside its limits. The
         lower the last sharpness is, the farther from its limits the chain stays.
     deadline : float
-        Time at which the search stops, in seconds on the clock `time.monotonic`.
+        Time at which the search stops, in seconds on the clock `shoal.jit.working_time`.
     """
 
     walls: NormalizedWalls

@@ -219,7 +219,7 @@ export function steering({ remember }) {
     const spot = (point, kind) => svg("circle", { class: kind, cx: at(point)[0], cy: at(point)[1], r: 2.4 });
     space.replaceChildren(svg("path", { class: "floor", d: path(rings[0], at) }),
       ...[...sets].reverse().map((set) => svg("path", { class: `reach m${set.moves}`, "fill-rule": "evenodd", d: set.rings.map((ring) => path(ring, at)).join("") })),
-      spot(goal, "goal p1"), spot(delta, "particle p0"));
+      svg("path", { class: "rim", d: path(rings[0], at) }), spot(goal, "goal p1"), spot(delta, "particle p0"));
     reachWord.replaceChildren(...sets.map((set) => el(`span.key.m${set.moves}`, {}, `${set.moves} moves reach ${percent(set.fraction)}`)));
   }
 

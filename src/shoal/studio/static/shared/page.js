@@ -123,10 +123,11 @@ export function tabbed(label, entries, { chosen = () => {}, scrolls = false } = 
 }
 
 /** A table that scrolls by itself; a row's first cell is its head. */
+const LONG = 40; // characters: a longer text is a sentence, which breaks into lines
 export function dataTable(label, heads, rows) {
   return el("div.scroll", { tabIndex: 0, role: "region", "aria-label": label }, el("table", {},
     el("thead", {}, el("tr", {}, heads.map((words) => el(words ? "th" : "td", words ? { scope: "col" } : {}, words)))),
-    el("tbody", {}, rows.map(([first, ...cells]) => el("tr", {}, el("th", { scope: "row" }, first), cells.map((cell) => el("td", {}, cell)))))));
+    el("tbody", {}, rows.map(([first, ...cells]) => el("tr", {}, el("th", { scope: "row" }, first), cells.map((cell) => el(String(cell).length > LONG ? "td.sentence" : "td", {}, cell)))))));
 }
 
 /** A picture of a symbol: a path in a square of 24. */

@@ -50,6 +50,7 @@ export function results({ shown, change }) {
   }
 
   function choose(store, name, measure = null) {
+    if (chosen !== `${store} ${name}`) detail.replaceChildren(el("p.soft", { role: "status" }, `Opening ${name ?? store} …`)); // never one sweep under the mark of another
     chosen = `${store} ${name}`;
     wanted = measure;
     drawn = "";
