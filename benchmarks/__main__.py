@@ -1,6 +1,7 @@
 """make bench: every speed that is promised, measured in one run against the plain-array reference.
 
-The reference (tests/reference/plain.py) is an independent implementation with one array entry a cell, compiled the same way.
+The reference (tests/reference/plain.py) is an independent implementation with one array entry a
+cell, compiled the same way.
 """
 
 from __future__ import annotations

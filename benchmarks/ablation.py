@@ -1,8 +1,9 @@
-"""python -m benchmarks.ablation: what each mechanism of the planner brings, on the same starts with it and without it.
+"""python -m benchmarks.ablation: what each mechanism of the planner brings, on the same starts with
+it and without it.
 
-One row a mechanism: moves without it over moves with it, as a geometric mean of paired trials over all maps and numbers of
-particles, with its 95 % confidence interval (normal approximation, of the logarithms), and the same for each map. Above 1 the
-mechanism helps.
+One row a mechanism: moves without it over moves with it, as a geometric mean of paired trials over
+all maps and numbers of particles, with its 95 % confidence interval (normal approximation, of the
+logarithms), and the same for each map. Above 1 the mechanism helps.
 
 Options: --trials N (of each mechanism, in all), --maps, --counts, --only NAMES.
 """
@@ -33,7 +34,9 @@ MECHANISMS: dict[str, str | dict[str, float]] = {
     "variations": {"variations": 0},
     "careful completion": {"left_behind_cost": 0},
     "extrapolation": {"future_weight": 0},
-    "higher weight of the cells that a plan classifies early while there are many surprises": {"surprise_weight": 0},
+    "higher weight of the cells that a plan classifies early while there are many surprises": {
+        "surprise_weight": 0
+    },
     "shorter horizon with surprises": {"surprise_shrink": 0},
     "simulation to the end if predictions are reliable": {"end_surprise": 0},
     "simulation to the end if few frontier cells are left": {"end_frontier": 0},
@@ -42,11 +45,16 @@ MECHANISMS: dict[str, str | dict[str, float]] = {
 }
 
 
-def moves_of(workspaces: dict[str, GridWorkspace], counts: list[int], policy: Policy, trials: int) -> dict[str, list[int]]:
+def moves_of(
+    workspaces: dict[str, GridWorkspace], counts: list[int], policy: Policy, trials: int
+) -> dict[str, list[int]]:
     """Return the moves of each trial, by map; trials take the numbers of particles by turns."""
     each = -(-trials // len(workspaces))
     return {
-        name: [run(place, particles=counts[trial % len(counts)], trial=trial, policy=policy).moves for trial in range(each)]
+        name: [
+            run(place, particles=counts[trial % len(counts)], trial=trial, policy=policy).moves
+            for trial in range(each)
+        ]
         for name, place in workspaces.items()
     }
 
@@ -63,7 +71,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--maps", default=",".join(MAPS))
-    parser.add_argument("--counts", default="1000", help=f"for example {','.join(map(str, COUNTS))}")
+    parser.add_argument(
+        "--counts", default="1000", help=f"for example {','.join(map(str, COUNTS))}"
+    )
     parser.add_argument("--only", default=",".join(MECHANISMS))
     given = parser.parse_args()
     workspaces = {name: open_map(name) for name in given.maps.split(",")}
@@ -75,9 +85,15 @@ def main() -> None:
         other = MECHANISMS[name]
         policy = policy_of(other) if isinstance(other, str) else variant("without", **other)
         without = moves_of(workspaces, counts, policy, given.trials)
-        pairs = {place: [math.log(a / b) for a, b in zip(without[place], whole[place], strict=True)] for place in workspaces}
+        pairs = {
+            place: [math.log(a / b) for a, b in zip(without[place], whole[place], strict=True)]
+            for place in workspaces
+        }
         every = [one for some in pairs.values() for one in some]
-        print(f"| {name} | {ratio(every)} | {' | '.join(ratio(some) for some in pairs.values())} |", flush=True)
+        print(
+            f"| {name} | {ratio(every)} | {' | '.join(ratio(some) for some in pairs.values())} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

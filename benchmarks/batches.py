@@ -2,8 +2,9 @@
 
 python -m benchmarks.batches [--pogema PYTHON]
 
-POGEMA needs older versions of NumPy, Gymnasium and Pydantic than Shoal takes, so it gets a virtual environment of its own, whose
-Python is named: ``python -m venv pogema && pogema/bin/pip install pogema==1.4.0``, then ``--pogema pogema/bin/python``.
+POGEMA needs older versions of NumPy, Gymnasium and Pydantic than Shoal takes, so it gets a virtual
+environment of its own, whose Python is named: ``python -m venv pogema && pogema/bin/pip install
+pogema==1.4.0``, then ``--pogema pogema/bin/python``.
 """
 
 from __future__ import annotations
@@ -22,11 +23,9 @@ from gymnasium.vector import SyncVectorEnv
 import shoal.envs  # noqa: F401 - registers the environments
 from benchmarks.timing import best_seconds, row
 from shoal.swarm import GridWorld, SwarmProblem
-from shoal.swarm.batch import WorldBatch
-from shoal.swarm.batch.threads import processors
-from shoal.swarm.grid.commands import LETTERS
-from shoal.swarm.grid.randomness import trial_rng
-from shoal.swarm.simulation.starts import draw_start
+from shoal.swarm.batch import WorldBatch, processors
+from shoal.swarm.grid.board import LETTERS, trial_rng
+from shoal.swarm.simulation.swarms import draw_start
 
 SMALL = {"map": "vessels:1000", "particles": 100}
 LARGE = {"map": "vessels:5000", "particles": 1000}
@@ -57,11 +56,18 @@ def problem_of(fields: dict, **more: object) -> SwarmProblem:
 
 
 def speed_of_batch(
-    fields: dict, *, worlds: int, planes: bool, threads: int | None = None, clock: Callable[[], float] = time.perf_counter
+    fields: dict,
+    *,
+    worlds: int,
+    planes: bool,
+    threads: int | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> float:
-    """Return world-steps a second of random commands from the start on, with belief, ends and resets of what has ended.
+    """Return world-steps a second of random commands from the start on, with belief, ends and
+    resets of what has ended.
 
-    ``clock`` tells the seconds; those of `time.process_time` are of one processor, whatever else the machine does.
+    ``clock`` tells the seconds; those of `time.process_time` are of one processor, whatever else
+    the machine does.
     """
     batch = WorldBatch(problem_of(fields), worlds, threads=threads)
     commands = np.random.default_rng(0).integers(0, 4, (MOVES, worlds))
@@ -80,7 +86,9 @@ def speed_of_batch(
 
 
 def speed_of_loop(fields: dict, *, planes: bool, worlds: int = 2) -> float:
-    """Return world-steps a second of the same in Python: `GridWorld.step`, `Task.update`, and planes from boards."""
+    """Return world-steps a second of the same in Python: `GridWorld.step`, `Task.update`, and
+    planes from boards.
+    """
     problem = problem_of(fields)
     world, task = GridWorld(problem.place, problem.rule), problem.chosen_task
     starts = [world.initial(draw_start(problem, trial_rng(seed))[0]) for seed in range(worlds)]
@@ -92,7 +100,9 @@ def speed_of_loop(fields: dict, *, planes: bool, worlds: int = 2) -> float:
         for row_of_commands in commands:
             for i, command in enumerate(row_of_commands):
                 after = world.step(states[i], LETTERS[command])
-                beliefs[i] = task.update(beliefs[i], LETTERS[command], states[i].occupied, after.occupied)
+                beliefs[i] = task.update(
+                    beliefs[i], LETTERS[command], states[i].occupied, after.occupied
+                )
                 states[i] = after
                 assert not beliefs[i].complete
                 if planes:
@@ -121,15 +131,36 @@ def bench_batches() -> None:
     steps, seen = (speed_of_batch(SMALL, worlds=WORLDS, planes=planes) for planes in (False, True))
     loop, seen_loop = (speed_of_loop(SMALL, planes=planes) for planes in (False, True))
     cpu = speed_of_batch(SMALL, worlds=WORLDS, planes=False, threads=1, clock=time.process_time)
-    large = speed_of_batch(LARGE, worlds=256, planes=False, threads=1, clock=time.process_time) * LARGE["particles"]
+    large = (
+        speed_of_batch(LARGE, worlds=256, planes=False, threads=1, clock=time.process_time)
+        * LARGE["particles"]
+    )
     print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f}")
-    what = f"{WORLDS} worlds of {SMALL['map']}, {SMALL['particles']} particles, {processors()} processors"
+    what = (
+        f"{WORLDS} worlds of {SMALL['map']}, {SMALL['particles']} particles, {processors()}"
+        " processors"
+    )
     row(what, f"{steps:,.0f} world-steps/s", "1,000,000 and more", steps >= 1e6)
     row("  in a CPU second", f"{cpu:,.0f} world-steps", "", True)
-    row("  with planes of all cells", f"{seen:,.0f} world-steps/s", "150,000 and more", seen >= 150_000)
-    row(f"  a loop in Python: {loop:,.0f} world-steps/s", f"{steps / loop:.0f} times", "100 times", steps >= 100 * loop)
+    row(
+        "  with planes of all cells",
+        f"{seen:,.0f} world-steps/s",
+        "150,000 and more",
+        seen >= 150_000,
+    )
+    row(
+        f"  a loop in Python: {loop:,.0f} world-steps/s",
+        f"{steps / loop:.0f} times",
+        "100 times",
+        steps >= 100 * loop,
+    )
     row(f"  the same with planes: {seen_loop:,.0f}", f"{seen / seen_loop:.0f} times", "", True)
-    row(f"{LARGE['map']}, {LARGE['particles']} particles, in a CPU second", f"{large:.2e} particle-steps", "1e9", large >= 1e9)
+    row(
+        f"{LARGE['map']}, {LARGE['particles']} particles, in a CPU second",
+        f"{large:.2e} particle-steps",
+        "1e9",
+        large >= 1e9,
+    )
     for fields in (SMALL, LARGE):
         few, many = (WorldBatch(problem_of(fields), worlds).memory for worlds in (1, 101))
         row(f"  memory of a world of {fields['map']}", f"{(many - few) / 100:,.0f} bytes", "", True)
@@ -140,21 +171,37 @@ def bench_batches() -> None:
 def bench_environments() -> None:
     name, steering = "shoal/Mapping-v0", "shoal/Steering-v0"
     ours = speed_of_vector(lambda: gymnasium.make_vec(name, num_envs=WORLDS, **SMALL), 100)
-    shared = speed_of_vector(lambda: gymnasium.make_vec(name, num_envs=WORLDS, copy=False, **SMALL), 100)
-    theirs = speed_of_vector(lambda: SyncVectorEnv([lambda: gymnasium.make(name, **SMALL)] * 8), 100)
+    shared = speed_of_vector(
+        lambda: gymnasium.make_vec(name, num_envs=WORLDS, copy=False, **SMALL), 100
+    )
+    theirs = speed_of_vector(
+        lambda: SyncVectorEnv([lambda: gymnasium.make(name, **SMALL)] * 8), 100
+    )
     row(f"gymnasium.make_vec, {WORLDS} environments", f"{ours:,.0f} steps/s", "", True)
     row("  with copy=False", f"{shared:,.0f} steps/s", "", True)
-    row(f"  Gymnasium's loop over single ones: {theirs:,.0f} steps/s", f"{ours / theirs:.0f} times", "", True)
+    row(
+        f"  Gymnasium's loop over single ones: {theirs:,.0f} steps/s",
+        f"{ours / theirs:.0f} times",
+        "",
+        True,
+    )
     ours = speed_of_vector(lambda: gymnasium.make_vec(steering, num_envs=WORLDS), 100)
     theirs = speed_of_vector(lambda: SyncVectorEnv([lambda: gymnasium.make(steering)] * 8), 100)
     row(f"gymnasium.make_vec of steering, {WORLDS} environments", f"{ours:,.0f} steps/s", "", True)
-    row(f"  Gymnasium's loop over single ones: {theirs:,.0f} steps/s", f"{ours / theirs:.0f} times", "", True)
+    row(
+        f"  Gymnasium's loop over single ones: {theirs:,.0f} steps/s",
+        f"{ours / theirs:.0f} times",
+        "",
+        True,
+    )
 
 
 def bench_pogema(python: str) -> None:
     place = problem_of(SMALL).place
     told = {"map": str(place), "agents": SMALL["particles"], "moves": 50}
-    done = subprocess.run([python, "-c", POGEMA], input=json.dumps(told), capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [python, "-c", POGEMA], input=json.dumps(told), capture_output=True, text=True, check=True
+    )
     theirs = float(json.loads(done.stdout.splitlines()[-1]))
     ours = speed_of_batch(SMALL, worlds=WORLDS, planes=True) * SMALL["particles"]
     what = f"POGEMA, {SMALL['particles']} agents on {SMALL['map']}: {theirs:,.0f} agent-steps/s"
@@ -162,8 +209,12 @@ def bench_pogema(python: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pogema", metavar="PYTHON", help="Python of a virtual environment that has POGEMA")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--pogema", metavar="PYTHON", help="Python of a virtual environment that has POGEMA"
+    )
     given = parser.parse_args()
     bench_batches()
     bench_environments()

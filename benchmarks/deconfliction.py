@@ -1,10 +1,12 @@
-"""Random plans of 2 to 12 vehicles, whose missions are flown with random delays: does the separation hold?
+"""Random plans of 2 to 12 vehicles, whose missions are flown with random delays: does the
+separation hold?
 
     python -m benchmarks.deconfliction [COUNT] [SEED]
 
-Vehicles set out from one point, from one each or along a line, in or outside of random regions, some with a no-go zone. The judge
-is a simulation by steps of an eighth of a second, at constant speed, that knows the missions only; each vehicle is late by a random
-delay of up to 10 s, in several draws. It prints what came nearest, how many layers there were and how late starts were.
+Vehicles set out from one point, from one each or along a line, in or outside of random regions,
+some with a no-go zone. The judge is a simulation by steps of an eighth of a second, at constant
+speed, that knows the missions only; each vehicle is late by a random delay of up to 10 s, in
+several draws. It prints what came nearest, how many layers there were and how late starts were.
 """
 
 from __future__ import annotations
@@ -18,11 +20,11 @@ from typing import Any
 import numpy as np
 import shapely
 
-from shoal.search.allocation.plan import plan_search
-from shoal.search.flight.staggering import Separation
-from shoal.search.missions import Mission
-from shoal.search.missions.approach import missions_approach
-from shoal.search.missions.deconfliction import plan_missions
+from shoal.missions import Mission
+from shoal.missions.approach import missions_approach
+from shoal.missions.deconfliction import plan_missions
+from shoal.search.flight.separation import Separation
+from shoal.search.planning.plan import plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.region import region_of
 
@@ -36,37 +38,67 @@ def random_problem(rng: np.random.Generator) -> SearchProblem:
     angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(5, 10)))
     reach = rng.uniform(0.4, 1.0, len(angles))[:, None] * side
     hull = shapely.Polygon(reach * np.column_stack([np.cos(angles), np.sin(angles)])).convex_hull
-    zone = shapely.Point(rng.uniform(-0.2, 0.2, 2) * side).buffer(0.12 * side, quad_segs=2) if rng.random() < 0.4 else None
+    zone = (
+        shapely.Point(rng.uniform(-0.2, 0.2, 2) * side).buffer(0.12 * side, quad_segs=2)
+        if rng.random() < 0.4
+        else None
+    )
     region = region_of(hull, no_go=zone)
     base = np.array([rng.choice([-1.3, 1.3]) * side, rng.uniform(-0.5, 0.5) * side])
     kind = rng.integers(3)
-    launch = [tuple(base)] if kind == 0 else [tuple(base + np.array([0.0, 25.0 * (k - robots / 2)])) for k in range(robots)]
+    launch = (
+        [tuple(base)]
+        if kind == 0
+        else [tuple(base + np.array([0.0, 25.0 * (k - robots / 2)])) for k in range(robots)]
+    )
     if kind == 2:
         launch = [tuple(base + rng.uniform(-60, 60, 2)) for _ in range(robots)]
     return SearchProblem(
-        region, robots=robots, footprint=float(rng.choice([20, 30])), margin=float(rng.choice([0, 3])), launch=tuple(launch),
-        tour=str(rng.choice(["boustrophedon", "spanning-tree"])), angle=float(rng.choice([0, 30])), vehicle="multirotor",
-    )  # fmt: skip
+        region,
+        robots=robots,
+        footprint=float(rng.choice([20, 30])),
+        margin=float(rng.choice([0, 3])),
+        launch=tuple(launch),
+        tour=str(rng.choice(["boustrophedon", "spanning-tree"])),
+        angle=float(rng.choice([0, 30])),
+        vehicle="multirotor",
+    )
 
 
 def least_distance(missions: Sequence[Mission], late: Any, vertical: float) -> float:
-    """Return the least horizontal distance of vehicles in flight that are nearer in height, by small steps."""
+    """Return the least horizontal distance of vehicles in flight that are nearer in height, by
+    small steps.
+    """
     flown = []
     for mission, wait in zip(missions, late, strict=True):
         way = [
             (*mission.home, 0.0),
-            *((x, y, mission.altitude) for x, y in (mission.home, *mission.waypoints.tolist(), mission.end)),
+            *(
+                (x, y, mission.altitude)
+                for x, y in (mission.home, *mission.waypoints.tolist(), mission.end)
+            ),
         ]
         points = np.array([*way, (*mission.end, 0.0)])
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         start = (mission.start or 0.0) + wait
-        flown.append((mission.robot, start + np.concatenate([[0.0], np.cumsum(lengths)]) / mission.speed, points))
+        flown.append(
+            (
+                mission.robot,
+                start + np.concatenate([[0.0], np.cumsum(lengths)]) / mission.speed,
+                points,
+            )
+        )
     least = np.inf
     for (one, mine, here), (other, theirs, there) in combinations(flown, 2):
         clock = np.arange(max(mine[0], theirs[0]), min(mine[-1], theirs[-1]), _STEP)
         if one == other or not len(clock):
             continue
-        apart = np.abs([np.interp(clock, mine, here[:, k]) - np.interp(clock, theirs, there[:, k]) for k in range(3)])
+        apart = np.abs(
+            [
+                np.interp(clock, mine, here[:, k]) - np.interp(clock, theirs, there[:, k])
+                for k in range(3)
+            ]
+        )
         least = min(least, np.hypot(*apart[:2, apart[2] < vertical - 0.01]).min(initial=np.inf))
     return float(least)
 
@@ -88,7 +120,10 @@ def main(count: int = 50, seed: int = 0) -> None:
         waits.append(max(mission.start or 0.0 for mission in missions if mission.sortie == 1))
         sorties += len(missions)
         if min(nearest, exact) < separation.horizontal - 0.01:
-            raise SystemExit(f"plan {number} of seed {seed}: {nearest:.3f} m in the simulation, {exact:.3f} m exactly")
+            raise SystemExit(
+                f"plan {number} of seed {seed}: {nearest:.3f} m in the simulation, {exact:.3f} m"
+                " exactly"
+            )
     print(f"{count} plans, {sorties} sorties, in {time.perf_counter() - began:.0f} s")
     print(f"nearest {nearest:.2f} m in the simulation, {exact:.2f} m exactly")
     late = f"last start: median {np.median(waits):.0f} s, {max(waits):.0f} s at most"

@@ -1,7 +1,9 @@
-"""Missions of random plans, timed and turned by other code from their files alone: python -m benchmarks.endurance [--plans N]
+"""Missions of random plans, timed and turned by other code from their files alone: python -m
+benchmarks.endurance [--plans N]
 
-Multirotors, fixed wings and rovers with random speeds, turns, batteries and wind search random regions all over the Earth. Of each
-``.plan``, read as JSON: the time of its way as a share of what the battery allows, and legs too short for a fixed wing's turns.
+Multirotors, fixed wings and rovers with random speeds, turns, batteries and wind search random
+regions all over the Earth. Of each ``.plan``, read as JSON: the time of its way as a share of what
+the battery allows, and legs too short for a fixed wing's turns.
 """
 
 from __future__ import annotations
@@ -32,9 +34,13 @@ def main() -> None:
         shares[kind] += found[0]
         narrow[kind] += len(found[1])
     print(f"{options.plans} plans, {refused} of them refused")
-    print(f"{'':<12}{'missions':>10}{'longest share':>16}{'over':>8}{'legs too short for turns':>28}")
+    print(
+        f"{'':<12}{'missions':>10}{'longest share':>16}{'over':>8}{'legs too short for turns':>28}"
+    )
     for kind, found in shares.items():
-        print(f"{kind:<12}{len(found):>10}{max(found):>16.6f}{sum(share > 1 for share in found):>8}{narrow[kind]:>28}")
+        print(
+            f"{kind:<12}{len(found):>10}{max(found):>16.6f}{sum(share > 1 for share in found):>8}{narrow[kind]:>28}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""python -m benchmarks.exhaustive: whether plans of few commands for known maps are optimal, by all shorter plans.
+"""python -m benchmarks.exhaustive: whether plans of few commands for known maps are optimal, by all
+shorter plans.
 
 Options: --map NAME, --particles N, --task TASK, --trials T.
 """
@@ -28,11 +29,15 @@ def covers(world: GridWorld, state: SwarmState, left: np.ndarray, commands: int)
 
 
 def main() -> None:
-    """Print the plan's commands, those of closest-frontier and what the search says, one line a trial."""
+    """Print the plan's commands, those of closest-frontier and what the search says, one line a
+    trial.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--map", default="rectangle:50x100")
     parser.add_argument("--particles", type=int, default=2500)
-    parser.add_argument("--task", default="subset-coverage", choices=("coverage", "subset-coverage"))
+    parser.add_argument(
+        "--task", default="subset-coverage", choices=("coverage", "subset-coverage")
+    )
     parser.add_argument("--trials", type=int, default=10)
     given = parser.parse_args()
     workspace = open_map(given.map)
@@ -47,7 +52,8 @@ def main() -> None:
         fewer = covers(world, world.initial(plan.start), wanted, plan.moves - 1)
         verdict = "shorter ones exist" if fewer else "no plan is shorter"
         print(
-            f"trial {trial}: {plan.moves} commands, closest-frontier {base.moves}; {verdict} ({time.perf_counter() - began:.1f} s)",
+            f"trial {trial}: {plan.moves} commands, closest-frontier {base.moves}; {verdict}"
+            f" ({time.perf_counter() - began:.1f} s)",
             flush=True,
         )
 

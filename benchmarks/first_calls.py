@@ -1,4 +1,5 @@
-"""Compile what most kinds of runs need, before several processes would do it at once: play each kind of run once, each quick.
+"""Compile what most kinds of runs need, before several processes would do it at once: play each
+kind of run once, each quick.
 
 python -m benchmarks.first_calls [swarm steering search jit]
 """
@@ -16,24 +17,41 @@ SMALL = "map rectangle:9x9 --particles 3"
 COMMANDS = {
     "jit": ["tour spanning-tree cave:20x15"],
     "swarm": [
-        *(f"{SMALL} --policy {policy}" for policy in ("best", "closest-frontier", "elect-particle", "depth-first", "sweep")),
+        *(
+            f"{SMALL} --policy {policy}"
+            for policy in ("best", "closest-frontier", "elect-particle", "depth-first", "sweep")
+        ),
         f"{SMALL} --rule tilt --policy closest-frontier",
         f"{SMALL} --scan-every adaptive --scan-cost 2",
         f"{SMALL} --slip 0.1 --policy closest-frontier",
         "map rectangle:9x9 --particles 3 --placement flood-fill --policy closest-frontier",
         "cover rectangle:9x9 --particles 3",
         "cover rectangle:9x9 --particles 3 --policy offline",
-        *(f"drive rectangle:5x5 --particles 2 {how}" for how in ("", "--scan-every adaptive", "--slip 0.1")),
+        *(
+            f"drive rectangle:5x5 --particles 2 {how}"
+            for how in ("", "--scan-every adaptive", "--slip 0.1")
+        ),
         "drive rectangle:5x5 --particles 2 --rule tilt --policy closest-frontier",
         "line --cells 50 --particles 5 --monte-carlo 100",
     ],
     "steering": [
         *(
             f"steer {place} --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --planner {planner}"
-            for place, planner in (("square", "shortest"), ("disk", "greedy"), ("square", "fewest-moves"), ("square", "sampling"))
+            for place, planner in (
+                ("square", "shortest"),
+                ("disk", "greedy"),
+                ("square", "fewest-moves"),
+                ("square", "sampling"),
+            )
         ),
-        "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --tolerance 0.1 --execution 0.02 --measurement 0.01",
-        "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --tolerance 0.02 --execution 0.001 --measurement 0.001",
+        (
+            "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --tolerance 0.1"
+            " --execution 0.02 --measurement 0.01"
+        ),
+        (
+            "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --tolerance 0.02"
+            " --execution 0.001 --measurement 0.001"
+        ),
         f"steer {RING} --start 0.1,0.2_0.3,0.4 --goal 3,3_3,2",
         "steer regular:5 --start=-0.1,0_0.1,0.1 --goal=0.3,0.1_-0.2,-0.3 --friction 1",
         "steer square --start 0.1,0.3_0.2,0.35 --goal 0.3,0.2_0.6,0.9 --planner fewest-moves",
@@ -42,7 +60,10 @@ COMMANDS = {
     "search": [
         "search rectangle:60x40 --robots 3 --footprint 5",
         "search circle:40 --robots 2 --footprint 6 --angle auto",
-        *(f"tour {name} cave:20x15" for name in ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree")),
+        *(
+            f"tour {name} cave:20x15"
+            for name in ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree")
+        ),
         "tour boustrophedon maze:9x7",
         "tour hilbert 3x3x3",
     ],
@@ -54,7 +75,9 @@ def play(parts: list[str]) -> None:
     from shoal.cli import run
 
     for command in (command for part in parts for command in COMMANDS[part]):
-        words = [word.replace("_", " ") for word in command.split()]  # an underscore is a blank within a word
+        words = [
+            word.replace("_", " ") for word in command.split()
+        ]  # an underscore is a blank within a word
         with contextlib.redirect_stdout(io.StringIO()):
             code = run([*words, "--json"])
         if code:
@@ -81,9 +104,12 @@ def play_batch() -> None:
 def play_steering_batch() -> None:
     """Move some particles in many worlds at once, between walls and in a region."""
     from shoal.steering import SteeringProblem, region
-    from shoal.steering.simulation.batch import SteeringBatch
+    from shoal.steering.simulation import SteeringBatch
 
-    square, hole = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]
+    square, hole = (
+        [(0, 0), (1, 0), (1, 1), (0, 1)],
+        [(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)],
+    )
     for workspace in ("square", region(square, [hole])):
         batch = SteeringBatch(SteeringProblem(workspace), 2)
         batch.reset(seed=0)

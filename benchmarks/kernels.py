@@ -1,4 +1,6 @@
-"""One move and one whole episode on vessels:5000 with 1000 particles: packed kernels against plain arrays."""
+"""One move and one whole episode on vessels:5000 with 1000 particles: packed kernels against plain
+arrays.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,11 @@ from tests.swarm_runs import run
 from benchmarks.timing import best_seconds, row
 from shoal import open_map
 from shoal.swarm import Belief, Board, GridWorld, make_policy, make_task, place
-from shoal.swarm.grid.fields import field_of
-from shoal.swarm.grid.randomness import trial_rng
-from shoal.swarm.grid.trace import Trace
-from shoal.swarm.kernels.dynamics import moves
-from shoal.swarm.kernels.episodes import policy_episode
+from shoal.swarm.grid.board import trial_rng
+from shoal.swarm.grid.scans import Trace
+from shoal.swarm.grid.state import field_of
+from shoal.swarm.kernels import episodes as policy_episode
+from shoal.swarm.kernels import moves
 from shoal.swarm.simulation.compiled import policy_state_of
 
 MAP, PARTICLES = "vessels:5000", 1000
@@ -46,9 +48,16 @@ def bench_move() -> None:
     packed_moves(field, commands)
     plain_moves(reference.counts, reference.free, commands)
     ours = best_seconds(lambda: packed_moves(field, commands)) / len(commands)
-    theirs = best_seconds(lambda: plain_moves(reference.counts, reference.free, commands)) / len(commands)
+    theirs = best_seconds(lambda: plain_moves(reference.counts, reference.free, commands)) / len(
+        commands
+    )
     figure = f"{ours * 1e6:.2f} µs, {theirs / ours:.1f} times"
-    row(f"one move, {PARTICLES} particles on {MAP}", figure, "10 times faster than plain", theirs >= 10 * ours)
+    row(
+        f"one move, {PARTICLES} particles on {MAP}",
+        figure,
+        "10 times faster than plain",
+        theirs >= 10 * ours,
+    )
 
 
 def bench_episode() -> None:
@@ -61,7 +70,12 @@ def bench_episode() -> None:
         ours += best_seconds(lambda start=start: play_packed(world, start), repeat=5)
         theirs += best_seconds(lambda start=start: play_plain(workspace.free, start), repeat=3)
     figure = f"{ours / len(starts) * 1e3:.2f} ms, {theirs / ours:.1f} times"
-    row(f"closest-frontier mapping, {PARTICLES} particles on {MAP}", figure, "6 times faster than plain", theirs >= 6 * ours)
+    row(
+        f"closest-frontier mapping, {PARTICLES} particles on {MAP}",
+        figure,
+        "6 times faster than plain",
+        theirs >= 6 * ours,
+    )
 
 
 def play_packed(world: GridWorld, start: np.ndarray) -> None:
@@ -71,10 +85,14 @@ def play_packed(world: GridWorld, start: np.ndarray) -> None:
     belief = make_task("mapping").begin(world, state)
     field = field_of(world.free.words, state, belief)
     policy_state = policy_state_of(world.layout, world.workspace.n_free, belief)
-    policy_episode.play_closest(policy.code, field, moves.BLOCK, True, policy_state, None, Trace.empty(4096))
+    policy_episode.play_closest(
+        policy.code, field, moves.BLOCK, True, policy_state, None, Trace.empty(4096)
+    )
 
 
 def play_plain(free: np.ndarray, start: np.ndarray) -> None:
     """Play the same episode with the reference, setting up its arrays included."""
     reference = plain.make_world(free, start, rule="block", task="mapping", targets=None)
-    plain.closest_frontier_episode(*reference, plain.BLOCK, plain.MAPPING, plain.COLUMN_MAJOR, 10**6)
+    plain.closest_frontier_episode(
+        *reference, plain.BLOCK, plain.MAPPING, plain.COLUMN_MAJOR, 10**6
+    )

@@ -1,4 +1,6 @@
-"""Random placements on a line: the kernel against plain NumPy in the same run, and paper M's Fig. 5 as a whole."""
+"""Random placements on a line: the kernel against plain NumPy in the same run, and paper M's Fig. 5
+as a whole.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,18 @@ def plain(cells: int, particles: int, trials: int) -> float:
 
 
 def bench_line() -> None:
-    """Print the time of a million placements of Figs. 5 and 6, and how much faster than plain NumPy one is."""
+    """Print the time of a million placements of Figs. 5 and 6, and how much faster than plain NumPy
+    one is.
+    """
     for particles in (10, 100):
         line = Line(1000, particles)
         sample(line, 10)
         fast = best_seconds(lambda line=line: sample(line, TRIALS), repeat=3)
         slow = best_seconds(lambda n=particles: plain(1000, n, _PLAIN), repeat=1) * TRIALS / _PLAIN
         figure = f"{fast:.2f} s, {slow / fast:.0f} times"
-        row(f"1,000,000 placements of {particles} in 1000 cells", figure, "under 5 s on 2 cores", fast < 5)
+        row(
+            f"1,000,000 placements of {particles} in 1000 cells",
+            figure,
+            "under 5 s on 2 cores",
+            fast < 5,
+        )

@@ -1,7 +1,9 @@
-"""Twelve robots as processes, 30 % of the messages lost, eight killed: python -m benchmarks.live [--runs N] [--side N] [--seed S]
+"""Twelve robots as processes, 30 % of the messages lost, eight killed: python -m benchmarks.live
+[--runs N] [--side N] [--seed S]
 
-Each run has random starts; eight robots are killed (SIGKILL) at random times before the time in which all twelve could have been
-done, the first ones perhaps while they still listen. A line tells what came of it, the last one counts.
+Each run has random starts; eight robots are killed (SIGKILL) at random times before the time in
+which all twelve could have been done, the first ones perhaps while they still listen. A line tells
+what came of it, the last one counts.
 """
 
 from __future__ import annotations
@@ -14,9 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from shoal.search import TourCost, allocate, make_tour
-from shoal.search.problem.faults import Crash
-from shoal.search.problem.network import network_of
-from shoal.search.protocol.robot import Brief
+from shoal.search.problem.network import Crash, network_of
+from shoal.search.protocol.state import Brief
 from shoal.search.simulation.live import run_live
 from shoal.search.simulation.scenario import Scenario
 
@@ -28,7 +29,9 @@ HELLO = 0.3  # seconds; the machine may be busy
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=20)
-    parser.add_argument("--side", type=int, default=16, help="the region is a square of so many cells a side")
+    parser.add_argument(
+        "--side", type=int, default=16, help="the region is a square of so many cells a side"
+    )
     parser.add_argument("--speed", type=float, default=20.0, help="cells a second")
     parser.add_argument("--channel", default="auto")
     parser.add_argument("--seed", type=int, default=1)
@@ -41,7 +44,10 @@ def main() -> int:
         starts = rng.integers(0, len(tour_cost), ROBOTS)
         possible = allocate(tour_cost, starts).makespan
         times = rng.uniform(0.0, possible, KILLED)
-        kill = [Crash(int(robot), float(time)) for robot, time in zip(rng.permutation(ROBOTS)[:KILLED] + 1, times, strict=True)]
+        kill = [
+            Crash(int(robot), float(time))
+            for robot, time in zip(rng.permutation(ROBOTS)[:KILLED] + 1, times, strict=True)
+        ]
         descriptors = len(os.listdir("/proc/self/fd"))
         seen = run_live(
             Scenario(
@@ -60,19 +66,29 @@ def main() -> int:
         startups.append(seen.startup)
         last = max(seen.declared.values(), default=float("nan"))
         print(
-            f"run {run}: {'complete' if whole else 'NOT COMPLETE'}, {100 * seen.covered:.1f} % searched, "
-            f"{len(seen.killed)} killed, {len(seen.declared)} declared, the last at {last:.0f} "
-            f"(alone {tour_cost.whole:.0f}, all alive {possible:.0f}), {seen.lost} of {seen.heard} messages lost, "
-            f"{seen.seconds:.1f} s, {seen.channel}, left behind: {stray}",
+            f"run {run}: {'complete' if whole else 'NOT COMPLETE'}, {100 * seen.covered:.1f} %"
+            f" searched, {len(seen.killed)} killed, {len(seen.declared)} declared, the last at"
+            f" {last:.0f} (alone {tour_cost.whole:.0f}, all alive {possible:.0f}), {seen.lost} of"
+            f" {seen.heard} messages lost, {seen.seconds:.1f} s, {seen.channel}, left behind:"
+            f" {stray}",
             flush=True,
         )
-    print(f"{complete} of {options.runs} complete; at most {most} processes, sockets and descriptors left behind; ", end="")
-    print(f"processes ready after {np.median(startups):.1f} s (median), {max(startups):.1f} s at the most")
+    print(
+        f"{complete} of {options.runs} complete; at most {most} processes, sockets and descriptors"
+        " left behind; ",
+        end="",
+    )
+    print(
+        f"processes ready after {np.median(startups):.1f} s (median), {max(startups):.1f} s at the"
+        " most"
+    )
     return 0 if complete == options.runs and most == 0 else 1
 
 
 def strays() -> int:
-    """Return how many processes are left of those that this one has started: they inherit its mark."""
+    """Return how many processes are left of those that this one has started: they
+    inherit its mark.
+    """
     found = 0
     for folder in Path("/proc").glob("[0-9]*"):
         try:

@@ -31,10 +31,16 @@ def main() -> int:
         workspace = open_map(name)
         longest = 0
         for n in COUNTS:
-            episodes = run_trials(workspace, trials=trials, particles=n, policy="elect-particle", seed=n)
+            episodes = run_trials(
+                workspace, trials=trials, particles=n, policy="elect-particle", seed=n
+            )
             statuses.update(episode.status for episode in episodes)
             longest = max(longest, *(episode.moves for episode in episodes))
-        print(f"{name:<18} {trials * len(COUNTS)} episodes, longest {longest} moves, so far {dict(statuses)}", flush=True)
+        print(
+            f"{name:<18} {trials * len(COUNTS)} episodes, longest {longest} moves, so far"
+            f" {dict(statuses)}",
+            flush=True,
+        )
     return 0 if statuses == {"complete": EPISODES} else 1
 
 

@@ -1,4 +1,5 @@
-"""Mapping with noise: how right, how many moves, how honest the stated confidence is; and that every episode ends.
+"""Mapping with noise: how right, how many moves, how honest the stated confidence is; and that
+every episode ends.
 
 python -m benchmarks.noise                       200 trials of acceptance and the calibration plot (docs/images/noise.png)
 python -m benchmarks.noise --scans 1 2 4         what fewer scans cost, ten trials each
@@ -36,14 +37,22 @@ LEVELS = {
     "harder": Noise(slip=0.3, misplace=0.075, miss=0.15),
     "worst": Noise(slip=0.4, misplace=0.1, miss=0.2),
 }
-PLACES = (("vessels:500", 10), ("vessels:500", 50), ("maze:21x15", 10), ("maze:21x15", 50), ("cave:30x20", 30))
+PLACES = (
+    ("vessels:500", 10),
+    ("vessels:500", 50),
+    ("maze:21x15", 10),
+    ("maze:21x15", 50),
+    ("cave:30x20", 30),
+)
 IMAGE = Path(__file__).parents[1] / "docs" / "images" / "noise.png"
 
 
 def measure(trials: int, image: Path) -> int:
     """Print rates and moves, draw the calibration; return how many promises are broken."""
     workspace = open_map(MAP)
-    exact = np.mean([episode.moves for episode in run_trials(workspace, trials=trials, particles=PARTICLES)])
+    exact = np.mean(
+        [episode.moves for episode in run_trials(workspace, trials=trials, particles=PARTICLES)]
+    )
     print(f"{MAP}, {PARTICLES} particles, {trials} trials; without noise {exact:.1f} moves")
     curves, broken = {}, 0
     for noise in (NOISE, HARD):
@@ -51,7 +60,14 @@ def measure(trials: int, image: Path) -> int:
         for trial in range(trials):
             episode = run(workspace, particles=PARTICLES, noise=noise, trial=trial)
             errors = episode.errors
-            rows.append((errors.right, errors.false_free_rate, errors.false_obstacle_rate, episode.status == "complete"))
+            rows.append(
+                (
+                    errors.right,
+                    errors.false_free_rate,
+                    errors.false_obstacle_rate,
+                    episode.status == "complete",
+                )
+            )
             moves.append(episode.moves)
             pairs.append(stated_and_true(episode))
         right, false_free, false_obstacle, complete = np.array(rows).T
@@ -60,27 +76,51 @@ def measure(trials: int, image: Path) -> int:
         share = np.mean((stated > 0.5)[settled] == true[settled])
         text = f"slip {noise.slip:g}, misplace {noise.misplace:g}, miss {noise.miss:g}"
         print(
-            f"{text}: {np.mean(moves):.1f} moves ({np.mean(moves) / exact:.2f} times), complete {int(complete.sum())} of {trials}"
+            f"{text}: {np.mean(moves):.1f} moves ({np.mean(moves) / exact:.2f} times), complete"
+            f" {int(complete.sum())} of {trials}"
         )
-        print(f"  right {100 * right.mean():.4f} % of the cells, at worst {100 * right.min():.3f} %")
-        print(f"  false free {false_free.mean():.2e} of the walls, false obstacles {false_obstacle.mean():.2e} of the free cells")
-        print(f"  cells settled at 99 % in the middle of an episode: {100 * share:.3f} % right, of {settled.sum()}")
+        print(
+            f"  right {100 * right.mean():.4f} % of the cells, at worst {100 * right.min():.3f} %"
+        )
+        print(
+            f"  false free {false_free.mean():.2e} of the walls, false obstacles"
+            f" {false_obstacle.mean():.2e} of the free cells"
+        )
+        print(
+            f"  cells settled at 99 % in the middle of an episode: {100 * share:.3f} % right, of"
+            f" {settled.sum()}"
+        )
         curves[text] = stated, true
-        broken += (noise is NOISE) * (int(right.min() < 0.995) + int(np.mean(moves) > 2.5 * exact)) + int(share < 0.99)
+        broken += (noise is NOISE) * (
+            int(right.min() < 0.995) + int(np.mean(moves) > 2.5 * exact)
+        ) + int(share < 0.99)
     draw(curves, image)
     return broken
 
 
 def fewer_scans(every: list[int], trials: int, particles: int) -> int:
-    """Print moves, scans, cost and rates for scans after at most so many commands; return how many promises are broken."""
+    """Print moves, scans, cost and rates for scans after at most so many commands; return how many
+    promises are broken.
+    """
     workspace, broken = open_map(MAP), 0
-    print(f"{MAP}, {particles} particles, slip {NOISE.slip:g}, misplace {NOISE.misplace:g}, {trials} trials, 10 a scan, 1 a move")
+    print(
+        f"{MAP}, {particles} particles, slip {NOISE.slip:g}, misplace {NOISE.misplace:g}, {trials}"
+        " trials, 10 a scan, 1 a move"
+    )
     for step in every:
-        episodes = [run(workspace, particles=particles, noise=NOISE, trial=trial, scan_every=step) for trial in range(trials)]
-        moves, scans, cost = (np.mean([getattr(e, name) for e in episodes]) for name in ("moves", "scans", "cost"))
+        episodes = [
+            run(workspace, particles=particles, noise=NOISE, trial=trial, scan_every=step)
+            for trial in range(trials)
+        ]
+        moves, scans, cost = (
+            np.mean([getattr(e, name) for e in episodes]) for name in ("moves", "scans", "cost")
+        )
         errors = [episode.errors for episode in episodes]
         right, worst = np.mean([e.right for e in errors]), min(e.right for e in errors)
-        wrong = ", ".join(f"{sum(getattr(e, n) for e in errors)} {n}" for n in ("false_free", "false_obstacles", "undecided"))
+        wrong = ", ".join(
+            f"{sum(getattr(e, n) for e in errors)} {n}"
+            for n in ("false_free", "false_obstacles", "undecided")
+        )
         print(
             f"  scan-every {step}: {moves:.1f} moves, {scans:.1f} scans, cost {cost:.0f}; "
             f"{100 * right:.4f} % right, at worst {100 * worst:.3f} %; in all {wrong}"
@@ -90,17 +130,33 @@ def fewer_scans(every: list[int], trials: int, particles: int) -> int:
 
 
 def compare_policies(trials: int) -> int:
-    """Print, for each noise, the moves and the wrong cells of two policies; return for how many noises best is not better."""
+    """Print, for each noise, the moves and the wrong cells of two policies; return for how many
+    noises best is not better.
+    """
     worse = 0
-    print(f"{trials} paired trials each of {', '.join(f'{place} with {n}' for place, n in PLACES)} particles; confidence 0.99")
+    print(
+        f"{trials} paired trials each of {', '.join(f'{place} with {n}' for place, n in PLACES)}"
+        " particles; confidence 0.99"
+    )
     for name, noise in LEVELS.items():
-        ratios, shares, told = [], {"closest-frontier": [], "best": []}, {"closest-frontier": Counter(), "best": Counter()}
+        ratios, shares, told = (
+            [],
+            {"closest-frontier": [], "best": []},
+            {"closest-frontier": Counter(), "best": Counter()},
+        )
         for place, particles in PLACES:
             moves: dict[str, list[int]] = {}
             for policy, wrong in shares.items():
                 for trial in range(trials):
                     began = time.process_time()
-                    episode = run(place, particles=particles, noise=noise, policy=policy, trial=trial, max_moves=20_000)
+                    episode = run(
+                        place,
+                        particles=particles,
+                        noise=noise,
+                        policy=policy,
+                        trial=trial,
+                        max_moves=20_000,
+                    )
                     told[policy]["seconds"] += time.process_time() - began
                     told[policy][str(episode.status)] += 1
                     moves.setdefault(policy, []).append(episode.moves)
@@ -108,42 +164,64 @@ def compare_policies(trials: int) -> int:
             logs = np.log(moves["best"]) - np.log(moves["closest-frontier"])
             ratios.extend(logs)
             print(
-                f"  {name}, {place}, {particles} particles: closest-frontier {np.mean(moves['closest-frontier']):.0f}, "
-                f"best {np.mean(moves['best']):.0f} moves, ratio {ratio_text(logs)}",
+                f"  {name}, {place}, {particles} particles: closest-frontier"
+                f" {np.mean(moves['closest-frontier']):.0f}, best {np.mean(moves['best']):.0f}"
+                f" moves, ratio {ratio_text(logs)}",
                 flush=True,
             )
         text = f"slip {noise.slip:g}, misplace {noise.misplace:g}, miss {noise.miss:g}"
         print(f"{name} ({text}): moves of best / closest-frontier {ratio_text(np.array(ratios))}")
         for policy, wrong in shares.items():
-            ends = ", ".join(f"{count} {status}" for status, count in told[policy].items() if status != "seconds")
-            about = f"{100 * np.mean(wrong):.4f} % of the cells wrong or undecided, at worst {100 * max(wrong):.3f} %"
+            ends = ", ".join(
+                f"{count} {status}" for status, count in told[policy].items() if status != "seconds"
+            )
+            about = (
+                f"{100 * np.mean(wrong):.4f} % of the cells wrong or undecided, at worst"
+                f" {100 * max(wrong):.3f} %"
+            )
             print(f"  {policy}: {about}; {ends}; {told[policy]['seconds']:.0f} s", flush=True)
         worse += int(np.mean(ratios) > 0)
     return worse
 
 
 def few_particles(confidences: list[float], trials: int, policy: str) -> int:
-    """Print the wrong cells, the cells never classified and the moves with few particles; return how many rows break a promise."""
+    """Print the wrong cells, the cells never classified and the moves with few particles; return
+    how many rows break a promise.
+    """
     broken = 0
-    print(f"{policy}, {trials} trials a row; the shares are of the free cells and the walls of the episodes that are complete")
+    print(
+        f"{policy}, {trials} trials a row; the shares are of the free cells and the walls of the"
+        " episodes that are complete"
+    )
     for confidence in confidences:
         for name in ("usual", "scans", "hard"):
             for place in ("vessels:300", "maze:21x15"):
                 for counts in ((2, 3, 4, 5), (20,)):
                     episodes = [
-                        run(place, particles=counts[i % len(counts)], noise=LEVELS[name], policy=policy, trial=i, seed=7,
-                            confidence=confidence, max_moves=20_000)
+                        run(
+                            place,
+                            particles=counts[i % len(counts)],
+                            noise=LEVELS[name],
+                            policy=policy,
+                            trial=i,
+                            seed=7,
+                            confidence=confidence,
+                            max_moves=20_000,
+                        )
                         for i in range(trials)
-                    ]  # fmt: skip
-                    errors = [episode.errors for episode in episodes if episode.status == "complete"]
+                    ]
+                    errors = [
+                        episode.errors for episode in episodes if episode.status == "complete"
+                    ]
                     cells = max(1, sum(e.free + e.walls for e in errors))
                     wrong = sum(e.false_free + e.false_obstacles for e in errors) / cells
                     never = sum(e.undecided for e in errors) / cells
                     worst = max((1 - e.right for e in errors), default=0.0)
                     print(
-                        f"  {confidence:g}, {name}, {place}, {counts[0]} to {counts[-1]} particles: {len(errors)} complete, "
-                        f"{100 * wrong:.2f} % wrong, {100 * never:.2f} % never classified, {100 * worst:.1f} % in the worst trial, "
-                        f"{np.mean([episode.moves for episode in episodes]):.0f} moves",
+                        f"  {confidence:g}, {name}, {place}, {counts[0]} to {counts[-1]} particles:"
+                        f" {len(errors)} complete, {100 * wrong:.2f} % wrong, {100 * never:.2f} %"
+                        f" never classified, {100 * worst:.1f} % in the worst trial,"
+                        f" {np.mean([episode.moves for episode in episodes]):.0f} moves",
                         flush=True,
                     )
                     broken += int(wrong > 1 - confidence)
@@ -151,16 +229,24 @@ def few_particles(confidences: list[float], trials: int, policy: str) -> int:
 
 
 def ratio_text(logs: NDArray[np.float64]) -> str:
-    """Return the geometric mean of ratios with its 95 % interval (Student's t on the logarithms)."""
+    """Return the geometric mean of ratios with its 95 % interval (Student's t on the
+    logarithms).
+    """
     from scipy.stats import t
 
-    spread = t.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs)) if len(logs) > 1 else np.nan
+    spread = (
+        t.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs))
+        if len(logs) > 1
+        else np.nan
+    )
     middle = logs.mean()
     return f"{np.exp(middle):.2f} ({np.exp(middle - spread):.2f} to {np.exp(middle + spread):.2f})"
 
 
 def stated_and_true(episode: SwarmEpisode) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the probabilities of all cells that something is known of, after a third of the moves, and whether they are free."""
+    """Return the probabilities of all cells that something is known of, after a third of the moves,
+    and whether they are free.
+    """
     from dataclasses import replace
 
     third = episode.moves // 3
@@ -178,8 +264,16 @@ def draw(curves: dict[str, tuple[NDArray[np.float64], NDArray[np.bool_]]], image
     axes = figure.add_subplot()
     ticks = [0.001, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999]
     edges = np.linspace(-8, 8, 17)
-    axes.plot(logit(np.array([1e-4, 1 - 1e-4])), logit(np.array([1e-4, 1 - 1e-4])), color="#8f96a1", lw=1, label="honest")
-    for (name, (stated, true)), colour, mark in zip(curves.items(), ("#d55e00", "#0072b2"), "os", strict=True):
+    axes.plot(
+        logit(np.array([1e-4, 1 - 1e-4])),
+        logit(np.array([1e-4, 1 - 1e-4])),
+        color="#8f96a1",
+        lw=1,
+        label="honest",
+    )
+    for (name, (stated, true)), colour, mark in zip(
+        curves.items(), ("#d55e00", "#0072b2"), "os", strict=True
+    ):
         xs, ys, low, high = [], [], [], []
         place = np.digitize(logit(stated), edges)
         for i in range(len(edges) + 1):
@@ -187,7 +281,9 @@ def draw(curves: dict[str, tuple[NDArray[np.float64], NDArray[np.bool_]]], image
             n, free = int(inside.sum()), int(true[inside].sum())
             if n < 20:
                 continue
-            centre = (free + 2) / (n + 4)  # Agresti and Coull: an interval that is right for shares near 0 and 1, too
+            centre = (free + 2) / (
+                n + 4
+            )  # Agresti and Coull: an interval that is right for shares near 0 and 1, too
             spread = 2 * np.sqrt(centre * (1 - centre) / (n + 4))
             xs.append(logit(stated[inside].mean()))
             ys.append(logit(np.clip(free / n, 0.5 / n, 1 - 0.5 / n)))
@@ -195,7 +291,9 @@ def draw(curves: dict[str, tuple[NDArray[np.float64], NDArray[np.bool_]]], image
             high.append(logit(np.clip(centre + spread, None, 1 - 0.2 / n)))
         axes.vlines(xs, low, high, color=colour, lw=1.2)
         axes.plot(xs, ys, mark, color=colour, ms=5, label=name)
-    axes.set(xlabel="stated probability that a cell is free", ylabel="share of such cells that are free")
+    axes.set(
+        xlabel="stated probability that a cell is free", ylabel="share of such cells that are free"
+    )
     axes.set_xticks(logit(np.array(ticks)), [f"{tick:g}" for tick in ticks])
     axes.set_yticks(logit(np.array(ticks)), [f"{tick:g}" for tick in ticks])
     axes.set_xlim(-8.5, 8.5)
@@ -203,7 +301,9 @@ def draw(curves: dict[str, tuple[NDArray[np.float64], NDArray[np.bool_]]], image
     axes.grid(color="#e3e6ea", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=9, loc="upper left")
-    axes.set_title(f"{MAP}, {PARTICLES} particles, after a third of the moves", loc="left", fontsize=11)
+    axes.set_title(
+        f"{MAP}, {PARTICLES} particles, after a third of the moves", loc="left", fontsize=11
+    )
     figure.savefig(image)
 
 
@@ -213,14 +313,18 @@ def logit(share: NDArray[np.float64] | float) -> NDArray[np.float64]:
 
 
 def endings(count: int, first: int, *, mixed: bool = False) -> int:
-    """Play random episodes with noise, of random scan rules if mixed; return how many did not end of themselves."""
+    """Play random episodes with noise, of random scan rules if mixed; return how many did not end
+    of themselves.
+    """
     statuses: Counter[str] = Counter()
     began, longest = time.process_time(), 0
     for seed in range(first, first + count):
         rng = np.random.default_rng(seed)
         kind = rng.integers(4)
         if kind == 0:
-            free = rng.random(tuple(rng.integers(1, 9, size=2 if rng.random() < 0.7 else 3))) < rng.uniform(0.4, 1)
+            free = rng.random(
+                tuple(rng.integers(1, 9, size=2 if rng.random() < 0.7 else 3))
+            ) < rng.uniform(0.4, 1)
             free.flat[0] = True
         else:
             names = ("", "cave:14x10", "maze:11x9", "vessels:60")
@@ -229,30 +333,66 @@ def endings(count: int, first: int, *, mixed: bool = False) -> int:
         noise = Noise(*rng.uniform(0, rng.choice([0.02, 0.1, 0.5]), size=3))
         policy = "elect-particle" if rng.random() < 0.05 else "closest-frontier"
         confidence = float(rng.choice([0.8, 0.9, 0.99, 0.9999]))
-        n, every = int(rng.integers(1, workspace.n_free + 1)), int(rng.choice([1, 2, 4, 50])) if mixed else 1
+        n, every = (
+            int(rng.integers(1, workspace.n_free + 1)),
+            int(rng.choice([1, 2, 4, 50])) if mixed else 1,
+        )
         if policy == "elect-particle":
             every = 1  # it has to see its particle
-        episode = run(workspace, particles=n, noise=noise, policy=policy, confidence=confidence, seed=seed, scan_every=every)
+        episode = run(
+            workspace,
+            particles=n,
+            noise=noise,
+            policy=policy,
+            confidence=confidence,
+            seed=seed,
+            scan_every=every,
+        )
         statuses[episode.status] += 1
         longest = max(longest, episode.moves)
         if (seed + 1) % 1000 == 0:
-            print(f"{seed + 1}: {dict(statuses)}, longest {longest} moves, {time.process_time() - began:.0f} s", flush=True)
-    print(f"{count} episodes: {dict(statuses)}, longest {longest} moves, {time.process_time() - began:.0f} s")
+            print(
+                f"{seed + 1}: {dict(statuses)}, longest {longest} moves,"
+                f" {time.process_time() - began:.0f} s",
+                flush=True,
+            )
+    print(
+        f"{count} episodes: {dict(statuses)}, longest {longest} moves,"
+        f" {time.process_time() - began:.0f} s"
+    )
     return statuses["limit"]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, help="default 200, of --scans 10")
-    parser.add_argument("--scans", type=int, nargs="+", metavar="K", help="compare scans after at most so many commands instead")
-    parser.add_argument("--policies", action="store_true", help="compare best with closest-frontier instead")
-    parser.add_argument("--few", type=float, nargs="+", metavar="CONFIDENCE", help="measure 2 to 5 particles instead")
+    parser.add_argument(
+        "--scans",
+        type=int,
+        nargs="+",
+        metavar="K",
+        help="compare scans after at most so many commands instead",
+    )
+    parser.add_argument(
+        "--policies", action="store_true", help="compare best with closest-frontier instead"
+    )
+    parser.add_argument(
+        "--few",
+        type=float,
+        nargs="+",
+        metavar="CONFIDENCE",
+        help="measure 2 to 5 particles instead",
+    )
     parser.add_argument("--policy", default="closest-frontier", help="of --few")
     parser.add_argument("--particles", type=int, default=PARTICLES, help="of --scans")
     parser.add_argument("--image", type=Path, default=IMAGE)
     parser.add_argument("--endings", type=int, help="play so many random episodes instead")
     parser.add_argument("--first", type=int, default=0, help="the first seed of these")
-    parser.add_argument("--mixed", action="store_true", help="of these each with a scan after at most 1, 2, 4 or 50 commands")
+    parser.add_argument(
+        "--mixed",
+        action="store_true",
+        help="of these each with a scan after at most 1, 2, 4 or 50 commands",
+    )
     given = parser.parse_args()
     if given.endings:
         return int(endings(given.endings, given.first, mixed=given.mixed) > 0)

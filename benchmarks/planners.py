@@ -1,7 +1,8 @@
-"""python -m benchmarks.planners: planners against closest-frontier, on the same starts, with the gap to the lower bounds.
+"""python -m benchmarks.planners: planners against closest-frontier, on the same starts, with the
+gap to the lower bounds.
 
-Options: --trials N, --few-trials N (at n = 100), --counts 100,500, --maps htree:5000,retina, --policies best,rollout (or a
-name of VARIANTS), --tasks mapping,coverage,subset-coverage.
+Options: --trials N, --few-trials N (at n = 100), --counts 100,500, --maps htree:5000,retina,
+--policies best,rollout (or a name of VARIANTS), --tasks mapping,coverage,subset-coverage.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ MAPS = ("htree:5000", "rectangle:50x100", "line:5000", "vessels:5000")
 
 def variant(name: str, **changed: float) -> Policy:
     """Return beam-rollout with some numbers of its tuning changed."""
-    kind = type(name, (BeamRollout,), {"tuning": BeamRollout.tuning._replace(**changed), "name": name})
+    kind = type(
+        name, (BeamRollout,), {"tuning": BeamRollout.tuning._replace(**changed), "name": name}
+    )
     return kind()
 
 
@@ -65,14 +68,18 @@ def eye() -> GridWorkspace:
 
 
 def point(workspace, name: str, n: int, policy: Policy, task: str, trials: int) -> dict[str, float]:
-    """Return what a policy needs at one number of particles, and what closest-frontier needs from the same starts."""
+    """Return what a policy needs at one number of particles, and what closest-frontier needs from
+    the same starts.
+    """
     ours, theirs, gaps, seconds = [], [], [], []
     for trial in range(trials):
         began = time.process_time()
         episode = run(workspace, particles=n, trial=trial, policy=policy, task=task)
         seconds.append((time.process_time() - began) / max(1, episode.moves))
         assert episode.status == "complete", episode
-        base = run(workspace, start=episode.start, policy="closest-frontier", task=task, trial=trial)
+        base = run(
+            workspace, start=episode.start, policy="closest-frontier", task=task, trial=trial
+        )
         if task == "subset-coverage":  # the targets are drawn after the start
             base = run(workspace, particles=n, policy="closest-frontier", task=task, trial=trial)
             assert (base.targets == episode.targets).all()
@@ -83,8 +90,12 @@ def point(workspace, name: str, n: int, policy: Policy, task: str, trials: int) 
         gaps.append(episode.moves / max(1, bound.moves))
     mean = statistics.fmean(ours)
     paired = mean / statistics.fmean(theirs)
-    residuals = [(a - paired * b) / statistics.fmean(theirs) for a, b in zip(ours, theirs, strict=True)]
-    published = published_means(PUBLISHED[name]).get(n) if task == "mapping" and name in PUBLISHED else None
+    residuals = [
+        (a - paired * b) / statistics.fmean(theirs) for a, b in zip(ours, theirs, strict=True)
+    ]
+    published = (
+        published_means(PUBLISHED[name]).get(n) if task == "mapping" and name in PUBLISHED else None
+    )
     return {
         "moves": mean,
         "paired": paired,
@@ -107,7 +118,16 @@ def main() -> None:
     given = parser.parse_args()
     for task in given.tasks.split(","):
         paired = "of closest-frontier, same starts"
-        columns = ("map", "policy", "n", "moves", "of the published", paired, "times the bound", "ms a move")
+        columns = (
+            "map",
+            "policy",
+            "n",
+            "moves",
+            "of the published",
+            paired,
+            "times the bound",
+            "ms a move",
+        )
         print(f"\n{task}\n\n| {' | '.join(columns)} |")
         print("|---|---|---|---|---|---|---|---|")
         for name in given.maps.split(","):
@@ -119,14 +139,21 @@ def main() -> None:
                     at = point(workspace, name, n, policy_of(policy), task, trials)
                     fractions.append(at["fraction"])
                     pairs.append(at["paired"])
-                    public = f"{at['fraction']:.3f}" if task == "mapping" and name in PUBLISHED else ""
+                    public = (
+                        f"{at['fraction']:.3f}" if task == "mapping" and name in PUBLISHED else ""
+                    )
                     print(
-                        f"| `{name}` | {policy} | {n} | {at['moves']:.1f} | {public} | {at['paired']:.3f} ± {at['half']:.3f} "
-                        f"| {at['gap']:.1f} | {at['ms']:.2f} |",
+                        f"| `{name}` | {policy} | {n} | {at['moves']:.1f} | {public} |"
+                        f" {at['paired']:.3f} ± {at['half']:.3f} | {at['gap']:.1f} |"
+                        f" {at['ms']:.2f} |",
                         flush=True,
                     )
                 means = [float(np.exp(np.mean(np.log(values)))) for values in (fractions, pairs)]
-                print(f"| `{name}` | {policy} | geometric mean | | {means[0]:.3f} | {means[1]:.3f} | | |", flush=True)
+                print(
+                    f"| `{name}` | {policy} | geometric mean | | {means[0]:.3f} | {means[1]:.3f}"
+                    " | | |",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -7,7 +7,10 @@ import statistics
 from benchmarks.timing import process, row
 
 IMPORT = "import time; t = time.perf_counter(); import shoal; print(time.perf_counter() - t)"
-COMMAND = "import sys; from shoal.cli import run; sys.exit(run(['map', 'vessels:5000', '-n', '1000', '--json']))"
+COMMAND = (
+    "import sys; from shoal.cli import run; sys.exit(run(['map', 'vessels:5000', '-n', '1000',"
+    " '--json']))"
+)
 
 
 def bench_import() -> None:
@@ -18,4 +21,9 @@ def bench_import() -> None:
 def bench_second_run() -> None:
     process("-c", COMMAND)
     seconds = statistics.median(process("-c", COMMAND)[0] for _ in range(5))
-    row("a second shoal map vessels:5000 -n 1000, whole process", f"{seconds:.2f} s", "under 1.5 s", seconds < 1.5)
+    row(
+        "a second shoal map vessels:5000 -n 1000, whole process",
+        f"{seconds:.2f} s",
+        "under 1.5 s",
+        seconds < 1.5,
+    )

@@ -1,4 +1,6 @@
-"""python -m benchmarks.published: closest-frontier means against the published curves of paper M, Fig. 7, as a table."""
+"""python -m benchmarks.published: closest-frontier means against the published curves of paper M,
+Fig. 7, as a table.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
-"""Regions of any shape, searched and checked: python -m benchmarks.regions [--polygons N] [--counties N] [--seed S]
+"""Regions of any shape, searched and checked: python -m benchmarks.regions [--polygons N]
+[--counties N] [--seed S]
 
-Every region is swept by a plain back-and-forth order of its cells, part by part, with ways that stay inside; then the independent
-check, by Shapely alone, says what was seen. Random polygons have holes, spikes, walls and necks; the real outlines are county
-borders, scaled to a few square kilometres.
+Every region is swept by a plain back-and-forth order of its cells, part by part, with ways that
+stay inside; then the independent check, by Shapely alone, says what was seen. Random polygons have
+holes, spikes, walls and necks; the real outlines are county borders, scaled to a few square
+kilometres.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ def main() -> None:
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
     polygons = [
-        (region_of(random_polygon(rng), name=f"random {k}"), float(rng.choice([8, 20, 45]))) for k in range(options.polygons)
+        (region_of(random_polygon(rng), name=f"random {k}"), float(rng.choice([8, 20, 45])))
+        for k in range(options.polygons)
     ]
     measure("random polygons", polygons)
     measure("counties", [(county(*place), 20.0) for place in COUNTIES[: options.counties]])
@@ -39,11 +42,15 @@ def measure(name: str, cases: list[tuple[SearchRegion, float]]) -> None:
         cells += n
         results.append(result)
         if result.covered_fraction < 0.9999 or result.legs_outside:
-            print(f"  {region!r}: {result.covered_fraction:.6f}, outside {result.outside_m:g} m", flush=True)
+            print(
+                f"  {region!r}: {result.covered_fraction:.6f}, outside {result.outside_m:g} m",
+                flush=True,
+            )
     worst = 100 * min(result.covered_fraction for result in results)
     outside = sum(result.legs_outside for result in results)
     print(
-        f"{name}: {len(results)} regions, {cells} cells, least seen {worst:.6f} %, legs outside {outside}, {slowest:.1f} s at most"
+        f"{name}: {len(results)} regions, {cells} cells, least seen {worst:.6f} %, legs outside"
+        f" {outside}, {slowest:.1f} s at most"
     )
 
 

@@ -1,8 +1,10 @@
-"""Plans of random problems, each replayed by a simulator of its own: python -m benchmarks.replays [--problems N] [--seed S]
+"""Plans of random problems, each replayed by a simulator of its own: python -m benchmarks.replays
+[--problems N] [--seed S]
 
-The classes of workspaces and planners are those of tests/reference/test_clearance.py. Each solved plan is replayed with five
-contact tolerances from 1e-9 to 1e-6 of the size, as it stands and in two turned, scaled and shifted scenes. One row for each class
-and planner: how many problems are solved, how many plans miss a goal in a replay (expected: 0), and the other statuses.
+The classes of workspaces and planners are those of tests/reference/test_clearance.py. Each solved
+plan is replayed with five contact tolerances from 1e-9 to 1e-6 of the size, as it stands and in two
+turned, scaled and shifted scenes. One row for each class and planner: how many problems are solved,
+how many plans miss a goal in a replay (expected: 0), and the other statuses.
 """
 
 from __future__ import annotations
@@ -28,23 +30,45 @@ def main() -> None:
     solved = missed = 0
     for name in given.only.split(",") if given.only else CLASSES:
         make, planners, fields = CLASSES[name]
-        for planner in [one for one in planners if not given.planners or one in given.planners.split(",")]:
+        for planner in [
+            one for one in planners if not given.planners or one in given.planners.split(",")
+        ]:
             rng = np.random.default_rng(given.seed)
             found: Counter[str] = Counter()
             begun = time.process_time()
             for _ in range(given.problems):
                 space = make(rng)
-                points = np.array([place(rng, space, name == "walls", fields.get("particle_radius", 0.0)) for _ in range(4)])
-                problem = SteeringProblem(space, points[:2], points[2:], 1e-6 * space.size, planner=planner)
+                points = np.array(
+                    [
+                        place(rng, space, name == "walls", fields.get("particle_radius", 0.0))
+                        for _ in range(4)
+                    ]
+                )
+                problem = SteeringProblem(
+                    space, points[:2], points[2:], 1e-6 * space.size, planner=planner
+                )
                 episode = steer(problem, **fields)
                 found[str(episode.status)] += 1
-                if episode.status == "solved" and worst_error(episode) > episode.problem.tolerance * 1.0001:
+                if (
+                    episode.status == "solved"
+                    and worst_error(episode) > episode.problem.tolerance * 1.0001
+                ):
                     found["missed"] += 1
                     print(f"missed: {name}, {planner}: {points.tolist()}", flush=True)
             solved, missed = solved + found["solved"], missed + found["missed"]
-            rest = ", ".join(f"{status} {count}" for status, count in found.items() if status not in ("solved", "missed"))
-            row = f"{name}, {planner}: {given.problems} problems, solved {found['solved']}, missed {found['missed']}"
-            print(f"{row}{', ' if rest else ''}{rest}, {time.process_time() - begun:.0f} CPU s", flush=True)
+            rest = ", ".join(
+                f"{status} {count}"
+                for status, count in found.items()
+                if status not in ("solved", "missed")
+            )
+            row = (
+                f"{name}, {planner}: {given.problems} problems, solved {found['solved']}, missed"
+                f" {found['missed']}"
+            )
+            print(
+                f"{row}{', ' if rest else ''}{rest}, {time.process_time() - begun:.0f} CPU s",
+                flush=True,
+            )
     print(f"{solved} plans solved, {missed} missed a goal in a replay")
 
 

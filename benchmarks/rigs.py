@@ -1,4 +1,5 @@
-"""Rigs: how right maps stay when particles disappear, how often an honest rig is accused, and how often a liar is found.
+"""Rigs: how right maps stay when particles disappear, how often an honest rig is accused, and how
+often a liar is found.
 
 python -m benchmarks.rigs            20 drives for each row
 python -m benchmarks.rigs --seeds 100
@@ -15,11 +16,16 @@ from typing import Any
 import numpy as np
 
 from shoal import open_map
-from shoal.swarm.grid.placements import place
+from shoal.rigs import Drive, NoisyRig, drive
+from shoal.swarm.grid.tasks import place
 from shoal.swarm.noise.model import Noise
-from shoal.swarm.rigs import Drive, NoisyRig, drive
 
-NOISES = (Noise(0.05, 0.01, 0), Noise(0.05, 0.01, 0.05), Noise(0.2, 0.05, 0.1), Noise(0.1, 0.02, 0.3))
+NOISES = (
+    Noise(0.05, 0.01, 0),
+    Noise(0.05, 0.01, 0.05),
+    Noise(0.2, 0.05, 0.1),
+    Noise(0.1, 0.02, 0.3),
+)
 PLACES = (("maze:21x15", 8), ("cave:24x18", 20), ("vessels:300", 20), ("vessels:1000", 100))
 CONFIDENCE = 0.99
 MOST_MOVES = 3000
@@ -30,7 +36,12 @@ class LosingRig(NoisyRig):
 
     def __init__(self, *arguments: Any, at: int | None = None, every: int | None = None) -> None:
         super().__init__(*arguments)
-        self._at, self._every, self._sent, self._luck = at, every, 0, np.random.default_rng(len(self.observe()))
+        self._at, self._every, self._sent, self._luck = (
+            at,
+            every,
+            0,
+            np.random.default_rng(len(self.observe())),
+        )
 
     def _move(self, command: str) -> None:
         super()._move(command)
@@ -65,35 +76,58 @@ class LyingRig(NoisyRig):
             super()._move(letter)
 
 
-def driven(kind: type[NoisyRig], name: str, particles: int, noise: Noise, seed: int, **lie: Any) -> tuple[Drive, int, int]:
+def driven(
+    kind: type[NoisyRig], name: str, particles: int, noise: Noise, seed: int, **lie: Any
+) -> tuple[Drive, int, int]:
     """Return one drive, and the numbers of wrong and of classified cells."""
     workspace = open_map(f"{name}:{seed}")
     start = place(workspace, particles, "uniform", np.random.default_rng([seed, 1]))
     rig = kind(workspace, start, noise, np.random.default_rng([seed, 2]), **lie)
-    fields: dict[str, Any] = dict(vars(noise)) | {"confidence": CONFIDENCE, "max_moves": MOST_MOVES, "policy": "closest-frontier"}
+    fields: dict[str, Any] = dict(vars(noise)) | {
+        "confidence": CONFIDENCE,
+        "max_moves": MOST_MOVES,
+        "policy": "closest-frontier",
+    }
     result = drive(rig, seed=seed, **fields)
     return result, sum(result.compared(workspace).values()), len(result.belief.known)
 
 
 def measure_losses(seeds: int) -> int:
-    """Print the share of wrong cells when particles disappear; return how many rows exceed what the confidence promises."""
+    """Print the share of wrong cells when particles disappear; return how many rows exceed what the
+    confidence promises.
+    """
     broken = 0
-    print(f"wrong cells of the classified ones, confidence {CONFIDENCE}: no loss, one particle after 20 moves, one every 10 moves")
+    print(
+        f"wrong cells of the classified ones, confidence {CONFIDENCE}: no loss, one particle after"
+        " 20 moves, one every 10 moves"
+    )
     for name, particles in PLACES:
         for noise in NOISES:
             shares, said = [], 0
             for loss in ({}, {"at": 20}, {"every": 10}):
-                drives = [driven(LosingRig, name, particles, noise, seed, **loss) for seed in range(seeds)]
-                shares.append(sum(wrong for _, wrong, _ in drives) / sum(known for *_, known in drives))
-                said = sum(any(alarm.kind == "number" for alarm in result.alarms) for result, *_ in drives)
+                drives = [
+                    driven(LosingRig, name, particles, noise, seed, **loss) for seed in range(seeds)
+                ]
+                shares.append(
+                    sum(wrong for _, wrong, _ in drives) / sum(known for *_, known in drives)
+                )
+                said = sum(
+                    any(alarm.kind == "number" for alarm in result.alarms) for result, *_ in drives
+                )
             broken += sum(share > 1 - CONFIDENCE for share in shares)
             told = "  ".join(f"{100 * share:.3f} %" for share in shares)
-            print(f"  {name}, {particles} particles, {told_noise(noise)}: {told}  (losses said in {said} of {seeds})", flush=True)
+            print(
+                f"  {name}, {particles} particles, {told_noise(noise)}: {told}  (losses said in"
+                f" {said} of {seeds})",
+                flush=True,
+            )
     return broken
 
 
 def measure_honesty(seeds: int) -> int:
-    """Print how often an honest rig raises an alarm; return the number of drives that were stopped by one."""
+    """Print how often an honest rig raises an alarm; return the number of drives that were stopped
+    by one.
+    """
     alarms: Counter[str] = Counter()
     stopped = drives = 0
     for name, particles in PLACES:
@@ -103,12 +137,17 @@ def measure_honesty(seeds: int) -> int:
                 drives += 1
                 stopped += result.status == "alarm"
                 alarms.update(alarm.kind for alarm in result.alarms)
-    print(f"honest rigs: {drives} drives, {stopped} stopped by an alarm, marks {dict(alarms)}", flush=True)
+    print(
+        f"honest rigs: {drives} drives, {stopped} stopped by an alarm, marks {dict(alarms)}",
+        flush=True,
+    )
     return stopped
 
 
 def measure_lies(seeds: int) -> int:
-    """Print how often each lie is found; return the number of lies that gave a map which is complete and has no alarm."""
+    """Print how often each lie is found; return the number of lies that gave a map which is
+    complete and has no alarm.
+    """
     missed = 0
     for lie, carried_out in LIES.items():
         kinds: Counter[str] = Counter()
@@ -118,10 +157,14 @@ def measure_lies(seeds: int) -> int:
                 for seed in range(seeds):
                     result, *_ = driven(LyingRig, name, particles, noise, seed, lie=carried_out)
                     drives += 1
-                    kinds.update({alarm.kind for alarm in result.alarms} or {f"none, {result.status}"})
+                    kinds.update(
+                        {alarm.kind for alarm in result.alarms} or {f"none, {result.status}"}
+                    )
                     silent += bool(result) and not result.alarms
         missed += silent
-        print(f"{lie}: {drives} drives, {silent} complete without an alarm; {dict(kinds)}", flush=True)
+        print(
+            f"{lie}: {drives} drives, {silent} complete without an alarm; {dict(kinds)}", flush=True
+        )
     return missed
 
 
@@ -132,7 +175,9 @@ def told_noise(noise: Noise) -> str:
 
 def main() -> int:
     """Measure, and return 1 if a promise is broken."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--only", choices=("losses", "honesty", "lies"))
     given = parser.parse_args()

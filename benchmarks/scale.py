@@ -1,4 +1,6 @@
-"""Large maps: time a move must grow no faster than the number of cells, memory must stay under 2 GiB."""
+"""Large maps: time a move must grow no faster than the number of cells, memory must stay under 2
+GiB.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,8 @@ import json
 
 from benchmarks.timing import process, row
 
-# Runs in a process of its own, so that its peak memory is its own. An open cave with 30 % walls in blocks of 8 cells.
+# Runs in a process of its own, so that its peak memory is its own. An open cave with 30 % walls in
+# blocks of 8 cells.
 RUN = """
 import json, resource, sys
 import numpy as np
@@ -24,7 +27,9 @@ print(json.dumps({"moves": episode.moves, "seconds": episode.seconds, "classifie
 
 def measure(side: int, particles: int, moves: int) -> dict[str, float]:
     """Map a side x side workspace for so many moves in a fresh process."""
-    found: dict[str, float] = json.loads(process("-c", RUN, str(side), str(particles), str(moves))[1])
+    found: dict[str, float] = json.loads(
+        process("-c", RUN, str(side), str(particles), str(moves))[1]
+    )
     return found
 
 
@@ -36,10 +41,20 @@ def bench_growth() -> None:
         picoseconds.append(run["seconds"] / run["moves"] / side**2 * 1e12)
     figure = " / ".join(f"{value:.0f}" for value in picoseconds) + " ps"
     grows_slower = picoseconds[2] <= picoseconds[0]
-    row("time a move and cell, sides of 256 / 1024 / 4096 cells", figure, "256 to 4096: no growth", grows_slower)
+    row(
+        "time a move and cell, sides of 256 / 1024 / 4096 cells",
+        figure,
+        "256 to 4096: no growth",
+        grows_slower,
+    )
 
 
 def bench_scale() -> None:
     run = measure(4096, 1_000_000, 1000)
     figure = f"{run['seconds']:.1f} s, {run['peak'] / 2**30:.2f} GiB"
-    row("4096 x 4096, 10^6 particles, 1000 moves", figure, "under 2 GiB", run["peak"] < 2 * 2**30 and run["moves"] == 1000)
+    row(
+        "4096 x 4096, 10^6 particles, 1000 moves",
+        figure,
+        "under 2 GiB",
+        run["peak"] < 2 * 2**30 and run["moves"] == 1000,
+    )

@@ -1,6 +1,8 @@
-"""python -m benchmarks.scanning: what scanning costs on the standard maps, adaptive against a scan after every move.
+"""python -m benchmarks.scanning: what scanning costs on the standard maps, adaptive against a scan
+after every move.
 
-With --pareto FILE it also draws the Pareto fronts of moves and scans over all scan rules (docs/images/pareto.png).
+With --pareto FILE it also draws the Pareto fronts of moves and scans over all scan rules
+(docs/images/pareto.png).
 """
 
 from __future__ import annotations
@@ -15,9 +17,23 @@ from tests.swarm_runs import run_trials
 
 from shoal import open_map
 from shoal.swarm import SwarmEpisode
-from shoal.views.drawing.charts import BLUE, GRID, MUTED, ORANGE, new_figure, plain_axes, save_figure, set_title
+from shoal.views.drawing.charts import (
+    BLUE,
+    GRID,
+    MUTED,
+    ORANGE,
+    new_figure,
+    plain_axes,
+    save_figure,
+    set_title,
+)
 
-MAPS = {"line": "line:5000", "rectangle": "rectangle:50x100", "H-tree": "htree:5000", "vessels": "vessels:5000"}
+MAPS = {
+    "line": "line:5000",
+    "rectangle": "rectangle:50x100",
+    "H-tree": "htree:5000",
+    "vessels": "vessels:5000",
+}
 COUNTS = (100, 1000)
 FIXED = ("1", "2", "3", "4", "6", "8", "12", "16", "doubling", "hyper")
 SCAN_COSTS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # of adaptive rules; a move costs 1
@@ -31,19 +47,26 @@ def same_map(one: SwarmEpisode, other: SwarmEpisode) -> bool:
 
 def table(trials: int) -> None:
     """Print costs of both rules at 10 a scan and 1 a move, and their ratio; on the same seeds."""
-    print("| map | particles | every move: moves, cost | adaptive: moves, scans, cost | ratio | same maps | time a trial |")
+    print(
+        "| map | particles | every move: moves, cost | adaptive: moves, scans, cost | ratio | same"
+        " maps | time a trial |"
+    )
     print("|---|---|---|---|---|---|---|")
     for name in MAPS.values():
         workspace = open_map(name)
         for n in COUNTS:
-            every, adaptive = (run_trials(workspace, trials=trials, particles=n, scan_every=rule) for rule in ("1", "adaptive"))
+            every, adaptive = (
+                run_trials(workspace, trials=trials, particles=n, scan_every=rule)
+                for rule in ("1", "adaptive")
+            )
             costs = [statistics.fmean(e.cost for e in episodes) for episodes in (every, adaptive)]
             same = sum(same_map(a, b) for a, b in zip(every, adaptive, strict=True))
             moves, scans = means(adaptive)
             milliseconds = 1000 * statistics.fmean(e.seconds for e in adaptive)
             print(
-                f"| `{name}` | {n} | {means(every)[0]:.0f}, {costs[0]:.0f} | {moves:.0f}, {scans:.0f}, {costs[1]:.0f} | "
-                f"**{costs[1] / costs[0]:.2f}** | {same} of {trials} | {milliseconds:.0f} ms |",
+                f"| `{name}` | {n} | {means(every)[0]:.0f}, {costs[0]:.0f} | {moves:.0f},"
+                f" {scans:.0f}, {costs[1]:.0f} | **{costs[1] / costs[0]:.2f}** | {same} of {trials}"
+                f" | {milliseconds:.0f} ms |",
                 flush=True,
             )
 
@@ -54,18 +77,29 @@ def means(episodes: list[SwarmEpisode]) -> tuple[float, float]:
 
 
 def pareto(trials: int, path: Path) -> None:
-    """Draw mean scans against mean moves: fixed rules by name, adaptive rules by their price of a scan, and the front of all."""
+    """Draw mean scans against mean moves: fixed rules by name, adaptive rules by their price of a
+    scan, and the front of all.
+    """
     figure = new_figure(8.4, 11)
-    for row, (title, name) in zip(figure.subplots(len(MAPS), len(COUNTS)), MAPS.items(), strict=True):
+    for row, (title, name) in zip(
+        figure.subplots(len(MAPS), len(COUNTS)), MAPS.items(), strict=True
+    ):
         workspace = open_map(name)
         for axes, n in zip(row, COUNTS, strict=True):
             problem = {"trials": trials, "particles": n}
-            fixed = {rule: means(run_trials(workspace, **problem, scan_every=rule)) for rule in FIXED}
+            fixed = {
+                rule: means(run_trials(workspace, **problem, scan_every=rule)) for rule in FIXED
+            }
             adaptive = {
-                f"{cost:g}": means(run_trials(workspace, **problem, scan_every="adaptive", scan_cost=cost)) for cost in SCAN_COSTS
+                f"{cost:g}": means(
+                    run_trials(workspace, **problem, scan_every="adaptive", scan_cost=cost)
+                )
+                for cost in SCAN_COSTS
             }
             front = pareto_front([*fixed.values(), *adaptive.values()])
-            axes.step(*np.array(front).T, where="post", color=MUTED, lw=0.8, ls="--", label="Pareto front")
+            axes.step(
+                *np.array(front).T, where="post", color=MUTED, lw=0.8, ls="--", label="Pareto front"
+            )
             named_points(axes, fixed, "o", BLUE, "fixed rules", (5, 2))
             named_points(axes, adaptive, "s", ORANGE, "adaptive, by price of a scan", (-5, -10))
             axes.set(xscale="log", yscale="log", xlabel="moves", ylabel="scans")
@@ -80,19 +114,36 @@ def pareto(trials: int, path: Path) -> None:
     save_figure(figure, path)
 
 
-def named_points(axes: Axes, points: dict[str, tuple[float, float]], shape: str, colour: str, label: str, at: tuple) -> None:
-    """Draw points with their names beside them; where two lie close together, only the first is named."""
-    axes.plot(*np.array(list(points.values())).T, shape, color=colour, ms=4, mfc="none", label=label)
+def named_points(
+    axes: Axes,
+    points: dict[str, tuple[float, float]],
+    shape: str,
+    colour: str,
+    label: str,
+    at: tuple,
+) -> None:
+    """Draw points with their names beside them; where two lie close together, only the first is
+    named.
+    """
+    axes.plot(
+        *np.array(list(points.values())).T, shape, color=colour, ms=4, mfc="none", label=label
+    )
     named: list[tuple[float, float]] = []
     for name, (x, y) in points.items():
         if all(abs(np.log(x / a)) + abs(np.log(y / b)) > 0.16 for a, b in named):
             named.append((x, y))
-            axes.annotate(name, (x, y), xytext=at, textcoords="offset points", fontsize=7, color=colour)
+            axes.annotate(
+                name, (x, y), xytext=at, textcoords="offset points", fontsize=7, color=colour
+            )
 
 
 def pareto_front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return the points that no other beats in both, by moves."""
-    return [p for p in sorted(points) if not any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in points)]
+    return [
+        p
+        for p in sorted(points)
+        if not any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in points)
+    ]
 
 
 def main() -> None:

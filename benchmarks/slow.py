@@ -1,6 +1,8 @@
-"""How much later a search ends in which robots are slow or die: python -m benchmarks.slow [--seeds N] [--region NAME]
+"""How much later a search ends in which robots are slow or die: python -m benchmarks.slow [--seeds
+N] [--region NAME]
 
-Six robots on a ring, no messages lost and 30 %: the time until all is searched over that with six healthy robots, mean and worst.
+Six robots on a ring, no messages lost and 30 %: the time until all is searched over that with six
+healthy robots, mean and worst.
 """
 
 from __future__ import annotations

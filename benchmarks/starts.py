@@ -1,7 +1,8 @@
-"""First commands, which compile, and second ones, which load: CPU seconds in a fresh copy, also as multiples of ``import numba``.
+"""First commands, which compile, and second ones, which load: CPU seconds in a fresh copy, also as
+multiples of ``import numba``.
 
-The last column is the command's own work, such as planning: its CPU seconds if it runs once more in the same process, where all
-modules, kernels and maps are loaded.
+The last column is the command's own work, such as planning: its CPU seconds if it runs once more in
+the same process, where all modules, kernels and maps are loaded.
 
 python -m benchmarks.starts [--only planner]
 """
@@ -35,8 +36,12 @@ COMMANDS = {
 }
 # Most of their time goes into scikit-image, Matplotlib and pictures: a table of their own.
 WITH_PICTURES = {
-    "photograph and film": "map retina.png --vessels -n 300 --out result --film result/film.html --json",
-    "steering film": "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --film plan.html --json",
+    "photograph and film": (
+        "map retina.png --vessels -n 300 --out result --film result/film.html --json"
+    ),
+    "steering film": (
+        "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --film plan.html --json"
+    ),
 }
 
 
@@ -64,10 +69,23 @@ def cpu_seconds(*arguments: str, source: Path) -> float:
 def measured(*arguments: str, source: Path) -> tuple[float, str]:
     """Run a Python process on a copy of the sources; return its CPU seconds and what it printed."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONDONTWRITEBYTECODE", "SHOAL_CACHE")}
-    environment = {**kept, "PYTHONPATH": str(source), "PYTHONPYCACHEPREFIX": str(source.parent / "bytecode")}
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("PYTHONDONTWRITEBYTECODE", "SHOAL_CACHE")
+    }
+    environment = {
+        **kept,
+        "PYTHONPATH": str(source),
+        "PYTHONPYCACHEPREFIX": str(source.parent / "bytecode"),
+    }
     done = subprocess.run(
-        [sys.executable, *arguments], env=environment, capture_output=True, text=True, cwd=source.parent, check=False
+        [sys.executable, *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        cwd=source.parent,
+        check=False,
     )
     if done.returncode:
         raise SystemExit(f"{' '.join(arguments)}: {done.stderr}")
@@ -83,15 +101,23 @@ def copy_sources(folder: Path) -> Path:
 
 
 def measure(kind: str, command: str, source: Path, unit: float) -> float:
-    """Print what a command takes in a fresh copy, then once more; return the CPU seconds of the first time."""
+    """Print what a command takes in a fresh copy, then once more; return the CPU seconds of the
+    first time.
+    """
     copy_sources(source)
-    words = tuple(word.replace("_", " ") for word in command.split())  # an underscore is a blank within a word
+    words = tuple(
+        word.replace("_", " ") for word in command.split()
+    )  # an underscore is a blank within a word
     run = ("-c", "from shoal.cli import main; main()", *words)
     cpu_seconds("-c", BYTE_CODE, source=source)  # which is no part of it
     first = cpu_seconds(*run, source=source)
     second = min(cpu_seconds(*run, source=source) for _ in range(2))
     work = min(float(measured("-c", AGAIN, *words, source=source)[1]) for _ in range(2))
-    print(f"| {kind} | {first:.1f} | {first / unit:.1f} | {second:.2f} | {second / unit:.2f} | {work:.2f} |", flush=True)
+    print(
+        f"| {kind} | {first:.1f} | {first / unit:.1f} | {second:.2f} | {second / unit:.2f} |"
+        f" {work:.2f} |",
+        flush=True,
+    )
     return first
 
 
@@ -108,7 +134,10 @@ def main() -> None:
             chosen = {kind: command for kind, command in table.items() if only in (None, kind)}
             if not chosen:
                 continue
-            print("\n| command | first | times import numba | second | times import numba | own work |")
+            print(
+                "\n| command | first | times import numba | second | times import numba | own"
+                " work |"
+            )
             print("|---|---|---|---|---|---|")
             total = sum(measure(kind, command, source, unit) for kind, command in chosen.items())
             print(f"| all | {total:.1f} | {total / unit:.1f} | | | |")

@@ -1,6 +1,8 @@
-"""Planners on random instances: python -m benchmarks.steering [--instances N] [--seed S] [--only PART]
+"""Planners on random instances: python -m benchmarks.steering [--instances N] [--seed S] [--only
+PART]
 
-Every plan is played by the plain simulation of tests/reference, which shares no code with the planners.
+Every plan is played by the plain simulation of tests/reference, which shares no code with the
+planners.
 """
 
 from __future__ import annotations
@@ -15,8 +17,16 @@ from tests.reference.test_planners import SHAPES, SQUARE, adversarial, instance,
 from tests.reference.test_steering import random_point
 from tests.steering import steer
 
-from shoal.steering import Region, SteeringEpisode, SteeringProblem, cylinder, prism, region, regular_polygon
-from shoal.steering.simulation.apparatus import replay
+from shoal.steering import (
+    Region,
+    SteeringEpisode,
+    SteeringProblem,
+    cylinder,
+    prism,
+    region,
+    regular_polygon,
+)
+from shoal.steering.simulation import replay
 
 
 def row(name: str, episodes: list[SteeringEpisode], note: str = "") -> None:
@@ -27,14 +37,19 @@ def row(name: str, episodes: list[SteeringEpisode], note: str = "") -> None:
     )
     times = 1e3 * np.array([e.seconds for e in episodes[1:]])
     print(
-        f"{name:34s} solved {100 * solved:5.1f} %  length {np.mean(lengths):.4f}  moves {np.mean(moves):.3f}  "
-        f"median {np.median(times):.1f} ms, at most {times.max():.0f}  below the bound {below}{note}",
+        f"{name:34s} solved {100 * solved:5.1f} %  length {np.mean(lengths):.4f}  moves"
+        f" {np.mean(moves):.3f}  median {np.median(times):.1f} ms, at most {times.max():.0f}  below"
+        f" the bound {below}{note}",
         flush=True,
     )
 
 
 def planners(instances: int, seed: int) -> None:
-    measured(instances, seed, (("greedy", 1e-3), ("greedy", 1e-6), ("shortest", 1e-6), ("fewest-moves", 1e-6)))
+    measured(
+        instances,
+        seed,
+        (("greedy", 1e-3), ("greedy", 1e-6), ("shortest", 1e-6), ("fewest-moves", 1e-6)),
+    )
 
 
 def fewest(instances: int, seed: int) -> None:
@@ -53,7 +68,11 @@ def measured(instances: int, seed: int, cases: tuple[tuple[str, float], ...]) ->
                 missed += replayed_error(space, episodes[-1]) > tolerance
             mean = float(np.mean([e.length for e in episodes]))
             baseline = baseline or mean
-            row(f"{shape}, {planner}, {tolerance:g}", episodes, f"  missed when replayed {missed}  ratio {mean / baseline:.3f}")
+            row(
+                f"{shape}, {planner}, {tolerance:g}",
+                episodes,
+                f"  missed when replayed {missed}  ratio {mean / baseline:.3f}",
+            )
 
 
 def square(instances: int, seed: int) -> None:
@@ -65,7 +84,8 @@ def square(instances: int, seed: int) -> None:
         worst = max(worst, episode.length)
         missed += replayed_error(SQUARE, episode) > 1e-6
     print(
-        f"square, adversarial: longest of {10 * instances} {worst:.9f}, sqrt 2 + 2 = {np.sqrt(2) + 2:.9f}, missed {missed}",
+        f"square, adversarial: longest of {10 * instances} {worst:.9f}, sqrt 2 + 2 ="
+        f" {np.sqrt(2) + 2:.9f}, missed {missed}",
         flush=True,
     )
 
@@ -78,7 +98,9 @@ def friction(instances: int, seed: int) -> None:
                 statuses, moves, times, missed = [], [], [], 0
                 for _ in range(count):
                     space = make(rng)
-                    episode = steer(instance(rng, space), planner=planner, friction=coefficient, max_moves=1000)
+                    episode = steer(
+                        instance(rng, space), planner=planner, friction=coefficient, max_moves=1000
+                    )
                     statuses.append(episode.status)
                     times.append(1e3 * episode.seconds)
                     if episode.status == "solved":
@@ -86,9 +108,11 @@ def friction(instances: int, seed: int) -> None:
                         missed += replayed_error(space, episode) > 1e-6
                 may = max(1, count - statuses.count("unreachable"))
                 print(
-                    f"{shape}, friction {coefficient:g}, {planner}: {count - may} proved impossible, solved {len(moves)} of {may}: "
-                    f"{100 * len(moves) / may:.1f} %, in 100 moves {100 * sum(n <= 100 for n in moves) / may:.1f} %, "
-                    f"missed when replayed {missed}, median {np.median(moves):.0f} moves, {np.median(times[1:]):.1f} ms",
+                    f"{shape}, friction {coefficient:g}, {planner}: {count - may} proved"
+                    f" impossible, solved {len(moves)} of {may}: {100 * len(moves) / may:.1f} %, in"
+                    f" 100 moves {100 * sum(n <= 100 for n in moves) / may:.1f} %, missed when"
+                    f" replayed {missed}, median {np.median(moves):.0f} moves,"
+                    f" {np.median(times[1:]):.1f} ms",
                     flush=True,
                 )
 
@@ -99,26 +123,47 @@ def robust(instances: int, seed: int) -> None:
         for planner in ("robust", "shortest"):
             rng = np.random.default_rng(seed)
             episodes = [
-                steer(instance(rng, make(rng), 0.01), planner=planner, **noise, seed=k, max_moves=40) for k in range(instances // 2)
+                steer(
+                    instance(rng, make(rng), 0.01), planner=planner, **noise, seed=k, max_moves=40
+                )
+                for k in range(instances // 2)
             ]
             row(f"{shape}, noise, {planner}", episodes)
 
 
 def space(instances: int, seed: int) -> None:
-    for name, body in {"prism": prism(regular_polygon(5), 1.0), "cylinder": cylinder(0.5, 0.8)}.items():
+    for name, body in {
+        "prism": prism(regular_polygon(5), 1.0),
+        "cylinder": cylinder(0.5, 0.8),
+    }.items():
         for planner in ("greedy", "shortest", "fewest-moves"):
             rng = np.random.default_rng(seed)
             episodes, no_more = [], []
             for _ in range(instances // 5):
-                points = np.array([[*random_point(rng, body.base), rng.random() * body.height] for _ in range(4)])
-                episodes.append(steer(SteeringProblem(body, points[:2], points[2:]), planner=planner))
-                flat = steer(SteeringProblem(body.base, points[:2, :2], points[2:, :2]), planner=planner)
+                points = np.array(
+                    [[*random_point(rng, body.base), rng.random() * body.height] for _ in range(4)]
+                )
+                episodes.append(
+                    steer(SteeringProblem(body, points[:2], points[2:]), planner=planner)
+                )
+                flat = steer(
+                    SteeringProblem(body.base, points[:2, :2], points[2:, :2]), planner=planner
+                )
                 no_more.append(episodes[-1].moves <= flat.moves)
-            row(f"{name}, {planner}", episodes, f"  no more moves than in the plane {100 * np.mean(no_more):.1f} %")
+            row(
+                f"{name}, {planner}",
+                episodes,
+                f"  no more moves than in the plane {100 * np.mean(no_more):.1f} %",
+            )
 
 
 ROOMS = {
-    "an obstacle": (region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]]), 2),
+    "an obstacle": (
+        region(
+            [(0, 0), (4, 0), (4, 4), (0, 4)], [[(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]]
+        ),
+        2,
+    ),
     "two obstacles": (
         region(
             [(0, 0), (6, 0), (6, 4), (0, 4)],
@@ -127,7 +172,10 @@ ROOMS = {
         2,
     ),
     "an L with an obstacle": (
-        region([(0, 0), (3, 0), (3, 1.5), (1.5, 1.5), (1.5, 3), (0, 3)], [[(0.6, 0.6), (0.9, 0.6), (0.9, 0.9), (0.6, 0.9)]]),
+        region(
+            [(0, 0), (3, 0), (3, 1.5), (1.5, 1.5), (1.5, 3), (0, 3)],
+            [[(0.6, 0.6), (0.9, 0.6), (0.9, 0.9), (0.6, 0.9)]],
+        ),
         2,
     ),
     "three in the square": (SQUARE, 3),
@@ -138,7 +186,11 @@ ROOMS = {
 def sampling(instances: int, seed: int) -> None:
     for name, (room, count) in ROOMS.items():
         rng = np.random.default_rng(seed)
-        low, high = np.array(room.shape.bounds).reshape(2, 2) if isinstance(room, Region) else (np.zeros(2), np.ones(2))
+        low, high = (
+            np.array(room.shape.bounds).reshape(2, 2)
+            if isinstance(room, Region)
+            else (np.zeros(2), np.ones(2))
+        )
         episodes = []
         for _ in range(max(2, instances // 50)):
             points: list[np.ndarray] = []
@@ -146,42 +198,80 @@ def sampling(instances: int, seed: int) -> None:
                 point = low + (high - low) * rng.random(2)
                 if room.depth(point) > 0:
                     points.append(point)
-            problem = SteeringProblem(room, np.array(points[:count]), np.array(points[count:]), 1e-6 * room.size)
+            problem = SteeringProblem(
+                room, np.array(points[:count]), np.array(points[count:]), 1e-6 * room.size
+            )
             episodes.append(steer(problem, planner="sampling"))
         row(f"{name}, sampling", episodes)
 
 
 def random_region(rng: np.random.Generator) -> Region:
-    """Return a rectangle 1 wide with one to three obstacles of three to five corners, anywhere, at least 0.03 from all others."""
+    """Return a rectangle 1 wide with one to three obstacles of three to five corners, anywhere, at
+    least 0.03 from all others.
+    """
     while True:
         high, obstacles = rng.uniform(0.7, 1.0), []
         for _ in range(int(rng.integers(1, 4))):
             angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 6)))
-            center, radius = rng.uniform([0.15, 0.15 * high], [0.85, 0.85 * high]), rng.uniform(0.06, 0.16)
+            center, radius = (
+                rng.uniform([0.15, 0.15 * high], [0.85, 0.85 * high]),
+                rng.uniform(0.06, 0.16),
+            )
             obstacles.append(center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
-        shapes, inside = [Polygon(obstacle) for obstacle in obstacles], box(0.03, 0.03, 0.97, high - 0.03)
-        apart = all(one.distance(other) > 0.03 for k, one in enumerate(shapes) for other in shapes[:k])
+        shapes, inside = (
+            [Polygon(obstacle) for obstacle in obstacles],
+            box(0.03, 0.03, 0.97, high - 0.03),
+        )
+        apart = all(
+            one.distance(other) > 0.03 for k, one in enumerate(shapes) for other in shapes[:k]
+        )
         if apart and all(inside.contains(one) and one.area > 0.003 for one in shapes):
             return region([(0, 0), (1, 0), (1, high), (0, high)], obstacles)
 
 
 def noise_around_obstacles(instances: int, seed: int) -> None:
-    """Closed loops against plans that are sent as they are, on random workspaces of which each has one problem."""
+    """Closed loops against plans that are sent as they are, on random workspaces of which each has
+    one problem.
+    """
     rng, problems = np.random.default_rng(seed), []
     for _ in range(max(2, instances // 50)):
         room = random_region(rng)
         points = random_points(rng, room, 4)
         problems.append(SteeringProblem(room, points[:2], points[2:]))
-    for noise, tolerance in ((0.005, 0.05), (0.02, 0.05), (0.05, 0.05), (0.005, 0.02), (0.02, 0.02), (0.05, 0.02)):
-        loops = [steer(one, execution=noise, tolerance=tolerance, seed=k) for k, one in enumerate(problems)]
+    for noise, tolerance in (
+        (0.005, 0.05),
+        (0.02, 0.05),
+        (0.05, 0.05),
+        (0.005, 0.02),
+        (0.02, 0.02),
+        (0.05, 0.02),
+    ):
+        loops = [
+            steer(one, execution=noise, tolerance=tolerance, seed=k)
+            for k, one in enumerate(problems)
+        ]
         arrived = [e.moves for e in loops if e] or [0]
-        row(f"noise {noise:g}, tolerance {tolerance:g}", loops, f"  moves of those that arrive {np.mean(arrived):.1f}")
+        row(
+            f"noise {noise:g}, tolerance {tolerance:g}",
+            loops,
+            f"  moves of those that arrive {np.mean(arrived):.1f}",
+        )
     plans = [steer(one) for one in problems]
     for noise, tolerance in ((0.005, 0.05), (0.02, 0.05), (0.05, 0.05)):
         noisy = [one.replaced(execution=noise) for one in problems]
-        ends = [replay(one, plan.inputs, seed=k)[-1] for k, (one, plan) in enumerate(zip(noisy, plans, strict=True))]
-        arrive = [np.linalg.norm(end - one.goal, axis=1).max() <= tolerance for one, end in zip(problems, ends, strict=True)]
-        print(f"noise {noise:g}, tolerance {tolerance:g}, sent as planned: {100 * np.mean(arrive):.0f} % arrive", flush=True)
+        ends = [
+            replay(one, plan.inputs, seed=k)[-1]
+            for k, (one, plan) in enumerate(zip(noisy, plans, strict=True))
+        ]
+        arrive = [
+            np.linalg.norm(end - one.goal, axis=1).max() <= tolerance
+            for one, end in zip(problems, ends, strict=True)
+        ]
+        print(
+            f"noise {noise:g}, tolerance {tolerance:g}, sent as planned:"
+            f" {100 * np.mean(arrive):.0f} % arrive",
+            flush=True,
+        )
 
 
 def random_points(rng: np.random.Generator, room: Region, count: int) -> np.ndarray:

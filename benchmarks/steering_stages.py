@@ -1,14 +1,17 @@
-"""python -m benchmarks.steering_stages: what each stage of planning brings, on the same random problems with it and without it.
+"""python -m benchmarks.steering_stages: what each stage of planning brings, on the same random
+problems with it and without it.
 
-One row a stage: length without it over length with it, as a geometric mean of paired problems with its 95 % confidence interval
-(normal approximation, of the logarithms), the largest ratio, how many problems more are not solved, and CPU time without it over
-CPU time with it. Above 1 the stage helps.
+One row a stage: length without it over length with it, as a geometric mean of paired problems with
+its 95 % confidence interval (normal approximation, of the logarithms), the largest ratio, how many
+problems more are not solved, and CPU time without it over CPU time with it. Above 1 the stage
+helps.
 
-With --reference FILE no stage is switched off: lengths are compared with the shortest plans known, which FILE holds for this
-command. Each run adds what it finds, so that long runs make a reference for short ones.
+With --reference FILE no stage is switched off: lengths are compared with the shortest plans known,
+which FILE holds for this command. Each run adds what it finds, so that long runs make a reference
+for short ones.
 
-Options: --problems N (of each class), --classes, --only NAMES, --seed S, --reference FILE, --planning-seed S, --work W (times as
-many trees and plans around obstacles).
+Options: --problems N (of each class), --classes, --only NAMES, --seed S, --reference FILE,
+--planning-seed S, --work W (times as many trees and plans around obstacles).
 """
 
 from __future__ import annotations
@@ -29,8 +32,8 @@ from tests.reference.test_planners import SHAPES, instance
 
 from benchmarks.steering import ROOMS, random_points, random_region
 from shoal.steering import Region, SteeringProblem, SteeringTask, disk, polygon, region
-from shoal.steering.planners import make_planner, sampling, shortening, shortest
-from shoal.steering.planners.chains import improvement, search
+from shoal.steering.planners import chain_search as search
+from shoal.steering.planners import improvement, make_planner, sampling, shortest
 from shoal.steering.planners.task import path_length
 
 TOLERANCE = 1e-6  # relative to the size
@@ -43,7 +46,11 @@ def notched(rng: np.random.Generator) -> Region:
         outline = Polygon(whole.outline)
         for obstacle in whole.obstacles:
             turned = rng.uniform(0, 2 * np.pi)
-            moved = obstacle - obstacle.mean(axis=0) + [0.5 + 0.5 * np.cos(turned), 0.4 + 0.4 * np.sin(turned)]
+            moved = (
+                obstacle
+                - obstacle.mean(axis=0)
+                + [0.5 + 0.5 * np.cos(turned), 0.4 + 0.4 * np.sin(turned)]
+            )
             outline = outline.difference(Polygon(moved))
         if outline.geom_type == "Polygon" and not outline.interiors:
             return region(np.array(outline.exterior.coords)[:-1])
@@ -73,7 +80,9 @@ def many_sided(rng: np.random.Generator) -> Any:
 
 
 def convex(rng: np.random.Generator, count: int) -> Iterator[SteeringProblem]:
-    """Yield problems of a square, disks, also with distant goals, hexagons, heptagons and polygons of 20 to 60 corners."""
+    """Yield problems of a square, disks, also with distant goals, hexagons, heptagons and polygons
+    of 20 to 60 corners.
+    """
     makers = [*SHAPES.values(), many_sided]
     for k in range(count):
         room = makers[k % len(makers)](rng)
@@ -99,15 +108,21 @@ def problems_of(name: str, count: int, seed: int) -> list[SteeringProblem]:
 
 
 def without_odds(name: str) -> tuple[Any, str, Any]:
-    return shortening, "ODDS", {one: 0.0 if one == name else odds for one, odds in shortening.ODDS.items()}
+    return (
+        shortest,
+        "ODDS",
+        {one: 0.0 if one == name else odds for one, odds in shortest.ODDS.items()},
+    )
 
 
 def without_stage(number: int) -> tuple[Any, str, Any]:
-    return shortening, "STAGES", shortening.STAGES[:number] + shortening.STAGES[number + 1 :]
+    return shortest, "STAGES", shortest.STAGES[:number] + shortest.STAGES[number + 1 :]
 
 
 def stages_of(planner: str) -> dict[str, tuple[Any, str, Any]]:
-    """Return the stages of a planner: what stands in the place of an attribute of a module without each of them."""
+    """Return the stages of a planner: what stands in the place of an attribute of a module without
+    each of them.
+    """
     if planner == "shortest":
         return {
             "the chain of greedy": (shortest, "_greedy_seeds", lambda *_given: []),
@@ -116,35 +131,60 @@ def stages_of(planner: str) -> dict[str, tuple[Any, str, Any]]:
             "changes of chains": (improvement.ChainPool, "improve", lambda *_given: None),
             "changes before chains of three cycles": (improvement, "EARLY", 0),
             "chains for distant goals": (improvement, "SPIRALS", ()),
-            "contacts that slide to other sides": (improvement, "slid", lambda _query, chain: chain),
+            "contacts that slide to other sides": (
+                improvement,
+                "slid",
+                lambda _query, chain: chain,
+            ),
             "second and third chain refined": (improvement, "REFINED", 1),
             "more than one chain refined on a round wall": (search, "_POLISHED", 1),
         }
     return {
         "trees but one": (sampling, "MORE_TREES", 0),
-        **{f"{changes} changes each": without_stage(k) for k, (_, changes) in enumerate(shortening.STAGES)},
-        **{f"change: {name}": without_odds(name) for name in list(shortening.ODDS)[1:]},
+        **{
+            f"{changes} changes each": without_stage(k)
+            for k, (_, changes) in enumerate(shortest.STAGES)
+        },
+        **{f"change: {name}": without_odds(name) for name in list(shortest.ODDS)[1:]},
     }
 
 
 @contextmanager
 def more_work(work: float) -> Iterator[None]:
-    """Let the planner sampling grow so many times as many trees, and change so many times as many plans."""
+    """Let the planner sampling grow so many times as many trees, and change so many times as many
+    plans.
+    """
     trees = max(1, round(work * (sampling.MORE_TREES + 1)))
-    stages = tuple((max(1, round(work * number)), changes) for number, changes in shortening.STAGES)
-    with mock.patch.object(sampling, "MORE_TREES", trees - 1), mock.patch.object(shortening, "STAGES", stages):
+    stages = tuple((max(1, round(work * number)), changes) for number, changes in shortest.STAGES)
+    with (
+        mock.patch.object(sampling, "MORE_TREES", trees - 1),
+        mock.patch.object(shortest, "STAGES", stages),
+    ):
         yield
 
 
-def lengths(problems: list[SteeringProblem], planner: str, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the length of each plan, infinite if there is none that ends at the goals, and its CPU time."""
+def lengths(
+    problems: list[SteeringProblem], planner: str, *, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the length of each plan, infinite if there is none that ends at the goals, and its CPU
+    time.
+    """
     found, times = [], []
     for problem in problems:
-        task = SteeringTask(problem.world(gain=0.0), *problem.endpoints(0), problem.tolerance, problem.max_moves, seed)
+        task = SteeringTask(
+            problem.world(gain=0.0),
+            *problem.endpoints(0),
+            problem.tolerance,
+            problem.max_moves,
+            seed,
+        )
         begun = time.process_time()
         moves = make_planner(planner).plan(task)
         times.append(time.process_time() - begun)
-        arrives = moves is not None and task.error(task.world.play(task.start, moves)[-1]) <= task.tolerance
+        arrives = (
+            moves is not None
+            and task.error(task.world.play(task.start, moves)[-1]) <= task.tolerance
+        )
         found.append(path_length(moves) if arrives else math.inf)
     return np.array(found), np.array(times)
 
@@ -153,8 +193,15 @@ def ablation(name: str, problems: list[SteeringProblem], only: list[str]) -> Non
     planner = "shortest" if name == "convex" else "sampling"
     lengths(problems[:10], planner)  # kernels are loaded
     whole, times = lengths(problems, planner)
-    print(f"\n{name}, {planner}: {len(problems)} problems, {np.isinf(whole).sum()} not solved, {times.mean():.2f} CPU s a plan\n")
-    print("| without | length without / with | largest | not solved | CPU time without / with |\n|---|---|---|---|---|", flush=True)
+    print(
+        f"\n{name}, {planner}: {len(problems)} problems, {np.isinf(whole).sum()} not solved,"
+        f" {times.mean():.2f} CPU s a plan\n"
+    )
+    print(
+        "| without | length without / with | largest | not solved | CPU time without / with"
+        " |\n|---|---|---|---|---|",
+        flush=True,
+    )
     for stage, switched in stages_of(planner).items():
         if only and stage not in only:
             continue
@@ -176,12 +223,15 @@ def compared(name: str, problems: list[SteeringProblem], file: Path, seed: int) 
     found, times = lengths(problems, planner, seed=seed)
     known = json.loads(file.read_text()) if file.exists() else {}
     best = np.minimum(found, [known.get(problem.canonical(), math.inf) for problem in problems])
-    known |= {problem.canonical(): length for problem, length in zip(problems, best.tolist(), strict=True)}
+    known |= {
+        problem.canonical(): length for problem, length in zip(problems, best.tolist(), strict=True)
+    }
     file.write_text(json.dumps(known))
     mean, most = 100 * (np.mean(found / best) - 1), 100 * (np.max(found / best) - 1)
     print(
-        f"{name}: {len(problems)} problems, {np.isinf(found).sum()} not solved, {times.mean():.2f} CPU s a plan, "
-        f"longer than the shortest known by {mean:.1f} % in the mean, {most:.1f} % at most",
+        f"{name}: {len(problems)} problems, {np.isinf(found).sum()} not solved, {times.mean():.2f}"
+        f" CPU s a plan, longer than the shortest known by {mean:.1f} % in the mean, {most:.1f} %"
+        " at most",
         flush=True,
     )
 

@@ -1,4 +1,6 @@
-"""python -m benchmarks.store: a store of 10^6 trials: what is missing, status, export; seconds and the largest memory."""
+"""python -m benchmarks.store: a store of 10^6 trials: what is missing, status, export; seconds and
+the largest memory.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from shoal.lab import Store, Sweep
-from shoal.lab.storage.export import export, frame
-from shoal.lab.storage.integrity import faults_of
-from shoal.lab.sweeps.batches import Answer
-from shoal.lab.sweeps.sweep import trial_seed
+from shoal.lab.batches import Answer
+from shoal.lab.exchange import export, frame
+from shoal.lab.store import faults_of
+from shoal.lab.sweep import trial_seed
 from shoal.lab.versions import worker_versions
 
 TRIALS = 1_000_000
@@ -25,7 +27,9 @@ def measure(name: str, call: Callable[[], Any]) -> Any:
     began = time.perf_counter()
     result = call()
     mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"{name:24} {time.perf_counter() - began:6.2f} s, at most {mib:.0f} MiB so far", flush=True)
+    print(
+        f"{name:24} {time.perf_counter() - began:6.2f} s, at most {mib:.0f} MiB so far", flush=True
+    )
     return result
 
 
@@ -48,21 +52,33 @@ def fill(store: Store, sweep: Sweep, skip: int) -> None:
 
 def main() -> None:
     trials = int(sys.argv[1]) if len(sys.argv) > 1 else TRIALS
-    axes = {"particles": {"from": 1, "to": POINTS // 2, "step": 1}, "policy": ["closest-frontier", "elect-particle"]}
+    axes = {
+        "particles": {"from": 1, "to": POINTS // 2, "step": 1},
+        "policy": ["closest-frontier", "elect-particle"],
+    }
     problem = {"kind": "swarm", "map": "vessels:5000"}
-    sweep = Sweep(name="large", problem=problem, axes=axes, trials=trials // POINTS, paired=("policy",))
+    sweep = Sweep(
+        name="large", problem=problem, axes=axes, trials=trials // POINTS, paired=("policy",)
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "large.sqlite"
         with Store(path, write=True) as store:
             measure("fill", lambda: fill(store, sweep, skip=9973))
         print(f"{path.stat().st_size / 2**20:.0f} MiB on disk")
-        again = measure("read the spec", lambda: Sweep(**{**sweep.describe(), "paired": tuple(sweep.paired)}))
+        again = measure(
+            "read the spec", lambda: Sweep(**{**sweep.describe(), "paired": tuple(sweep.paired)})
+        )
         with Store(path) as store:
             gaps = measure("what is missing", lambda: store.missing(again))
-            assert sum(gap.stop - gap.first for gap in gaps) == sweep.total - store.status("large").done
+            assert (
+                sum(gap.stop - gap.first for gap in gaps)
+                == sweep.total - store.status("large").done
+            )
             measure("status", lambda: store.status("large"))
             measure("export to CSV", lambda: export(store, "large", Path(folder) / "large.csv"))
-            measure("export to Parquet", lambda: export(store, "large", Path(folder) / "large.parquet"))
+            measure(
+                "export to Parquet", lambda: export(store, "large", Path(folder) / "large.parquet")
+            )
             measure("check", lambda: faults_of(store))
             measure("data frame", lambda: len(frame(store, "large")))
 

@@ -1,8 +1,10 @@
-"""How the studio feels, and how it bears attacks: python -m benchmarks.studio [--attacks] [--sockets N] [--bytes N]
+"""How the studio feels, and how it bears attacks: python -m benchmarks.studio [--attacks]
+[--sockets N] [--bytes N]
 
-Without options: a table of what a hand feels, measured in headless Chromium on a studio of its own. With --attacks: connections
-that never say anything, a body that never ends, 500 jobs, three jobs whose server is killed, one that eats memory, and whether the
-studio answers, loses nothing and leaves no process behind.
+Without options: a table of what a hand feels, measured in headless Chromium on a studio of its own.
+With --attacks: connections that never say anything, a body that never ends, 500 jobs, three jobs
+whose server is killed, one that eats memory, and whether the studio answers, loses nothing and
+leaves no process behind.
 """
 
 from __future__ import annotations
@@ -46,14 +48,24 @@ class Server:
         assert found is not None
         self.address, self.port = found[0], int(found[1])
         self.seconds = time.perf_counter() - began
-        self.cookie = self.ask(self.address.partition(str(self.port))[2])[1]["set-cookie"].partition(";")[0]
+        self.cookie = self.ask(self.address.partition(str(self.port))[2])[1][
+            "set-cookie"
+        ].partition(";")[0]
 
-    def ask(self, path: str, method: str = "GET", body: object = None) -> tuple[int, dict[str, str], bytes]:
-        with contextlib.closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)) as line:
+    def ask(
+        self, path: str, method: str = "GET", body: object = None
+    ) -> tuple[int, dict[str, str], bytes]:
+        with contextlib.closing(
+            http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        ) as line:
             headers = {"cookie": getattr(self, "cookie", ""), "content-type": "application/json"}
             line.request(method, path, None if body is None else json.dumps(body), headers)
             answer = line.getresponse()
-            return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+            return (
+                answer.status,
+                {name.lower(): value for name, value in answer.getheaders()},
+                answer.read(),
+            )
 
     def processes(self) -> list[int]:
         """Return the server and all that it has started."""
@@ -61,7 +73,9 @@ class Server:
         for entry in Path("/proc").iterdir():
             if entry.name.isdigit():
                 with contextlib.suppress(OSError):
-                    parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                    parents[int(entry.name)] = int(
+                        (entry / "stat").read_text().rpartition(")")[2].split()[1]
+                    )
         found = [self.process.pid]
         for one in found:
             found += [child for child, parent in parents.items() if parent == one]
@@ -72,11 +86,17 @@ class Server:
         ticks = 0
         for one in self.processes():
             with contextlib.suppress(OSError):
-                ticks += sum(map(int, Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:13]))
+                ticks += sum(
+                    map(
+                        int, Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:13]
+                    )
+                )
         return ticks / os.sysconf("SC_CLK_TCK")
 
     def end(self, how: int = signal.SIGINT) -> list[int]:
-        """End it; return the processes that are left two seconds later; those that nobody has buried are none."""
+        """End it; return the processes that are left two seconds later; those that nobody has
+        buried are none.
+        """
         below = self.processes()
         self.process.send_signal(how)
         self.process.wait(30)
@@ -107,13 +127,20 @@ def draw_photograph(path: Path) -> None:
     pen, rng = ImageDraw.Draw(image), np.random.default_rng(1)
     for _ in range(25):
         at = np.cumsum(rng.normal(0, SIDE / 12, (8, 2)), axis=0) + SIDE / 2
-        pen.line([tuple(point) for point in at.tolist()], fill=95, width=int(rng.integers(4, 22)), joint="curve")
+        pen.line(
+            [tuple(point) for point in at.tolist()],
+            fill=95,
+            width=int(rng.integers(4, 22)),
+            joint="curve",
+        )
     noisy = np.asarray(image, float) + rng.normal(0, 6, (SIDE, SIDE))
     Image.fromarray(noisy.clip(0, 255).astype(np.uint8)).save(path)
 
 
 def measures(page: Page, name: str) -> list[float]:
-    found: list[float] = page.evaluate(f"performance.getEntriesByName('{name}').map((one) => one.duration)")
+    found: list[float] = page.evaluate(
+        f"performance.getEntriesByName('{name}').map((one) => one.duration)"
+    )
     return found
 
 
@@ -132,18 +159,30 @@ def count(page: Page, name: str, wanted: int) -> list[float]:
 
 
 def overlay(page: Page, server: Server) -> list[float]:
-    go_to(page, server, "vessels", {"problem": {"map": "photograph.png", "vessels": True, "low": 1.0}, "seed": 0})
+    go_to(
+        page,
+        server,
+        "vessels",
+        {"problem": {"map": "photograph.png", "vessels": True, "low": 1.0}, "seed": 0},
+    )
     count(page, "shoal-overlay", 2)  # the filters run once, then the exact answer comes
     slider = page.locator("[data-field=low] input[type=range]")
     for k in range(TIMES):
         before = len(measures(page, "shoal-overlay"))
-        slider.evaluate("(input, value) => { input.value = value; input.dispatchEvent(new Event('input')); }", 0.8 + 0.05 * k)
+        slider.evaluate(
+            "(input, value) => { input.value = value; input.dispatchEvent(new Event('input')); }",
+            0.8 + 0.05 * k,
+        )
         count(page, "shoal-overlay", before + 1)
     return measures(page, "shoal-overlay")[2:]
 
 
 def drag(page: Page, server: Server) -> list[float]:
-    given = {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
+    given = {
+        "workspace": "square",
+        "start": [[0.2, 0.3], [0.5, 0.35]],
+        "goal": [[0.8, 0.2], [0.3, 0.75]],
+    }
     go_to(page, server, "steering", {"problem": given, "seed": 0})
     count(page, "shoal-greedy", 1)
     box = page.get_by_role("button", name="Particle 1 at").bounding_box()
@@ -171,7 +210,13 @@ def first_frame(page: Page, server: Server) -> list[float]:
 
 
 def frames(page: Page, server: Server) -> list[float]:
-    given = {"map": "rectangle:250x250", "particles": 10_000, "policy": "random-moves", "max_moves": 3000, "task": "coverage"}
+    given = {
+        "map": "rectangle:250x250",
+        "particles": 10_000,
+        "policy": "random-moves",
+        "max_moves": 3000,
+        "task": "coverage",
+    }
     go_to(page, server, "vessels", {"problem": given, "seed": 0})
     page.locator(".underStage .facts:has-text('free')").wait_for()
     page.get_by_role("button", name="Run", exact=True).click()
@@ -182,8 +227,9 @@ def frames(page: Page, server: Server) -> list[float]:
         if frame != page.main_frame and frame.evaluate("!!window.shoalPlayer"):
             inside = frame
     rate: float = inside.evaluate(
-        "new Promise((done) => { let shown = 0; const began = performance.now(); (function next() { shown++; "
-        "if (performance.now() - began < 3000) requestAnimationFrame(next); else done(shown / 3); })(); })"
+        "new Promise((done) => { let shown = 0; const began = performance.now(); (function next() {"
+        " shown++; if (performance.now() - began < 3000) requestAnimationFrame(next); else"
+        " done(shown / 3); })(); })"
     )
     return [rate]
 
@@ -192,7 +238,8 @@ def feel() -> int:
     with served() as (server, folder), sync_playwright() as playwright:
         draw_photograph(folder / "photograph.png")
         browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--enable-gpu-rasterization"]
+            executable_path=shutil.which("chromium"),
+            args=["--no-sandbox", "--enable-gpu-rasterization"],
         )
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         began = time.perf_counter()
@@ -246,8 +293,13 @@ def attacks(sockets: int, size: int) -> int:
         check_well("none of them")
 
         sent, piece = 0, b"100000\r\n" + b"x" * 2**20 + b"\r\n"
-        head = f"PUT /api/files/huge.npy HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nCookie: {server.cookie}\r\n"
-        with contextlib.closing(socket.create_connection(("127.0.0.1", server.port), timeout=30)) as line:
+        head = (
+            f"PUT /api/files/huge.npy HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nCookie:"
+            f" {server.cookie}\r\n"
+        )
+        with contextlib.closing(
+            socket.create_connection(("127.0.0.1", server.port), timeout=30)
+        ) as line:
             line.sendall(f"{head}Transfer-Encoding: chunked\r\n\r\n".encode())
             with contextlib.suppress(OSError):
                 while sent < size:
@@ -255,16 +307,30 @@ def attacks(sockets: int, size: int) -> int:
                     sent += 2**20
         time.sleep(0.5)
         check_well(f"a body of {size >> 20} MiB without an end ({sent >> 20} MiB went)")
-        faults.extend(["a body that was cut off is kept"] * any(path.name.endswith("npy") for path in folder.iterdir()))
+        faults.extend(
+            ["a body that was cut off is kept"]
+            * any(path.name.endswith("npy") for path in folder.iterdir())
+        )
 
-        spec = {"problem": {"kind": "swarm", "map": "maze:9x7", "particles": 4, "policy": "closest-frontier"}}
+        spec = {
+            "problem": {
+                "kind": "swarm",
+                "map": "maze:9x7",
+                "particles": 4,
+                "policy": "closest-frontier",
+            }
+        }
         for seed in range(500):
             server.ask("/api/jobs", "POST", {"kind": "play", "spec": spec | {"seed": seed}})
         until = time.monotonic() + 600
-        while (counts := json.loads(server.ask("/api/jobs")[2])["counts"]).get("done", 0) < 500 and time.monotonic() < until:
+        while (counts := json.loads(server.ask("/api/jobs")[2])["counts"]).get(
+            "done", 0
+        ) < 500 and time.monotonic() < until:
             time.sleep(0.5)
         print(f"500 jobs: {counts}, {len(list(folder.glob('*.npz')))} episodes")
-        faults.extend(["a job is lost"] * (counts != {"done": 500} or len(list(folder.glob("*.npz"))) != 500))
+        faults.extend(
+            ["a job is lost"] * (counts != {"done": 500} or len(list(folder.glob("*.npz"))) != 500)
+        )
         check_well("500 jobs")
         left = kill_and_count(server, folder, spec, faults)
     with served() as (server, _):
@@ -279,28 +345,48 @@ def attacks(sockets: int, size: int) -> int:
 
 def eat(server: Server, faults: list[str]) -> None:
     """Run a job that asks for more memory than it may have; it has to fail with a sentence."""
-    spec = {"problem": {"kind": "swarm", "map": "rectangle:16000x16000", "particles": 4, "policy": "closest-frontier"}, "seed": 0}
+    spec = {
+        "problem": {
+            "kind": "swarm",
+            "map": "rectangle:16000x16000",
+            "particles": 4,
+            "policy": "closest-frontier",
+        },
+        "seed": 0,
+    }
     number = json.loads(server.ask("/api/jobs", "POST", {"kind": "play", "spec": spec})[2])["id"]
     until, job = time.monotonic() + 120, {"state": "queued"}
     while job["state"] in ("queued", "running") and time.monotonic() < until:
         time.sleep(0.2)
-        job = next(one for one in json.loads(server.ask("/api/jobs")[2])["jobs"] if one["id"] == number)
+        job = next(
+            one for one in json.loads(server.ask("/api/jobs")[2])["jobs"] if one["id"] == number
+        )
     print(f"a job that eats memory: {job['state']}, {job.get('result')}")
-    faults.extend(["a job that eats memory is not refused"] * ("memory" not in str(job.get("result"))))
+    faults.extend(
+        ["a job that eats memory is not refused"] * ("memory" not in str(job.get("result")))
+    )
 
 
-def kill_and_count(server: Server, folder: Path, spec: dict[str, dict[str, object]], faults: list[str]) -> list[int]:
-    """Kill the server while three jobs run; the next one has to finish them. Return the processes that either left behind."""
+def kill_and_count(
+    server: Server, folder: Path, spec: dict[str, dict[str, object]], faults: list[str]
+) -> list[int]:
+    """Kill the server while three jobs run; the next one has to finish them. Return the processes
+    that either left behind.
+    """
     there = len(list(folder.glob("*.npz")))
     for seed in range(3):
         long = {"problem": spec["problem"] | {"map": "maze:151x151", "particles": 30}, "seed": seed}
         server.ask("/api/jobs", "POST", {"kind": "play", "spec": long})
-    while json.loads(server.ask("/api/jobs")[2])["counts"].get("running", 0) < min(3, os.cpu_count() or 1):
+    while json.loads(server.ask("/api/jobs")[2])["counts"].get("running", 0) < min(
+        3, os.cpu_count() or 1
+    ):
         time.sleep(0.05)
     left = server.end(signal.SIGKILL)
     server = Server(folder)
     until = time.monotonic() + 300
-    while (counts := json.loads(server.ask("/api/jobs")[2])["counts"]).get("done", 0) < 503 and time.monotonic() < until:
+    while (counts := json.loads(server.ask("/api/jobs")[2])["counts"]).get(
+        "done", 0
+    ) < 503 and time.monotonic() < until:
         time.sleep(0.5)
     kept = len(list(folder.glob("*.npz"))) - there
     print(f"three jobs and a killed server: {counts}, {kept} more episodes")
@@ -309,8 +395,12 @@ def kill_and_count(server: Server, folder: Path, spec: dict[str, dict[str, objec
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--attacks", action="store_true", help="attack it, instead of measuring how it feels")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--attacks", action="store_true", help="attack it, instead of measuring how it feels"
+    )
     parser.add_argument("--sockets", type=int, default=10_000)
     parser.add_argument("--bytes", type=int, default=2**30)
     options = parser.parse_args()

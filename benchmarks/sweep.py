@@ -16,4 +16,9 @@ def bench_sweep() -> None:
     for n in range(100, 5001, 100):
         run_trials(workspace, trials=100, particles=n)
     seconds = time.perf_counter() - began
-    row("100 trials x 50 counts of closest-frontier, vessels:5000", f"{seconds:.1f} s", "under 30 s on 2 cores", seconds < 30)
+    row(
+        "100 trials x 50 counts of closest-frontier, vessels:5000",
+        f"{seconds:.1f} s",
+        "under 30 s on 2 cores",
+        seconds < 30,
+    )

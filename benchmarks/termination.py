@@ -1,4 +1,6 @@
-"""python -m benchmarks.termination [EPISODES] [FIRST]: planners end, on random maps of every kind with any number of particles."""
+"""python -m benchmarks.termination [EPISODES] [FIRST]: planners end, on random maps of every kind
+with any number of particles.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ from tests.swarm_runs import run
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps.generators import generate
 
-MAPS = ("line:{a}", "rectangle:{b}x{c}", "htree:{a}", "maze:{b}x{c}:{s}", "cave:{b}x{c}:{s}", "vessels:{d}:{s}", "noise")
+MAPS = (
+    "line:{a}",
+    "rectangle:{b}x{c}",
+    "htree:{a}",
+    "maze:{b}x{c}:{s}",
+    "cave:{b}x{c}:{s}",
+    "vessels:{d}:{s}",
+    "noise",
+)
 POLICIES = ("best", "rollout", "greedy-classify", "best:budget=20", "rollout:budget=20")
 TASKS = ("mapping", "coverage", "subset-coverage")
 RULES = ("block", "merge")
@@ -45,15 +55,30 @@ def main() -> int:
     for number in range(first, first + episodes):
         rng = np.random.default_rng([7, number])
         workspace = workspace_of(rng)
-        n = int(rng.integers(1, workspace.n_free + 1)) if rng.random() < 0.5 else int(rng.integers(1, min(6, workspace.n_free) + 1))
-        options = {"policy": str(rng.choice(POLICIES)), "task": str(rng.choice(TASKS)), "rule": str(rng.choice(RULES))}
+        n = (
+            int(rng.integers(1, workspace.n_free + 1))
+            if rng.random() < 0.5
+            else int(rng.integers(1, min(6, workspace.n_free) + 1))
+        )
+        options = {
+            "policy": str(rng.choice(POLICIES)),
+            "task": str(rng.choice(TASKS)),
+            "rule": str(rng.choice(RULES)),
+        }
         episode = run(workspace, particles=n, seed=number, max_moves=100_000, **options)
         statuses[episode.status] += 1
         longest = max(longest, episode.moves / workspace.n_free)
         if episode.status != "complete":
-            print(f"episode {number}: {workspace.name}, {n} particles, {options}: {episode.sentence}", flush=True)
+            print(
+                f"episode {number}: {workspace.name}, {n} particles, {options}: {episode.sentence}",
+                flush=True,
+            )
         if (number + 1) % 1000 == 0:
-            print(f"{number + 1 - first} episodes, {dict(statuses)}, at most {longest:.1f} moves a free cell", flush=True)
+            print(
+                f"{number + 1 - first} episodes, {dict(statuses)}, at most {longest:.1f} moves a"
+                " free cell",
+                flush=True,
+            )
     return 0 if set(statuses) == {"complete"} else 1
 
 

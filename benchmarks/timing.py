@@ -24,7 +24,9 @@ def best_seconds(run: Callable[[], object], *, repeat: int = 7) -> float:
 def process(*arguments: str) -> tuple[float, str]:
     """Run a Python process from start to end; return (seconds, what it printed)."""
     began = time.perf_counter()
-    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=ROOT, check=True, capture_output=True, text=True
+    )
     return time.perf_counter() - began, done.stdout
 
 

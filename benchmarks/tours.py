@@ -1,4 +1,5 @@
-"""Hilbert codec against two libraries, tours of a million cells, a table of metrics: python -m benchmarks.tours [--metrics]
+"""Hilbert codec against two libraries, tours of a million cells, a table of metrics: python -m
+benchmarks.tours [--metrics]
 
 The libraries are in the extra 'bench': numpy-hilbert-curve and hilbertcurve.
 """
@@ -44,15 +45,30 @@ def bench_codec() -> None:
         10 * best_seconds(lambda: curve.points_from_distances(listed), repeat=1),
         10 * best_seconds(lambda: curve.distances_from_points(points), repeat=1),
     )
-    for what, mine, numpy_curve, python_curve in zip(("decode", "encode"), ours, theirs, plain, strict=True):
+    for what, mine, numpy_curve, python_curve in zip(
+        ("decode", "encode"), ours, theirs, plain, strict=True
+    ):
         figure = f"{1e3 * mine:.1f} ms, {numpy_curve / mine:.0f} times"
-        row(f"{what} 10^6 points of order {ORDER}", figure, "30 times numpy-hilbert-curve", numpy_curve >= 30 * mine)
-        print(f"    numpy-hilbert-curve {numpy_curve:.2f} s, hilbertcurve {python_curve:.2f} s (from {some} points)", flush=True)
+        row(
+            f"{what} 10^6 points of order {ORDER}",
+            figure,
+            "30 times numpy-hilbert-curve",
+            numpy_curve >= 30 * mine,
+        )
+        print(
+            f"    numpy-hilbert-curve {numpy_curve:.2f} s, hilbertcurve {python_curve:.2f} s (from"
+            f" {some} points)",
+            flush=True,
+        )
 
 
 def bench_tours() -> None:
     """Lay each tour through a million cells, checks included."""
-    grids = {"1000 x 1000": (1000, 1000), "1200 x 1200, 30 % holes": rough(1200, 0.7), "100 x 100 x 100": (100, 100, 100)}
+    grids = {
+        "1000 x 1000": (1000, 1000),
+        "1200 x 1200, 30 % holes": rough(1200, 0.7),
+        "100 x 100 x 100": (100, 100, 100),
+    }
     for name, maker in TOURS_OF.items():
         for title, grid in grids.items():
             dimensions = len(grid) if isinstance(grid, tuple) else grid.ndim
@@ -81,15 +97,19 @@ def metrics() -> None:
         f"`{CAVE}`": open_map(CAVE).free,
         "16 × 16 × 16": (16,) * 3,
     }
-    print("| region | tour | cells | length | closing edge | turns a cell | longest step | stretch | dilation |")
+    print(
+        "| region | tour | cells | length | closing edge | turns a cell | longest step | stretch |"
+        " dilation |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for title, grid in regions.items():
         for name, maker in TOURS_OF.items():
             if (len(grid) if isinstance(grid, tuple) else grid.ndim) in maker.dimensions:
                 m = make_tour(name, grid).metrics()
                 print(
-                    f"| {title} | {name} | {m.cells} | {m.length:.1f} | {m.closing_edge:.1f} | {m.turns_per_cell:.3f} "
-                    f"| {m.longest_step:.1f} | {m.neighbour_stretch:.1f} | {m.dilation:.1f} |"
+                    f"| {title} | {name} | {m.cells} | {m.length:.1f} | {m.closing_edge:.1f} |"
+                    f" {m.turns_per_cell:.3f} | {m.longest_step:.1f} | {m.neighbour_stretch:.1f} |"
+                    f" {m.dilation:.1f} |"
                 )
 
 

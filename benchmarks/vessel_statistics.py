@@ -1,10 +1,12 @@
-"""Statistics of generated vessels, beside those of an eye: branching angles, ratios of widths, lengths, density, dead ends.
+"""Statistics of generated vessels, beside those of an eye: branching angles, ratios of widths,
+lengths, density, dead ends.
 
     python -m benchmarks.vessel_statistics [--seeds 20] [--eyes 12] [MASK.png ...]
 
-Prints a Markdown table: for each measure the mean over the networks of a column and their standard deviation. The photograph is
-that of scikit-image with the vessels that `find_vessels` finds. The drawn eyes are those of benchmarks.vessels_from_photographs.
-Further columns are pictures of your own, in which bright pixels are vessels.
+Prints a Markdown table: for each measure the mean over the networks of a column and their standard
+deviation. The photograph is that of scikit-image with the vessels that `find_vessels` finds. The
+drawn eyes are those of benchmarks.vessels_from_photographs. Further columns are pictures of your
+own, in which bright pixels are vessels.
 """
 
 from __future__ import annotations
@@ -19,8 +21,13 @@ from skimage import data
 from benchmarks.vessels_from_photographs import Eye, Mask
 from shoal.swarm.maps.files import read_map
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.maps.imaging import VesselStatistics, find_vessels, map_of_vessels, vessel_statistics
-from shoal.swarm.maps.imaging.photographs import read_photograph, resized
+from shoal.swarm.maps.imaging import (
+    VesselStatistics,
+    find_vessels,
+    map_of_vessels,
+    vessel_statistics,
+)
+from shoal.swarm.maps.imaging.segmentation import read_photograph, resized
 
 COUNTS = (1000, 5000, 20_000)
 PUBLISHED = {
@@ -40,14 +47,22 @@ def photograph() -> tuple[Mask, Mask]:
     return mask, resized(read_photograph(picture).view, mask.shape) > 0.5
 
 
-def columns(seeds: int, eyes: int, files: list[Path]) -> Iterator[tuple[str, list[VesselStatistics]]]:
+def columns(
+    seeds: int, eyes: int, files: list[Path]
+) -> Iterator[tuple[str, list[VesselStatistics]]]:
     """Yield the name of a column and the statistics of its networks."""
     for count in COUNTS:
-        yield f"`vessels:{count}`", [vessel_statistics(generate(f"vessels:{count}:{seed}")) for seed in range(seeds)]
+        yield (
+            f"`vessels:{count}`",
+            [vessel_statistics(generate(f"vessels:{count}:{seed}")) for seed in range(seeds)],
+        )
     mask, view = photograph()
     yield "photograph as a map", [vessel_statistics(map_of_vessels(mask))]
     yield "photograph", [vessel_statistics(mask, view=view)]
-    yield "drawn eyes", [vessel_statistics(eye.truth, view=eye.view) for eye in map(Eye, range(eyes))]
+    yield (
+        "drawn eyes",
+        [vessel_statistics(eye.truth, view=eye.view) for eye in map(Eye, range(eyes))],
+    )
     for path in files:
         yield path.name, [vessel_statistics(read_map(path).free)]
 
@@ -60,7 +75,9 @@ def entry(values: list[float]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--eyes", type=int, default=12)
     parser.add_argument("files", nargs="*", type=Path)
@@ -70,14 +87,20 @@ def main() -> None:
     print("|---" * (len(named) + 2) + "|")
     told = {
         name: [
-            one.summary() | {"bifurcations_measured": float(len(one.angles)), "segments": float(len(one.lengths))}
+            one.summary()
+            | {"bifurcations_measured": float(len(one.angles)), "segments": float(len(one.lengths))}
             for one in networks
         ]
         for name, networks in named.items()
     }
     for measure in next(iter(told.values()))[0]:
         cells = [entry([row[measure] for row in rows]) for rows in told.values()]
-        print(f"| {measure.replace('_', ' ')} | " + " | ".join(cells) + f" | {PUBLISHED.get(measure, '')} |", flush=True)
+        print(
+            f"| {measure.replace('_', ' ')} | "
+            + " | ".join(cells)
+            + f" | {PUBLISHED.get(measure, '')} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

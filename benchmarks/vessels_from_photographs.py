@@ -1,8 +1,11 @@
-"""Vessels in photographs whose truth is known: drawn eyes, angiograms, and pictures of other things, which are to be refused.
+"""Vessels in photographs whose truth is known: drawn eyes, angiograms, and pictures of other
+things, which are to be refused.
 
-Thresholds of `shoal.swarm.maps.imaging` were chosen on the eyes of seeds 1000 and above; what is printed is of other ones.
+Thresholds of `shoal.swarm.maps.imaging` were chosen on the eyes of seeds 1000 and above; what is
+printed is of other ones.
 
-    python -m benchmarks.vessels_from_photographs [--eyes 24] [--first 0] [--pictures] [--out FOLDER]
+    python -m benchmarks.vessels_from_photographs [--eyes 24] [--first 0] [--pictures] [--out
+    FOLDER]
 """
 
 from __future__ import annotations
@@ -22,10 +25,37 @@ from shoal.swarm.maps.imaging import find_vessels
 from shoal.swarm.maps.imaging.segmentation import photograph_response
 
 HEIGHT, WIDTH, RADIUS, FINER = 584, 565, 268, 4
-NO_VESSELS = ("page", "text", "brick", "hubble_deep_field", "gravel", "grass", "coins", "camera", "astronaut", "moon", "rocket",
-              "chelsea", "cell", "coffee", "checkerboard", "clock", "colorwheel", "horse")  # fmt: skip
+NO_VESSELS = (
+    "page",
+    "text",
+    "brick",
+    "hubble_deep_field",
+    "gravel",
+    "grass",
+    "coins",
+    "camera",
+    "astronaut",
+    "moon",
+    "rocket",
+    "chelsea",
+    "cell",
+    "coffee",
+    "checkerboard",
+    "clock",
+    "colorwheel",
+    "horse",
+)
 
-STEMS = ((110, 8.5), (-110, 8.5), (60, 5.5), (-60, 5.5), (180, 3.0), (20, 3.5), (140, 3.5), (-140, 3.5))
+STEMS = (
+    (110, 8.5),
+    (-110, 8.5),
+    (60, 5.5),
+    (-60, 5.5),
+    (180, 3.0),
+    (20, 3.5),
+    (140, 3.5),
+    (-140, 3.5),
+)
 """Of each tree: their direction from the disc, in degrees, and width in pixels."""
 
 Grey = NDArray[np.float64]
@@ -33,7 +63,9 @@ Mask = NDArray[np.bool_]
 
 
 class Eye:
-    """A drawn photograph of an eye: uint8 of shape (584, 565, 3), with its vessels and its field of view."""
+    """A drawn photograph of an eye: uint8 of shape (584, 565, 3), with its vessels and its field of
+    view.
+    """
 
     def __init__(self, seed: int) -> None:
         self.rng = rng = np.random.default_rng([seed, 7])
@@ -46,7 +78,9 @@ class Eye:
         self.fovea = self.centre + np.array([rng.normal(0, 12), -self.side * rng.uniform(20, 50)])
         self.truth: Mask = np.zeros((HEIGHT, WIDTH), dtype=bool)
         self.depth = np.zeros((HEIGHT, WIDTH))
-        for kind in range(2):  # veins, then arteries: thinner, fainter, with a reflex along the middle
+        for kind in range(
+            2
+        ):  # veins, then arteries: thinner, fainter, with a reflex along the middle
             self._grow(kind)
         self.truth &= self.view
         self.picture = self._photograph(rows, columns)
@@ -59,7 +93,8 @@ class Eye:
         waiting = [
             (
                 self.disc + rng.normal(0, 6, 2),
-                (np.radians(turn) if self.side > 0 else np.pi - np.radians(turn)) + rng.normal(0, 0.22),
+                (np.radians(turn) if self.side > 0 else np.pi - np.radians(turn))
+                + rng.normal(0, 0.22),
                 rng.uniform(0.75, 1.1) * width * (0.8 if artery else 1.0),
             )
             for turn, width in STEMS
@@ -71,7 +106,9 @@ class Eye:
                 place = place + 3 * np.array([np.sin(angle), np.cos(angle)])
                 points.append(place)
                 out = place - self.fovea
-                around = np.arctan2(out[0], out[1]) + np.pi / 2 * np.sign(np.sin(angle - np.arctan2(out[0], out[1])))
+                around = np.arctan2(out[0], out[1]) + np.pi / 2 * np.sign(
+                    np.sin(angle - np.arctan2(out[0], out[1]))
+                )
                 pull = np.sin(around - angle) * 0.035 * min(1.0, width / 4) * (np.hypot(*out) < 190)
                 bend = 0.9 * bend + rng.normal(0, 0.012)
                 angle += bend + pull
@@ -83,8 +120,12 @@ class Eye:
             if width > 1.5 and np.hypot(*(place - self.centre)) < RADIUS:
                 share = rng.uniform(0.55, 0.85)
                 side = rng.choice([-1, 1])
-                waiting.append((place, angle + side * rng.uniform(0.1, 0.35), width * share ** (1 / 2.7)))
-                waiting.append((place, angle - side * rng.uniform(0.35, 1.0), width * (1 - share) ** (1 / 2.7)))
+                waiting.append(
+                    (place, angle + side * rng.uniform(0.1, 0.35), width * share ** (1 / 2.7))
+                )
+                waiting.append(
+                    (place, angle - side * rng.uniform(0.35, 1.0), width * (1 - share) ** (1 / 2.7))
+                )
         for width in np.unique([round(2 * wide) / 2 for _, wide in lines]):
             alike = [points for points, wide in lines if round(2 * wide) / 2 == width]
             drawn = self._drawn(alike, max(1, width))
@@ -93,7 +134,9 @@ class Eye:
             depth = drawn * contrast * min(1.0, (width / 5) ** 0.6)
             if width >= 4:
                 depth -= reflex * contrast * self._drawn(alike, width / 3)
-            self.depth = np.where((drawn > 0.5) & (width >= 4), depth, np.maximum(depth, self.depth))
+            self.depth = np.where(
+                (drawn > 0.5) & (width >= 4), depth, np.maximum(depth, self.depth)
+            )
 
     @staticmethod
     def _drawn(lines: list[Any], width: float) -> Grey:
@@ -101,7 +144,12 @@ class Eye:
         sheet = Image.new("L", (FINER * WIDTH, FINER * HEIGHT))
         pen = ImageDraw.Draw(sheet)
         for points in lines:
-            pen.line([(FINER * column, FINER * row) for row, column in points], fill=255, width=round(FINER * width), joint="curve")
+            pen.line(
+                [(FINER * column, FINER * row) for row, column in points],
+                fill=255,
+                width=round(FINER * width),
+                joint="curve",
+            )
         return np.asarray(sheet.resize((WIDTH, HEIGHT), Image.Resampling.BOX), dtype=float) / 255
 
     def _field(self, wide: float) -> Grey:
@@ -111,33 +159,60 @@ class Eye:
 
     def _photograph(self, rows: Grey, columns: Grey) -> NDArray[np.uint8]:
         rng = self.rng
-        ground = rng.uniform(75, 135) * (1 + 0.1 * self._field(70) - rng.uniform(0.1, 0.35) * (self.away / RADIUS) ** 3)
-        ground += rng.uniform(0.8, 2.2) * self._field(rng.uniform(4, 9)) + rng.uniform(0, 1.5) * self._field(2)
-        ground -= rng.uniform(12, 28) * np.exp(-((rows - self.fovea[0]) ** 2 + (columns - self.fovea[1]) ** 2) / (2 * 28**2))
-        for radius, bright in ((rng.uniform(33, 44), rng.uniform(25, 60)), (rng.uniform(14, 24), rng.uniform(5, 30))):
-            from_disc = np.hypot(rows - self.disc[0], (columns - self.disc[1]) * rng.uniform(1.0, 1.15))
+        ground = rng.uniform(75, 135) * (
+            1 + 0.1 * self._field(70) - rng.uniform(0.1, 0.35) * (self.away / RADIUS) ** 3
+        )
+        ground += rng.uniform(0.8, 2.2) * self._field(rng.uniform(4, 9)) + rng.uniform(
+            0, 1.5
+        ) * self._field(2)
+        ground -= rng.uniform(12, 28) * np.exp(
+            -((rows - self.fovea[0]) ** 2 + (columns - self.fovea[1]) ** 2) / (2 * 28**2)
+        )
+        for radius, bright in (
+            (rng.uniform(33, 44), rng.uniform(25, 60)),
+            (rng.uniform(14, 24), rng.uniform(5, 30)),
+        ):
+            from_disc = np.hypot(
+                rows - self.disc[0], (columns - self.disc[1]) * rng.uniform(1.0, 1.15)
+            )
             ground += bright / (1 + np.exp((from_disc - radius) / 1.5))
-        for _ in range(rng.poisson(6) if rng.random() < 0.4 else 0):  # lesions: bright ones and dark ones
+        for _ in range(
+            rng.poisson(6) if rng.random() < 0.4 else 0
+        ):  # lesions: bright ones and dark ones
             turn, far = rng.uniform(0, 2 * np.pi), rng.uniform(40, 230)
-            place, size = self.centre + far * np.array([np.sin(turn), np.cos(turn)]), rng.uniform(2, 9)
-            spot = np.hypot((rows - place[0]) * rng.uniform(0.6, 1), columns - place[1]) + self._field(3)
+            place, size = (
+                self.centre + far * np.array([np.sin(turn), np.cos(turn)]),
+                rng.uniform(2, 9),
+            )
+            spot = np.hypot(
+                (rows - place[0]) * rng.uniform(0.6, 1), columns - place[1]
+            ) + self._field(3)
             ground += rng.choice([-18, 35]) * (0.5 - 0.5 * np.tanh((spot - size) / 1.6))
         green = ndimage.gaussian_filter(ground - self.depth, rng.uniform(0.5, 1.1))
         green += ndimage.gaussian_filter(rng.standard_normal(green.shape), 0.6) * rng.uniform(3, 8)
         red = np.clip(1.3 * ground + 60 - 0.4 * self.depth, 0, 255) + rng.normal(0, 3, green.shape)
         blue = 0.45 * ground - 0.3 * self.depth + rng.normal(0, 4, green.shape)
         edge = ndimage.gaussian_filter(self.view.astype(float), 1.0)[..., None]
-        sheet = np.stack([red, green, blue], axis=-1) * edge + np.abs(rng.normal(0, 1.5, (*green.shape, 1)))
+        sheet = np.stack([red, green, blue], axis=-1) * edge + np.abs(
+            rng.normal(0, 1.5, (*green.shape, 1))
+        )
         return np.clip(sheet, 0, 255).round().astype(np.uint8)
 
 
-def angiogram(seed: int, *, bright: bool = True, contrast: float = 75, noise: float = 9) -> tuple[NDArray[np.uint8], Mask]:
+def angiogram(
+    seed: int, *, bright: bool = True, contrast: float = 75, noise: float = 9
+) -> tuple[NDArray[np.uint8], Mask]:
     """Return a noisy angiogram of a generated network, and its vessels."""
     rng = np.random.default_rng([seed, 8])
     cells = np.pad(np.kron(generate(f"vessels:2500:{seed}"), np.ones((4, 4))), 24)
     soft = ndimage.gaussian_filter(cells, 1.5)
     ground = ndimage.gaussian_filter(rng.standard_normal(cells.shape), 40)
-    picture = 110 + 12 * ground / ground.std() + (1 if bright else -1) * contrast * soft + noise * rng.standard_normal(cells.shape)
+    picture = (
+        110
+        + 12 * ground / ground.std()
+        + (1 if bright else -1) * contrast * soft
+        + noise * rng.standard_normal(cells.shape)
+    )
     return np.clip(picture, 0, 255).round().astype(np.uint8), cells > 0.5
 
 
@@ -177,10 +252,14 @@ def _told(row: dict[str, float]) -> str:
 
 def main() -> None:
     """Measure, and print a line a picture."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--eyes", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--pictures", action="store_true", help="also angiograms, and pictures without vessels")
+    parser.add_argument(
+        "--pictures", action="store_true", help="also angiograms, and pictures without vessels"
+    )
     parser.add_argument("--out", type=Path, help="a folder for overlays")
     options = parser.parse_args()
     rows = []
@@ -189,14 +268,34 @@ def main() -> None:
         vessels = find_vessels(eye.picture)
         row = measured(vessels.mask, eye.truth, eye.view)
         auc = area_under_curve(photograph_response(eye.picture)[eye.view], eye.truth[eye.view])
-        rows.append(row | {"auc": auc, "confidence": vessels.confidence, "drawn": eye.truth.sum() / eye.view.sum()})
+        rows.append(
+            row
+            | {
+                "auc": auc,
+                "confidence": vessels.confidence,
+                "drawn": eye.truth.sum() / eye.view.sum(),
+            }
+        )
         print(f"eye {seed:5}  " + _told(rows[-1]), flush=True)
         if options.out:
             options.out.mkdir(parents=True, exist_ok=True)
-            shown = np.where((vessels.mask ^ ndimage.binary_erosion(vessels.mask))[..., None], [0, 255, 0], eye.picture)
-            both = np.hstack([eye.picture, shown.astype(np.uint8), np.repeat(255 * eye.truth[..., None], 3, 2).astype(np.uint8)])
+            shown = np.where(
+                (vessels.mask ^ ndimage.binary_erosion(vessels.mask))[..., None],
+                [0, 255, 0],
+                eye.picture,
+            )
+            both = np.hstack(
+                [
+                    eye.picture,
+                    shown.astype(np.uint8),
+                    np.repeat(255 * eye.truth[..., None], 3, 2).astype(np.uint8),
+                ]
+            )
             Image.fromarray(both).save(options.out / f"eye{seed}.png")
-    print("mean       " + _told({name: float(np.mean([row[name] for row in rows])) for name in rows[0]}))
+    print(
+        "mean       "
+        + _told({name: float(np.mean([row[name] for row in rows])) for name in rows[0]})
+    )
     if options.pictures:
         for bright in (True, False):
             picture, truth = angiogram(1, bright=bright)
@@ -205,7 +304,9 @@ def main() -> None:
         for name, picture in others().items():
             try:
                 found = find_vessels(picture)
-                told = f"confidence {found.confidence:.2f}, " + ("warned of" if found.warning else "TAKEN FOR VESSELS")
+                told = f"confidence {found.confidence:.2f}, " + (
+                    "warned of" if found.warning else "TAKEN FOR VESSELS"
+                )
             except InvalidInputError as error:
                 told = f"refused: {error}"
             print(f"{name}: {told}", flush=True)

@@ -25,12 +25,19 @@ print(json.dumps({"moves": episode.moves, "seconds": episode.seconds, "status": 
 """
 
 
-def bench_volume(policy: str = "closest-frontier", name: str = "vessels3d:1000000", particles: int = 100_000) -> None:
+def bench_volume(
+    policy: str = "closest-frontier", name: str = "vessels3d:1000000", particles: int = 100_000
+) -> None:
     """Map a vessel tree in a fresh process."""
     found = json.loads(process("-c", RUN, name, str(particles), policy, "1000000")[1])
     size = "x".join(map(str, found["shape"]))
     figure = f"{found['moves']} moves, {found['seconds']:.0f} s, {found['peak'] / 2**30:.2f} GiB"
-    row(f"{name} ({size}), {particles} particles, {policy}", figure, "under 2 GiB", found["peak"] < 2 * 2**30)
+    row(
+        f"{name} ({size}), {particles} particles, {policy}",
+        figure,
+        "under 2 GiB",
+        found["peak"] < 2 * 2**30,
+    )
 
 
 if __name__ == "__main__":

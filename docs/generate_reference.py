@@ -1,4 +1,5 @@
-"""Write docs/reference/ from the code: commands and problems from their declarations, rules of the linter from their table.
+"""Write docs/reference/ from the code: commands and problems from their declarations, rules of the
+linter from their table.
 
 A test fails if these files are not up to date.
 
@@ -18,8 +19,8 @@ from shoal.core.problem import Declaration, Problem
 from shoal.envs import REGISTERED
 from shoal.envs.options import ENVIRONMENTS, EnvOptions
 from shoal.lab.problems import KINDS, trial_problem_type
+from shoal.missions import RULES
 from shoal.search.flight.vehicle import Vehicle
-from shoal.search.missions import RULES
 
 TARGET = Path(__file__).parent / "reference"
 OPTION = re.compile(r"(?<![`\w-])--[a-z][a-z-]*")
@@ -42,35 +43,59 @@ version of Shoal.
 | command | what it does |
 |---|---|
 """
-ARGUMENTS, OPTIONS = "Arguments", "Options"  # headings of tables; other options have the heading of their fields
+ARGUMENTS, OPTIONS = (
+    "Arguments",
+    "Options",
+)  # headings of tables; other options have the heading of their fields
 
 
 def commands() -> str:
     """Return the text of docs/reference/commands.md."""
     made = {name: command(name) for name in COMMANDS}
-    rows = (cells(f"[`shoal {name}`](#shoal-{name.replace(' ', '-')})", said(one.help)[0]) for name, one in made.items())
+    rows = (
+        cells(f"[`shoal {name}`](#shoal-{name.replace(' ', '-')})", said(one.help)[0])
+        for name, one in made.items()
+    )
     return INTRO + "".join(rows) + "".join(command_section(name, one) for name, one in made.items())
 
 
 def command_section(name: str, one: TyperCommand) -> str:
-    """Return how a command is written, what it does, an example, and the tables of its arguments and options."""
+    """Return how a command is written, what it does, an example, and the tables of its arguments
+    and options.
+    """
     tables: dict[str, list[str]] = {ARGUMENTS: [], OPTIONS: []}
     shown = [parameter for parameter in one.params if not getattr(parameter, "hidden", False)]
     for parameter in shown:
         heading = ARGUMENTS if is_argument(parameter) else parameter.rich_help_panel or OPTIONS
         tables.setdefault(heading, []).append(parameter_row(parameter))
-    arguments = [(names_of(parameter)[0], parameter.required) for parameter in shown if is_argument(parameter)]
-    usage = " ".join(["shoal", name, *(text if required else f"[{text}]" for text, required in arguments), "[OPTIONS]"])
+    arguments = [
+        (names_of(parameter)[0], parameter.required)
+        for parameter in shown
+        if is_argument(parameter)
+    ]
+    usage = " ".join(
+        [
+            "shoal",
+            name,
+            *(text if required else f"[{text}]" for text, required in arguments),
+            "[OPTIONS]",
+        ]
+    )
     example = f"Example: `{one.epilog.removeprefix('Example: ')}`"
     parts = [f"## shoal {name}", f"`{usage}`", *said(one.help), example]
     for heading, rows in tables.items():
         if rows:
-            parts += [f"**{heading}**", f"| name | type | default | meaning |\n|---|---|---|---|\n{''.join(rows)}".rstrip()]
+            parts += [
+                f"**{heading}**",
+                f"| name | type | default | meaning |\n|---|---|---|---|\n{''.join(rows)}".rstrip(),
+            ]
     return "\n" + "\n\n".join(parts) + "\n"
 
 
 def is_argument(parameter: Any) -> bool:
-    """Return whether a parameter of a command is an argument, which has no name on the command line."""
+    """Return whether a parameter of a command is an argument, which has no name on the command
+    line.
+    """
     return not parameter.opts[0].startswith("-")
 
 
@@ -92,7 +117,12 @@ def parameter_row(parameter: Any) -> str:
     shown = parameter.default if parameter.show_default is True else parameter.show_default
     without = shown is None or shown is False or shown == ""
     default = "required" if parameter.required else "" if without else f"`{shown}`"
-    return cells(", ".join(f"`{name}`" for name in names_of(parameter)), typed, default, " ".join(parameter.help.split()))
+    return cells(
+        ", ".join(f"`{name}`" for name in names_of(parameter)),
+        typed,
+        default,
+        " ".join(parameter.help.split()),
+    )
 
 
 def cells(*texts: str) -> str:
@@ -119,7 +149,11 @@ def problems() -> str:
 def section(kind: str, problem: type[Problem]) -> str:
     """Return the table of one kind of problem."""
     measures = problem.measures if isinstance(problem.measures, tuple) else ()
-    measured = f"\nFor each trial, a sweep stores {', '.join(f'`{name}`' for name in measures)}.\n" if measures else ""
+    measured = (
+        f"\nFor each trial, a sweep stores {', '.join(f'`{name}`' for name in measures)}.\n"
+        if measures
+        else ""
+    )
     return f'\n## kind = "{kind}"\n\n{table(problem)}{measured}'
 
 
@@ -145,10 +179,13 @@ environments](../how-to/environments.md) shows examples of environments.
 def environments() -> str:
     """Return the text of docs/reference/environments.md."""
     rows = [
-        f"| `{name}` | `{entry.partition(':')[2]}` | {', '.join(f'`{key}={value!r}`' for key, value in options.items())} |\n"
+        f"| `{name}` | `{entry.partition(':')[2]}` |"
+        f" {', '.join(f'`{key}={value!r}`' for key, value in options.items())} |\n"
         for name, (entry, options) in REGISTERED.items()
     ]
-    return ENVIRONMENT_PAGE + "".join(rows) + "".join(environment(options) for options in ENVIRONMENTS)
+    return (
+        ENVIRONMENT_PAGE + "".join(rows) + "".join(environment(options) for options in ENVIRONMENTS)
+    )
 
 
 def environment(options: type[EnvOptions]) -> str:
@@ -156,7 +193,8 @@ def environment(options: type[EnvOptions]) -> str:
     kind = options.part.partition("-")[0]
     without = ", ".join(f"`{name}`" for name in options.decided)
     return (
-        f"\n## {kind.capitalize()}\n\n{table(options)}\nFields of the problem that are not options of the environment: {without}.\n"
+        f"\n## {kind.capitalize()}\n\n{table(options)}\nFields of the problem that are not options"
+        f" of the environment: {without}.\n"
     )
 
 
@@ -164,21 +202,27 @@ def row(declared: Declaration) -> str:
     """Return the row of one field."""
     option = declared.option
     kind = TYPES.get(declared.type, option.metavar or "value")
-    default = "" if declared.required else "none" if declared.default is None else f"`{declared.default}`"
+    default = (
+        "" if declared.required else "none" if declared.default is None else f"`{declared.default}`"
+    )
     limits = [
         f"one of {', '.join(f'`{choice}`' for choice in option.choices)}" if option.choices else "",
         f"range: {declared.range}" if declared.range else "",
         f"unit: {option.unit}" if option.unit else "",
     ]
     told = "; ".join(filter(None, limits))
-    meaning = re.sub(r"\.( |$)", lambda end: f" ({told}){end[0]}", option.help, count=1) if told else option.help
+    meaning = (
+        re.sub(r"\.( |$)", lambda end: f" ({told}){end[0]}", option.help, count=1)
+        if told
+        else option.help
+    )
     return cells(f"`{declared.name}`", kind, default, meaning)
 
 
 LINTER = """# Rules of the mission linter
 
 The mission linter reads mission files and reports mistakes. To run the linter, use the command `shoal missions check` or the
-function `shoal.search.missions.lint(path_or_folder, region)`. For each mistake, the linter names the file, the place in the
+function `shoal.missions.checking(path_or_folder, region)`. For each mistake, the linter names the file, the place in the
 file, the rule, the expected value and the value in the file. The function `read_mission` refuses a file with an error that is
 marked * in the table. [Missions](../concepts/missions.md) explains how Shoal writes mission files.
 
@@ -195,11 +239,19 @@ landing points of different vehicles (rule `homes-near`).
 
 def linter() -> str:
     """Return the text of docs/reference/mission-linter.md."""
-    rows = (f"| `{name}` | {rule.severity} | {rule.meaning}{' *' * rule.fatal} |\n" for name, rule in RULES.items())
+    rows = (
+        f"| `{name}` | {rule.severity} | {rule.meaning}{' *' * rule.fatal} |\n"
+        for name, rule in RULES.items()
+    )
     return LINTER + "".join(rows)
 
 
-PAGES = {"commands.md": commands, "problems.md": problems, "environments.md": environments, "mission-linter.md": linter}
+PAGES = {
+    "commands.md": commands,
+    "problems.md": problems,
+    "environments.md": environments,
+    "mission-linter.md": linter,
+}
 
 if __name__ == "__main__":
     for name, made in PAGES.items():

@@ -22,7 +22,10 @@ COLOURS = 128
 
 def blocks_of(text: str) -> dict[str, str]:
     """Return the code that makes each file, by the file's name."""
-    return {re.findall(r'"([\w-]+\.(?:png|gif))"', block)[-1]: block for block in re.findall(r"```python\n(.*?)```", text, re.S)}
+    return {
+        re.findall(r'"([\w-]+\.(?:png|gif))"', block)[-1]: block
+        for block in re.findall(r"```python\n(.*?)```", text, re.S)
+    }
 
 
 def main() -> None:

@@ -1,4 +1,5 @@
-"""Draw the packages of Shoal in their layers: what stands higher may import what stands lower. Made from pyproject.toml.
+"""Draw the packages of Shoal in their layers: what stands higher may import what stands lower. Made
+from pyproject.toml.
 
 Run: python docs/make_house_image.py
 """
@@ -23,7 +24,9 @@ COLOURS = {"swarm": BLUE, "steering": ORANGE, "search": GREEN}
 
 def layers() -> list[list[str]]:
     """Return the packages of each layer, the highest first."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
     rows = next(one["layers"] for one in contracts if one.get("containers") == ["shoal"])
     return [[name.strip() for name in row.split("|")] for row in rows]
 
@@ -32,7 +35,12 @@ def purpose(name: str) -> str:
     """Return the first sentence that a package or module says of itself."""
     base = ROOT / "src" / "shoal" / name
     path = base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
-    said = (ast.get_docstring(ast.parse(path.read_text())) or "").split("\n\n")[0].replace("\n", " ").replace("``", "")
+    said = (
+        (ast.get_docstring(ast.parse(path.read_text())) or "")
+        .split("\n\n")[0]
+        .replace("\n", " ")
+        .replace("``", "")
+    )
     return said.split(". ")[0].rstrip(".")
 
 
@@ -48,11 +56,28 @@ def house() -> Figure:
         for place, name in enumerate(row):
             left, top = place * side + GAP / 2, -number * HEIGHT - GAP / 2
             colour = COLOURS.get(name, MUTED)
-            style = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": colour, "ec": "none", "alpha": 0.15}
-            axes.add_patch(FancyBboxPatch((left, top - HEIGHT + GAP), side - GAP, HEIGHT - GAP, **style))
-            axes.text(left + 0.12, top - 0.2, name, color=INK, fontsize=11, fontweight="bold", va="center")
+            style = {
+                "boxstyle": "round,pad=0,rounding_size=0.06",
+                "fc": colour,
+                "ec": "none",
+                "alpha": 0.15,
+            }
+            axes.add_patch(
+                FancyBboxPatch((left, top - HEIGHT + GAP), side - GAP, HEIGHT - GAP, **style)
+            )
+            axes.text(
+                left + 0.12, top - 0.2, name, color=INK, fontsize=11, fontweight="bold", va="center"
+            )
             told = textwrap.wrap(purpose(name), width=int(side * 16.2 - 1))
-            axes.text(left + 0.12, top - 0.32, "\n".join(told[:3]), color=INK, fontsize=6.6, va="top", linespacing=1.25)
+            axes.text(
+                left + 0.12,
+                top - 0.32,
+                "\n".join(told[:3]),
+                color=INK,
+                fontsize=6.6,
+                va="top",
+                linespacing=1.25,
+            )
     return figure
 
 

@@ -1,8 +1,10 @@
-"""Draw the pictures of the documentation: mapping, the theory's figures, tours, searches, steering and the figures of paper W.
+"""Draw the pictures of the documentation: mapping, the theory's figures, tours, searches, steering
+and the figures of paper W.
 
-Run: python -m docs.make_images [mapping] [vessels] [theory] [tours] [searches] [steering], without a name for all.
-(pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto docs/images/pareto.png)
-(learning-curve.png, too: python examples/reinforce_mapping.py --plot docs/images/learning-curve.png)
+Run: python -m docs.make_images [mapping] [vessels] [theory] [tours] [searches] [steering], without
+a name for all. (pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto
+docs/images/pareto.png) (learning-curve.png, too: python examples/reinforce_mapping.py --plot
+docs/images/learning-curve.png)
 """
 
 from __future__ import annotations
@@ -24,27 +26,56 @@ from shoal import open_map
 from shoal.core.errors import InvalidInputError
 from shoal.papers.mapping.line import DECADES, simultaneous
 from shoal.papers.recipe import published_curve
-from shoal.papers.steering.antipodes import swap_antipodes
-from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
-from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES
-from shoal.papers.steering.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_fractions
+from shoal.papers.steering.figures import (
+    antipode_errors,
+    disk_fractions,
+    disk_sets,
+    fraction_curves,
+    goal_maps,
+    largest_two_move_fraction,
+    polygon_fractions,
+    reachable_sets,
+    swap_antipodes,
+)
+from shoal.papers.steering.shortest_paths import DISK_GOALS, DISK_START, SQUARE_CASES
 from shoal.search import SearchProblem, make_tour
-from shoal.search.allocation.expected_time import expected_time, stay_share
-from shoal.search.problem.faults import Crash, Pause
+from shoal.search.allocation.costs import expected_time, stay_share
+from shoal.search.problem.network import Crash, Pause
 from shoal.search.run import run as run_search
-from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, region, regular_polygon
+from shoal.steering import (
+    SteeringProblem,
+    disk,
+    open_workspace,
+    polygon_reach,
+    region,
+    regular_polygon,
+)
 from shoal.steering.run import run as steer
-from shoal.swarm.maps.imaging import centre_lines
+from shoal.swarm.maps.imaging import network as centre_lines
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
 from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers
-from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, new_figure, plain_axes, save_figure, set_title
-from shoal.views.search.figures import routes_figure
-from shoal.views.search.timeline import timeline_figure
-from shoal.views.search.tours import tour_figure
+from shoal.views.drawing.charts import (
+    BLUE,
+    GREEN,
+    INK,
+    MUTED,
+    ORANGE,
+    PURPLE,
+    new_figure,
+    plain_axes,
+    save_figure,
+    set_title,
+)
+from shoal.views.search.figures import routes_figure, timeline_figure, tour_figure
 from shoal.views.steering.figures import plan_figure, reach_figure
 from shoal.views.swarm.figures import frontier_figure, map_figure
-from shoal.views.swarm.theory import gap_distributions, move_distributions, schedule_ratios, simultaneous_ratios
+from shoal.views.swarm.theory import (
+    gap_distributions,
+    move_distributions,
+    schedule_ratios,
+    simultaneous_ratios,
+)
 
 FOLDER = Path(__file__).parent / "images"
 MAP, PARTICLES, SEED = "vessels:5000", 300, 1
@@ -52,7 +83,14 @@ TRIALS = 1_000_000
 
 
 def main() -> None:
-    parts = {"mapping": mapping, "vessels": vessels, "theory": theory, "tours": tours, "searches": searches, "steering": steering}
+    parts = {
+        "mapping": mapping,
+        "vessels": vessels,
+        "theory": theory,
+        "tours": tours,
+        "searches": searches,
+        "steering": steering,
+    }
     for name in sys.argv[1:] or parts:
         parts[name]()
 
@@ -65,7 +103,13 @@ def mapping() -> None:
     save("mapping-frontier.png", frontier_figure([episode]))
     tree = run(open_map("vessels3d:6000"), particles=600, seed=SEED)
     save("volume.png", map_figure(tree, moves=tree.moves // 4), colours=256)
-    hazy = run(open_map("vessels:1000"), particles=60, seed=2, noise=Noise(slip=0.1, misplace=0.05), confidence=0.8)
+    hazy = run(
+        open_map("vessels:1000"),
+        particles=60,
+        seed=2,
+        noise=Noise(slip=0.1, misplace=0.05),
+        confidence=0.8,
+    )
     save("noise-map.png", map_figure(hazy, moves=hazy.moves // 3))
 
 
@@ -73,23 +117,36 @@ def vessels() -> None:
     """Draw the centre lines of generated vessels beside those of an eye."""
     from benchmarks.vessel_statistics import photograph
 
-    maps = {"vessels:2000:1": open_map("vessels:2000:1").free, "vessels found in a photograph of a retina": photograph()[0]}
+    maps = {
+        "vessels:2000:1": open_map("vessels:2000:1").free,
+        "vessels found in a photograph of a retina": photograph()[0],
+    }
     save("vessel-trees.png", centre_lines_figure(maps), colours=64)
 
 
 def tours() -> None:
     """Draw tours of a rectangle, of a cave and of a box."""
     save("tour-rectangle.png", tour_figure(make_tour("hilbert-rectangle", (24, 32))))
-    save("tour-spanning-tree.png", tour_figure(make_tour("spanning-tree", open_map("cave:64x48:1").free)))
+    save(
+        "tour-spanning-tree.png",
+        tour_figure(make_tour("spanning-tree", open_map("cave:64x48:1").free)),
+    )
     save("tour-space.png", tour_figure(make_tour("hilbert-rectangle", (6, 8, 10))))
 
 
 def searches() -> None:
-    """Draw a search in which a robot dies, what each robot did, and the expected time of paper H, Fig. 5."""
+    """Draw a search in which a robot dies, what each robot did, and the expected time of paper H,
+    Fig. 5.
+    """
     faults = (Crash(2, 20.0), Pause(3, 5, 40))
-    episode = run_search(SearchProblem("ring:200x150", robots=6, footprint=10, loss=0.3, faults=faults, targets=5), seed=3)
+    episode = run_search(
+        SearchProblem("ring:200x150", robots=6, footprint=10, loss=0.3, faults=faults, targets=5),
+        seed=3,
+    )
     save("search-ring.png", routes_figure(episode), colours=256)
-    box = SearchProblem("box:200x120x30", robots=4, vehicle="multirotor", faults=(Crash(2, 60.0),), targets=3)
+    box = SearchProblem(
+        "box:200x120x30", robots=4, vehicle="multirotor", faults=(Crash(2, 60.0),), targets=3
+    )
     save("search-box.png", routes_figure(run_search(box, seed=1)), colours=256)
     save("search-timeline.png", timeline_figure(episode), colours=256)
     save("search-expected-time.png", expected_time_figure())
@@ -102,13 +159,22 @@ def theory() -> None:
     curve = published_curve("line-full-coverage-m5000.csv")
     published = dict(zip(curve.x.astype(int).tolist(), curve.mean.tolist(), strict=True))
     save("line-coverage.png", coverage_curve(5000, published))
-    save("schedules.png", schedule_ratios([EveryStep(), Powers(2), Powers(4), Hyperexponential()], max_distance=10**100))
+    save(
+        "schedules.png",
+        schedule_ratios(
+            [EveryStep(), Powers(2), Powers(4), Hyperexponential()], max_distance=10**100
+        ),
+    )
     save("theorem.png", simultaneous_ratios(DECADES, *simultaneous(DECADES)))
 
 
 def steering() -> None:
     """Draw a plan, a set that is reached, and the figures of paper W; print what is measured."""
-    problem = SteeringProblem(open_workspace("square"), np.array([(0.2, 0.3), (0.5, 0.35)]), np.array([(0.8, 0.2), (0.3, 0.75)]))
+    problem = SteeringProblem(
+        open_workspace("square"),
+        np.array([(0.2, 0.3), (0.5, 0.35)]),
+        np.array([(0.8, 0.2), (0.3, 0.75)]),
+    )
     save("steering-plan.png", plan_figure(steer(problem)))
     outline = [(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)]
     corner = SteeringProblem(region(outline), [(0.4, 2.5), (0.6, 2.0)], [(3.5, 0.4), (2.6, 0.8)])
@@ -121,14 +187,26 @@ def steering() -> None:
     disk_figures()
     square = open_workspace("square")
     alone, either = (
-        [sweep_goals(square, start, goal, varied=1, interchangeable=both) for start, goal in SQUARE_CASES] for both in (False, True)
+        [
+            sweep_goals(square, start, goal, varied=1, interchangeable=both)
+            for start, goal in SQUARE_CASES
+        ]
+        for both in (False, True)
     )
-    rows = [[(sweep, "length") for sweep in alone], [(sweep, "moves") for sweep in alone], [(sweep, "length") for sweep in either]]
+    rows = [
+        [(sweep, "length") for sweep in alone],
+        [(sweep, "moves") for sweep in alone],
+        [(sweep, "length") for sweep in either],
+    ]
     save("steering-fig16.png", goal_maps(rows), colours=256)
     for one, other in zip(alone, either, strict=True):
         longest = [float(np.nanmax(sweep.lengths)) for sweep in (one, other)]
         saved = 100 * (1 - longest[1] / longest[0])
-        print(f"Fig. 16: longest {longest[0]:.2f}, interchangeable {longest[1]:.2f}, {saved:.0f} % less", end="; ")
+        print(
+            f"Fig. 16: longest {longest[0]:.2f}, interchangeable {longest[1]:.2f}, {saved:.0f} %"
+            " less",
+            end="; ",
+        )
         print(f"at most {np.nanmax(one.moves):g} moves, unsolved {one.unsolved}")
 
 
@@ -141,20 +219,37 @@ def disk_figures() -> None:
         print("Fig. 8: % reached in 2, 4, ... 14 moves:", row)
     print("Fig. 8: most in two moves (distance, fraction):", largest_two_move_fraction())
     sweeps = [sweep_goals(disk(), DISK_START, goal, samples=61) for goal in DISK_GOALS]
-    save("steering-fig14.png", goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in sweeps]), colours=256)
+    save(
+        "steering-fig14.png",
+        goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in sweeps]),
+        colours=256,
+    )
     for sweep in sweeps:
         print(
-            f"Fig. 14: at most {np.nanmax(sweep.moves):g} moves, length {np.nanmax(sweep.lengths):.2f}, unsolved {sweep.unsolved}"
+            f"Fig. 14: at most {np.nanmax(sweep.moves):g} moves, length"
+            f" {np.nanmax(sweep.lengths):.2f}, unsolved {sweep.unsolved}"
         )
-    second, nearer, across = swap_antipodes(toucher="second"), swap_antipodes(), swap_antipodes(turn=pi / 2)
-    save("steering-fig15.png", antipode_errors(second, nearer, (across, "the nearer touches, Δ at the start across")))
-    for name, swap in (("particle 2", second), ("the nearer", nearer), ("the nearer, across", across)):
+    second, nearer, across = (
+        swap_antipodes(toucher="second"),
+        swap_antipodes(),
+        swap_antipodes(turn=pi / 2),
+    )
+    save(
+        "steering-fig15.png",
+        antipode_errors(second, nearer, (across, "the nearer touches, Δ at the start across")),
+    )
+    for name, swap in (
+        ("particle 2", second),
+        ("the nearer", nearer),
+        ("the nearer, across", across),
+    ):
         print(f"Fig. 15: {name} touches: within 0.01 at length {swap.length_to(0.01):.2f}")
     print("Fig. 15: a / length^b through what particle 2 does, a and b:", second.law())
 
 
 def coverage_curve(cells: int, published: Mapping[int, float]) -> Figure:
-    """Return mean full coverage against the number of particles: exact, the printed formula, and published means.
+    """Return mean full coverage against the number of particles: exact, the printed formula, and
+    published means.
 
     Parameters
     ----------
@@ -189,15 +284,22 @@ def coverage_curve(cells: int, published: Mapping[int, float]) -> Figure:
 
 
 def centre_lines_figure(masks: Mapping[str, NDArray[np.bool_]]) -> Figure:
-    """Return vessels side by side with their centre lines, bifurcations, larger junctions and dead ends.
+    """Return vessels side by side with their centre lines, bifurcations, larger junctions and dead
+    ends.
 
     Parameters
     ----------
     masks : mapping from title to ndarray, bool, shape (H, W)
     """
     figure = new_figure(4.6 * len(masks), 4.9)
-    kinds = ((1, BLUE, "end"), (3, ORANGE, "bifurcation"), (4, GREEN, "larger junction or crossing"))
-    for axes, (title, mask) in zip(figure.subplots(1, len(masks), squeeze=False)[0], masks.items(), strict=True):
+    kinds = (
+        (1, BLUE, "end"),
+        (3, ORANGE, "bifurcation"),
+        (4, GREEN, "larger junction or crossing"),
+    )
+    for axes, (title, mask) in zip(
+        figure.subplots(1, len(masks), squeeze=False)[0], masks.items(), strict=True
+    ):
         axes.imshow(mask, cmap=ListedColormap(["white", "#d5d9de"]), interpolation="nearest")
         lines = centre_lines(mask)
         for one in lines.segments:
@@ -205,12 +307,22 @@ def centre_lines_figure(masks: Mapping[str, NDArray[np.bool_]]) -> Figure:
             axes.plot(*np.vstack([ends[:1], one.points, ends[1:]]).T[::-1], color=INK, lw=0.9)
         degrees = np.minimum([len(branches) for branches in lines.branches()], 4)
         for degree, colour, name in kinds:
-            axes.plot(*lines.places[degrees == degree].T[::-1], "o", color=colour, ms=3.4, label=name)
+            axes.plot(
+                *lines.places[degrees == degree].T[::-1], "o", color=colour, ms=3.4, label=name
+            )
         set_title(axes, title)
         axes.set(anchor="N")
         axes.set_axis_off()
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(kinds), frameon=False, fontsize=9, labelcolor=INK)
+    figure.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=len(kinds),
+        frameon=False,
+        fontsize=9,
+        labelcolor=INK,
+    )
     return figure
 
 
@@ -222,17 +334,18 @@ def expected_time_figure(
     trials: int = 10_000,
     seed: int = 0,
 ) -> Figure:
-    """Return the expected time of robots that stay where they are against their number, as paper H, Fig. 5.
+    """Return the expected time of robots that stay where they are against their number, as paper H,
+    Fig. 5.
 
-    Marks are Monte Carlo, with two standard errors; lines are theory: H_m/m, the same for those that live if ``dead`` of them never
-    start, and the bound 1/m.
+    Marks are Monte Carlo, with two standard errors; lines are theory: H_m/m, the same for those
+    that live if ``dead`` of them never start, and the bound 1/m.
 
     Parameters
     ----------
     robots : sequence of int
         Numbers of robots, one or more.
     cells, trials, seed
-        As `shoal.search.allocation.expected_time.expected_time` takes them.
+        As `shoal.search.allocation.costs.expected_time` takes them.
     dead : int
         0 for no second curve.
 
@@ -250,20 +363,50 @@ def expected_time_figure(
         cases.append((dead, ORANGE, "s", f"{dead} dead on arrival: H$_{{m-{dead}}}$/(m-{dead})"))
     for lost, colour, marker, words in cases:
         shown = [count for count in robots if count > lost]
-        found = [expected_time(cells, count, dead=lost, trials=trials, seed=seed) for count in shown]
-        curve = [(count, 100 * stay_share(int(count), dead=lost)) for count in numbers if count > lost]
+        found = [
+            expected_time(cells, count, dead=lost, trials=trials, seed=seed) for count in shown
+        ]
+        curve = [
+            (count, 100 * stay_share(int(count), dead=lost)) for count in numbers if count > lost
+        ]
         axes.plot(*np.array(curve).T, color=colour, lw=1.5, label=words)
         axes.errorbar(
-            shown, [100 * one.mean for one in found], [200 * one.error for one in found], fmt=marker, mfc="white", mec=colour,
-            ecolor=colour, mew=1.5, ms=5.5, capsize=2.5, lw=1.2,
-        )  # fmt: skip
-    axes.plot(numbers, 100 / numbers, color=MUTED, lw=1.3, ls=(0, (4, 2)), label="no search is faster: 1/m")
+            shown,
+            [100 * one.mean for one in found],
+            [200 * one.error for one in found],
+            fmt=marker,
+            mfc="white",
+            mec=colour,
+            ecolor=colour,
+            mew=1.5,
+            ms=5.5,
+            capsize=2.5,
+            lw=1.2,
+        )
+    axes.plot(
+        numbers,
+        100 / numbers,
+        color=MUTED,
+        lw=1.3,
+        ls=(0, (4, 2)),
+        label="no search is faster: 1/m",
+    )
     if max(robots) >= 20:
         axes.annotate(
-            f"20 robots: {100 * stay_share(20):.1f} %", (20, 100 * stay_share(20)), xytext=(-4, -15), textcoords="offset points",
-            fontsize=9, color=BLUE, ha="center",
-        )  # fmt: skip
-    axes.set(xlabel="robots m", ylabel="T$_E$ as % of one robot's time", ylim=(0, 104), xlim=(0, max(robots) * 1.02 + 0.5))
+            f"20 robots: {100 * stay_share(20):.1f} %",
+            (20, 100 * stay_share(20)),
+            xytext=(-4, -15),
+            textcoords="offset points",
+            fontsize=9,
+            color=BLUE,
+            ha="center",
+        )
+    axes.set(
+        xlabel="robots m",
+        ylabel="T$_E$ as % of one robot's time",
+        ylim=(0, 104),
+        xlim=(0, max(robots) * 1.02 + 0.5),
+    )
     set_title(axes, f"Robots that stay where they are: {cells:,} cells, {trials:,} trials a mark")
     plain_axes(axes)
     axes.legend(frameon=False, fontsize=9, labelcolor=INK)
@@ -271,12 +414,17 @@ def expected_time_figure(
 
 
 def save(name: str, figure: Figure, *, colours: int = 32) -> None:
-    """Write a figure with few colours, so that the file is small; a map whose colours are a scale needs 256."""
+    """Write a figure with few colours, so that the file is small; a map whose colours are a scale
+    needs 256.
+    """
     path = FOLDER / name
     save_figure(figure, path)
-    # Between the two, colours furthest apart are kept: a marker must not take on the colour of what is around it.
+    # Between the two, colours furthest apart are kept: a marker must not take on the colour of what
+    # is around it.
     method = Image.Quantize.MAXCOVERAGE if 32 < colours < 256 else Image.Quantize.MEDIANCUT
-    Image.open(path).convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE).save(path, optimize=True)
+    Image.open(path).convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE).save(
+        path, optimize=True
+    )
     print(path.name, path.stat().st_size // 1024, "KiB")
 
 

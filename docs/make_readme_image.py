@@ -1,4 +1,5 @@
-"""Draw the picture of the README: a fundus photograph, and its vessels while 300 particles map them.
+"""Draw the picture of the README: a fundus photograph, and its vessels while 300 particles map
+them.
 
 Run: python -m docs.make_readme_image
 """
@@ -16,7 +17,7 @@ from tests.swarm_runs import run
 from shoal import GridWorkspace
 from shoal.cli.demo import retina
 from shoal.swarm.maps.imaging import segment_vessels
-from shoal.swarm.maps.raster import PALETTE
+from shoal.swarm.maps.workspace import PALETTE
 
 TARGET = Path(__file__).parent / "images" / "retina.png"
 MOVES = 60
@@ -32,14 +33,20 @@ def main() -> None:
     middle = picture_of(*next(islice(episode.frames(), MOVES, None)))
     end = picture_of(*episode.final())
     figure = Figure(figsize=(9.6, 3.55), dpi=125, facecolor="white")
-    titles = ("a photograph of an eye", f"after {MOVES} commands", f"mapped after {episode.moves} commands")
+    titles = (
+        "a photograph of an eye",
+        f"after {MOVES} commands",
+        f"mapped after {episode.moves} commands",
+    )
     for i, (picture, title) in enumerate(zip((photograph, middle, end), titles, strict=True)):
         axes = figure.add_axes((0.005 + i * 0.333, 0.01, 0.325, 0.88))
         axes.imshow(picture, interpolation="antialiased" if i == 0 else "nearest")
         axes.set_axis_off()
         axes.set_title(title, fontsize=10.5, color=PALETTE["obstacle"], pad=5)
     figure.savefig(TARGET)
-    Image.open(TARGET).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(TARGET, optimize=True)
+    Image.open(TARGET).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(
+        TARGET, optimize=True
+    )
     print(TARGET, TARGET.stat().st_size // 1024, "KiB", np.round(episode.seconds, 3), "s")
 
 

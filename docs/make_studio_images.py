@@ -1,6 +1,8 @@
-"""Take the pictures of the studio for the documentation: python docs/make_studio_images.py [FOLDER].
+"""Take the pictures of the studio for the documentation: python docs/make_studio_images.py
+[FOLDER].
 
-With a folder every page is also taken there, light and dark, wide and narrow, to be looked at. Needs Chromium.
+With a folder every page is also taken there, light and dark, wide and narrow, to be looked at.
+Needs Chromium.
 """
 
 from __future__ import annotations
@@ -126,10 +128,20 @@ particles = { from = 5, to = 40, count = 4, scale = "log" }
 
 
 PAGES: dict[str, Callable[[Page], None]] = {
-    "vessels": vessels, "run": run, "race": race, "compare": compare, "steering": steering, "play": play,
-    "search": search, "simulate": simulate, "missions": missions,
-    "lab": lab, "new": new_sweep, "episodes": episodes, "papers": papers,
-}  # fmt: skip
+    "vessels": vessels,
+    "run": run,
+    "race": race,
+    "compare": compare,
+    "steering": steering,
+    "play": play,
+    "search": search,
+    "simulate": simulate,
+    "missions": missions,
+    "lab": lab,
+    "new": new_sweep,
+    "episodes": episodes,
+    "papers": papers,
+}
 KEPT = ("vessels", "compare", "steering", "search", "lab", "papers")
 FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800), (390, 844))]
 
@@ -138,16 +150,22 @@ def main(folder: Path | None) -> None:
     with tempfile.TemporaryDirectory() as parent:
         place = str(Path(parent) / "example")
         server = subprocess.Popen(
-            [sys.executable, "-m", "shoal", "studio", place, "--no-browser"], stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "shoal", "studio", place, "--no-browser"],
+            stderr=subprocess.PIPE,
+            text=True,
         )
         assert server.stderr is not None
         address = re.search(r"http://\S+", server.stderr.readline())
         assert address is not None
         try:
             with sync_playwright() as playwright:
-                browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+                browser = playwright.chromium.launch(
+                    executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+                )
                 for theme, width, height in FORMS if folder else FORMS[:1]:
-                    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+                    context = browser.new_context(
+                        viewport={"width": width, "height": height}, color_scheme=theme
+                    )
                     page = context.new_page()
                     page.goto(address[0])
                     page.wait_for_selector("body[data-ready]")

@@ -1,4 +1,5 @@
-"""Run the cells of the notebooks in docs/notebooks and write what they show into them, as a notebook server would.
+"""Run the cells of the notebooks in docs/notebooks and write what they show into them, as a
+notebook server would.
 
 Run: python docs/run_notebooks.py [NAME.ipynb ...], without a name for all.
 """
@@ -28,7 +29,9 @@ def shown(value: Any, count: int) -> dict[str, Any]:
 
 
 def run_cell(source: str, names: dict[str, Any], count: int) -> list[dict[str, Any]]:
-    """Run a cell in the given names; return its outputs: what was printed, and the value of the last line."""
+    """Run a cell in the given names; return its outputs: what was printed, and the value of the
+    last line.
+    """
     tree = ast.parse(source)
     last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
     printed, outputs, value = io.StringIO(), [], None
@@ -37,7 +40,13 @@ def run_cell(source: str, names: dict[str, Any], count: int) -> list[dict[str, A
         if isinstance(last, ast.Expr):
             value = eval(compile(ast.Expression(last.value), f"cell {count}", "eval"), names)
     if printed.getvalue():
-        outputs.append({"output_type": "stream", "name": "stdout", "text": printed.getvalue().splitlines(keepends=True)})
+        outputs.append(
+            {
+                "output_type": "stream",
+                "name": "stdout",
+                "text": printed.getvalue().splitlines(keepends=True),
+            }
+        )
     return outputs if value is None else [*outputs, shown(value, count)]
 
 
@@ -46,7 +55,10 @@ def run_notebook(notebook: dict[str, Any]) -> dict[str, Any]:
     names: dict[str, Any] = {"__name__": "__main__"}
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     for count, cell in enumerate(cells, start=1):
-        cell["outputs"], cell["execution_count"] = run_cell("".join(cell["source"]), names, count), count
+        cell["outputs"], cell["execution_count"] = (
+            run_cell("".join(cell["source"]), names, count),
+            count,
+        )
     return notebook
 
 
@@ -54,7 +66,10 @@ def main() -> None:
     """Run the notebooks that were asked for."""
     for path in sorted(FOLDER.glob("*.ipynb")):
         if not sys.argv[1:] or path.name in sys.argv[1:]:
-            path.write_text(json.dumps(run_notebook(json.loads(path.read_text())), indent=1, ensure_ascii=False) + "\n")
+            path.write_text(
+                json.dumps(run_notebook(json.loads(path.read_text())), indent=1, ensure_ascii=False)
+                + "\n"
+            )
             print(path.name, path.stat().st_size)
 
 

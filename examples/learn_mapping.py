@@ -1,12 +1,14 @@
-"""Train a small network that maps vessels by imitating the planner `best`, and compare it with other policies on new maps.
+"""Train a small network that maps vessels by imitating the planner `best`, and compare it with
+other policies on new maps.
 
 Run: python examples/learn_mapping.py  (needs pip install "shoal[envs]"; ten minutes on one core)
 
-The network rates each command from the cells around every particle. A patch of the map around the particle is turned so that
-the command points to the left. A shared layer processes each patch. The sum over all particles, together with a few numbers of
-the whole swarm, gives the rating. So one network works for all four commands, any map and any number of particles. It first
-imitates `best` in the episodes of `best`, and then in its own episodes, which contain its own mistakes (DAgger: Ross, Gordon,
-Bagnell 2011). The script needs only NumPy.
+The network rates each command from the cells around every particle. A patch of the map around the
+particle is turned so that the command points to the left. A shared layer processes each patch. The
+sum over all particles, together with a few numbers of the whole swarm, gives the rating. So one
+network works for all four commands, any map and any number of particles. It first imitates `best`
+in the episodes of `best`, and then in its own episodes, which contain its own mistakes (DAgger:
+Ross, Gordon, Bagnell 2011). The script needs only NumPy.
 """
 
 from __future__ import annotations
@@ -21,9 +23,9 @@ from numpy.typing import NDArray
 
 import shoal
 import shoal.envs
-from shoal.envs.observations import FREE, FRONTIER, OBSTACLES, PARTICLES
+from shoal.envs.options import FREE, FRONTIER, OBSTACLES, PARTICLES
 from shoal.swarm import make_policy
-from shoal.swarm.grid.commands import LETTERS
+from shoal.swarm.grid.board import LETTERS
 
 Floats = NDArray[np.float32]
 
@@ -38,7 +40,9 @@ SHARED = 5  # numbers of the whole swarm for each command
 
 
 def distances(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return each cell's distance from the frontier through known free cells, in moves, at most REACH; uint8, the planes' shape."""
+    """Return each cell's distance from the frontier through known free cells, in moves, at most
+    REACH; uint8, the planes' shape.
+    """
     found = np.full(planes.shape[1:], REACH, dtype=np.uint8)
     free, edge = planes[FREE] > 0, planes[FRONTIER] > 0
     found[edge] = 0
@@ -56,7 +60,9 @@ def distances(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def features(env: Any, last: int) -> tuple[NDArray[np.uint8], Floats]:
-    """Return each particle's patch, uint8, (n, 5, SIDE, SIDE), and numbers of the swarm for each command, float32, (4, SHARED)."""
+    """Return each particle's patch, uint8, (n, 5, SIDE, SIDE), and numbers of the swarm for each
+    command, float32, (4, SHARED).
+    """
     planes, half = env.planes, SIDE // 2
     far = distances(planes)
     near = np.rint(255 * np.exp(far / -6.0) * (far < REACH)).astype(np.uint8)
@@ -84,20 +90,33 @@ def features(env: Any, last: int) -> tuple[NDArray[np.uint8], Floats]:
 
 
 class Network:
-    """The network: one layer for each particle's turned patch, a sum over the particles, and two more layers."""
+    """The network: one layer for each particle's turned patch, a sum over the particles, and two
+    more layers.
+    """
 
     def __init__(self, rng: np.random.Generator) -> None:
-        sizes = {"a": (5 * SIDE * SIDE, HIDDEN), "b": (HIDDEN, SUMS), "c": (SUMS + SHARED, RATERS), "d": (RATERS, 1)}
+        sizes = {
+            "a": (5 * SIDE * SIDE, HIDDEN),
+            "b": (HIDDEN, SUMS),
+            "c": (SUMS + SHARED, RATERS),
+            "d": (RATERS, 1),
+        }
         self.weights: dict[str, Floats] = {}
         for name, (inputs, outputs) in sizes.items():
-            self.weights[name] = (rng.normal(size=(inputs, outputs)) * np.sqrt(2 / inputs)).astype(np.float32)
+            self.weights[name] = (rng.normal(size=(inputs, outputs)) * np.sqrt(2 / inputs)).astype(
+                np.float32
+            )
             self.weights[name + "0"] = np.zeros(outputs, dtype=np.float32)
         self.means = {name: np.zeros_like(weight) for name, weight in self.weights.items()}
         self.squares = {name: np.zeros_like(weight) for name, weight in self.weights.items()}
         self.updates = 0
 
-    def forward(self, patches: NDArray[np.uint8], shared: Floats, *, mirrored: bool = False) -> tuple[Floats, tuple[Any, ...]]:
-        """Return the ratings of states, float32, (states, 4), and the data for `learn`; patches are (states, n, 5, SIDE, SIDE)."""
+    def forward(
+        self, patches: NDArray[np.uint8], shared: Floats, *, mirrored: bool = False
+    ) -> tuple[Floats, tuple[Any, ...]]:
+        """Return the ratings of states, float32, (states, 4), and the data for `learn`; patches are
+        (states, n, 5, SIDE, SIDE).
+        """
         w, (states, n) = self.weights, patches.shape[:2]
         turned = np.stack([np.rot90(patches, k, axes=(3, 4)) for k in range(4)], axis=1)
         if mirrored:
@@ -110,10 +129,20 @@ class Network:
         third = np.maximum(joined @ w["c"] + w["c0"], 0)
         return (third @ w["d"] + w["d0"]).reshape(states, 4), (x, first, second, joined, third, n)
 
-    def learn(self, patches: NDArray[np.uint8], shared: Floats, labels: NDArray[np.int64], *, rate: float, mirrored: bool) -> float:
+    def learn(
+        self,
+        patches: NDArray[np.uint8],
+        shared: Floats,
+        labels: NDArray[np.int64],
+        *,
+        rate: float,
+        mirrored: bool,
+    ) -> float:
         """Reduce the cross entropy of the labels by one step of Adam; return the cross entropy."""
         w = self.weights
-        ratings, (x, first, second, joined, third, n) = self.forward(patches, shared, mirrored=mirrored)
+        ratings, (x, first, second, joined, third, n) = self.forward(
+            patches, shared, mirrored=mirrored
+        )
         chances = np.exp(ratings - ratings.max(axis=1, keepdims=True))
         chances /= chances.sum(axis=1, keepdims=True)
         states = np.arange(len(labels))
@@ -131,7 +160,10 @@ class Network:
         for name, slope in slopes.items():
             self.means[name] += 0.1 * (slope - self.means[name])
             self.squares[name] += 0.001 * (slope * slope - self.squares[name])
-            mean, square = self.means[name] / (1 - 0.9**self.updates), self.squares[name] / (1 - 0.999**self.updates)
+            mean, square = (
+                self.means[name] / (1 - 0.9**self.updates),
+                self.squares[name] / (1 - 0.999**self.updates),
+            )
             w[name] -= (rate * mean / (np.sqrt(square) + 1e-8)).astype(np.float32)
         return loss
 
@@ -140,12 +172,16 @@ class Network:
 
 
 class Learner:
-    """The network as a policy: the best rated command that changes something; a random one, by rating, without progress."""
+    """The network as a policy: the best rated command that changes something; a random one, by
+    rating, without progress.
+    """
 
     def __init__(self, network: Network, rng: np.random.Generator) -> None:
         self.network, self.rng = network, rng
 
-    def choose(self, seen: tuple[NDArray[np.uint8], Floats], mask: NDArray[np.int8], idle: int) -> int:
+    def choose(
+        self, seen: tuple[NDArray[np.uint8], Floats], mask: NDArray[np.int8], idle: int
+    ) -> int:
         """Return a command; ``idle`` is the number of moves since the last classified cell."""
         ratings = self.network.forward(seen[0][None], seen[1][None])[0][0].astype(float)
         ratings[mask == 0] = -np.inf
@@ -155,8 +191,17 @@ class Learner:
         return int(self.rng.choice(4, p=chances / chances.sum()))
 
 
-def play(env: Any, learner: Learner | None, expert: Any, data: list[Any], rng: np.random.Generator, **reset: Any) -> int:
-    """Run an episode of the learner (or of the expert); add pairs (input, expert's command) to data; return the moves."""
+def play(
+    env: Any,
+    learner: Learner | None,
+    expert: Any,
+    data: list[Any],
+    rng: np.random.Generator,
+    **reset: Any,
+) -> int:
+    """Run an episode of the learner (or of the expert); add pairs (input, expert's command) to
+    data; return the moves.
+    """
     _, info = env.reset(**reset)
     env, plan, memory, last, idle = env.unwrapped, "", None, -1, 0
     while True:
@@ -172,13 +217,22 @@ def play(env: Any, learner: Learner | None, expert: Any, data: list[Any], rng: n
                 data.append((*seen, LETTERS.index(expert.decide(env.view, None, rng)[0][0])))
         left = info["frontier"]
         _, reward, terminated, truncated, info = env.step(action)
-        last, idle = action, 0 if reward > -env.options.move_price or info["frontier"] != left else idle + 1
+        last, idle = (
+            action,
+            0 if reward > -env.options.move_price or info["frontier"] != left else idle + 1,
+        )
         if terminated or truncated:
             return int(info["moves"])
 
 
 def train(
-    network: Network, data: list[Any], epochs: int, rng: np.random.Generator, *, batch: int = 64, rate: float = 1e-3
+    network: Network,
+    data: list[Any],
+    epochs: int,
+    rng: np.random.Generator,
+    *,
+    batch: int = 64,
+    rate: float = 1e-3,
 ) -> float:
     """Train for a number of passes over the data; return the loss of the last pass."""
     patches, shared, labels = (np.array(part) for part in zip(*data, strict=True))
@@ -189,13 +243,24 @@ def train(
         losses = []
         for chosen in np.array_split(order, max(1, len(order) // BATCH)):
             mirrored = bool(rng.random() < 0.5)
-            losses.append(network.learn(patches[chosen], shared[chosen], labels[chosen], rate=falling, mirrored=mirrored))
+            losses.append(
+                network.learn(
+                    patches[chosen], shared[chosen], labels[chosen], rate=falling, mirrored=mirrored
+                )
+            )
     return float(np.mean(losses))
 
 
 def environment(names: list[str], particles: int, max_moves: int) -> Any:
     """Return an environment in which each episode draws one of the maps."""
-    return gymnasium.make("shoal/Mapping-v0", maps=names, particles=particles, max_moves=max_moves, observation="window", window=3)
+    return gymnasium.make(
+        "shoal/Mapping-v0",
+        maps=names,
+        particles=particles,
+        max_moves=max_moves,
+        observation="window",
+        window=3,
+    )
 
 
 def evaluate(learner: Learner, cells: int, particles: int, maps: range, max_moves: int) -> str:
@@ -208,15 +273,31 @@ def evaluate(learner: Learner, cells: int, particles: int, maps: range, max_move
         common = {"particles": particles, "policy": policy, "max_moves": max_moves}
         return [shoal.run(name, seed=k, **common).moves for k, name in enumerate(names)]
 
-    moves = {policy: moves_of(policy) for policy in ("random-moves", "closest-frontier", "greedy-classify")}
-    moves["learned (this script)"] = [play(env, learner, None, [], rng, seed=k, options={"map": k}) for k in range(len(names))]
+    moves = {
+        policy: moves_of(policy)
+        for policy in ("random-moves", "closest-frontier", "greedy-classify")
+    }
+    moves["learned (this script)"] = [
+        play(env, learner, None, [], rng, seed=k, options={"map": k}) for k in range(len(names))
+    ]
     moves["best"] = moves_of("best")
-    rows = [f"| policy | moves, mean of {len(names)} maps | standard error | times `best` | unfinished |", "|---|---|---|---|---|"]
+    rows = [
+        (
+            f"| policy | moves, mean of {len(names)} maps | standard error | times `best` |"
+            " unfinished |"
+        ),
+        "|---|---|---|---|---|",
+    ]
     for policy, counts in moves.items():
-        mean, error = np.mean(counts), np.std(counts, ddof=min(1, len(counts) - 1)) / np.sqrt(len(counts))
+        mean, error = (
+            np.mean(counts),
+            np.std(counts, ddof=min(1, len(counts) - 1)) / np.sqrt(len(counts)),
+        )
         share, open_ = mean / np.mean(moves["best"]), sum(count >= max_moves for count in counts)
         rows.append(f"| {policy} | {mean:.1f} | {error:.1f} | {share:.2f} | {open_} |")
-    return "\n".join([f"\nvessels:{cells}, {particles} particles, maps {maps.start} to {maps.stop - 1}\n", *rows])
+    return "\n".join(
+        [f"\nvessels:{cells}, {particles} particles, maps {maps.start} to {maps.stop - 1}\n", *rows]
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -224,32 +305,56 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--cells", type=int, default=300, help="size of the maps")
     parser.add_argument("--particles", type=int, default=30)
-    parser.add_argument("--maps", type=int, default=60, help="maps to learn from: numbers 0, 1, ...")
+    parser.add_argument(
+        "--maps", type=int, default=60, help="maps to learn from: numbers 0, 1, ..."
+    )
     parser.add_argument("--rounds", type=int, default=4, help="rounds along own episodes")
     parser.add_argument("--epochs", type=int, default=5, help="passes through the data a round")
-    parser.add_argument("--tests", type=int, default=50, help="maps to compare on: numbers 1000, 1001, ...")
-    parser.add_argument("--large", type=int, default=20, help="maps of 1000 cells with 100 particles to compare on")
-    parser.add_argument("--max-moves", type=int, default=3000, help="longest episode; random moves take longer")
+    parser.add_argument(
+        "--tests", type=int, default=50, help="maps to compare on: numbers 1000, 1001, ..."
+    )
+    parser.add_argument(
+        "--large", type=int, default=20, help="maps of 1000 cells with 100 particles to compare on"
+    )
+    parser.add_argument(
+        "--max-moves", type=int, default=3000, help="longest episode; random moves take longer"
+    )
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(arguments)
     begun, rng = time.perf_counter(), np.random.default_rng(given.seed)
     network, expert, data = Network(rng), make_policy("best"), []
     learner = Learner(network, rng)
-    env = environment([f"vessels:{given.cells}:{k}" for k in range(given.maps)], given.particles, min(1000, given.max_moves))
+    env = environment(
+        [f"vessels:{given.cells}:{k}" for k in range(given.maps)],
+        given.particles,
+        min(1000, given.max_moves),
+    )
     for turn in range(given.rounds + 1):
         played = [
-            play(env, learner if turn else None, expert, data, rng, seed=turn * given.maps + k, options={"map": k})
+            play(
+                env,
+                learner if turn else None,
+                expert,
+                data,
+                rng,
+                seed=turn * given.maps + k,
+                options={"map": k},
+            )
             for k in range(given.maps)
         ]
         loss = train(network, data, given.epochs * (1 if turn else 2), rng)
         who = "learner" if turn else "best"
         print(
-            f"round {turn}: {who} took {np.mean(played):.0f} moves; {len(data)} states, loss {loss:.3f}, "
-            f"{time.perf_counter() - begun:.0f} s",
+            f"round {turn}: {who} took {np.mean(played):.0f} moves; {len(data)} states, loss"
+            f" {loss:.3f}, {time.perf_counter() - begun:.0f} s",
             flush=True,
         )
     print(f"trained in {time.perf_counter() - begun:.0f} s")
-    print(evaluate(learner, given.cells, given.particles, range(1000, 1000 + given.tests), given.max_moves))
+    print(
+        evaluate(
+            learner, given.cells, given.particles, range(1000, 1000 + given.tests), given.max_moves
+        )
+    )
     if given.large:
         print(evaluate(learner, 1000, 100, range(1000, 1000 + given.large), given.max_moves))
 

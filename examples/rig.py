@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """A reference rig: it simulates particles in a map and uses only Python's standard library.
 
-The rig implements version 1 of Shoal's rig protocol (docs/concepts/rigs.md). Use it as a model for a real rig in any language. In
-place of magnets and a camera, it has a text map and thirty lines of physics.
+The rig implements version 1 of Shoal's rig protocol (docs/concepts/rigs.md). Use it as a model for
+a real rig in any language. In place of magnets and a camera, it has a text map and thirty lines of
+physics.
 
     python examples/rig.py MAP.txt --particles 30 --pty /tmp/rig        a pseudo-terminal, for shoal drive --rig serial:/tmp/rig
     python examples/rig.py MAP.txt --particles 30 --tcp 4000            a TCP port, for --rig tcp:localhost:4000
@@ -37,7 +38,9 @@ class Swarm:
         self.cells = set(random.Random(seed).sample(sorted(free), particles))
 
     def move(self, command: str) -> None:
-        """Move all particles by one cell, the foremost first, so that trains move together and queues stay."""
+        """Move all particles by one cell, the foremost first, so that trains move together and
+        queues stay.
+        """
         down, right = STEPS[command]
         for cell in sorted(self.cells, key=lambda cell: -(cell[0] * down + cell[1] * right)):
             ahead = cell[0] + down, cell[1] + right
@@ -49,10 +52,14 @@ class Swarm:
 class Rig:
     """The protocol: the answer to each line, independent of the kind of connection."""
 
-    def __init__(self, swarm: Swarm, shape: tuple[int, int], *, name: str, duration: float = 0.0) -> None:
+    def __init__(
+        self, swarm: Swarm, shape: tuple[int, int], *, name: str, duration: float = 0.0
+    ) -> None:
         self.swarm, self.shape, self.name, self.duration = swarm, shape, name, duration
         self.session, self.seq, self.answer, self.stopped = "", 0, b"", False
-        self.quiet = lambda seconds: True  # waits; returns whether no stop command arrived meanwhile
+        self.quiet = lambda seconds: (
+            True
+        )  # waits; returns whether no stop command arrived meanwhile
 
     def reply(self, line: bytes) -> bytes:
         """Return the answer to one line, or b"" if there is no answer."""
@@ -73,26 +80,44 @@ class Rig:
         if message["session"] != self.session:
             self.session, self.seq, self.answer, self.stopped = message["session"], 0, b"", False
         about = {"shape": list(self.shape), "rule": "block", "name": self.name}
-        return encode_message({"type": "welcome", "protocol": PROTOCOL, "session": self.session, "seq": self.seq, **about})
+        return encode_message(
+            {
+                "type": "welcome",
+                "protocol": PROTOCOL,
+                "session": self.session,
+                "seq": self.seq,
+                **about,
+            }
+        )
 
     def numbered(self, message: dict) -> bytes:
-        """Carry out a request with the next number; repeat the answer to a request that was already carried out."""
+        """Carry out a request with the next number; repeat the answer to a request that was already
+        carried out.
+        """
         seq = message["seq"]
         if seq == self.seq and self.answer:
             return self.answer
         if seq < self.seq:
             return b""  # a late copy of an old request
         if seq != self.seq + 1:
-            return encode_message({"type": "error", "seq": seq, "text": f"expected request {self.seq + 1}, got {seq}"})
+            return encode_message(
+                {"type": "error", "seq": seq, "text": f"expected request {self.seq + 1}, got {seq}"}
+            )
         if message["type"] == "command":
             if self.stopped:
-                return encode_message({"type": "error", "seq": seq, "text": "the rig has been stopped"})
+                return encode_message(
+                    {"type": "error", "seq": seq, "text": "the rig has been stopped"}
+                )
             if not self.quiet(self.duration):  # the time of a real command; a stop command ends it
-                return encode_message({"type": "error", "seq": seq, "text": "the rig has been stopped"})
+                return encode_message(
+                    {"type": "error", "seq": seq, "text": "the rig has been stopped"}
+                )
             self.swarm.move(message["command"])
             self.answer = encode_message({"type": "done", "seq": seq})
         else:
-            self.answer = encode_message({"type": "positions", "seq": seq, "cells": sorted(self.swarm.cells)})
+            self.answer = encode_message(
+                {"type": "positions", "seq": seq, "cells": sorted(self.swarm.cells)}
+            )
         self.seq = seq
         return self.answer
 
@@ -127,11 +152,17 @@ class BadLine:
         where = self.random.randrange(len(data))
         kind = self.random.choice(["changed", "lost", "cut short", "twice"])
         if kind == "changed":
-            return data[:where] + bytes([data[where] ^ self.random.randint(1, 255)]) + data[where + 1 :]
+            return (
+                data[:where]
+                + bytes([data[where] ^ self.random.randint(1, 255)])
+                + data[where + 1 :]
+            )
         return {"lost": b"", "cut short": data[:where] + b"\n", "twice": data + data}[kind]
 
     def due(self) -> bool:
-        """Return whether to cut the line now: just before an answer is sent, which is the worst moment."""
+        """Return whether to cut the line now: just before an answer is sent, which is the worst
+        moment.
+        """
         if self.cut < self.cuts and self.messages >= self.every * (self.cut + 1):
             self.cut += 1
             return True
@@ -157,7 +188,9 @@ class Wire:
     def quiet(self, seconds: float) -> bool:
         """Wait this long; return False at once if a stop command arrives."""
         until = time.monotonic() + seconds
-        while not any((decode_message(line) or {}).get("type") == "stop" for line in self.pending.split(b"\n")):
+        while not any(
+            (decode_message(line) or {}).get("type") == "stop" for line in self.pending.split(b"\n")
+        ):
             left = until - time.monotonic()
             if left <= 0 or not self.more(left):
                 return True
@@ -227,11 +260,23 @@ def main() -> None:
     parser.add_argument("--cuts", type=int, default=0, help="how often to cut the line")
     parser.add_argument("--every", type=int, default=20, help="messages between two cuts")
     parser.add_argument("--pause", type=float, default=0.2, help="seconds that a cut lasts")
-    parser.add_argument("--damage", type=float, default=0.0, help="share of the messages that are damaged")
+    parser.add_argument(
+        "--damage", type=float, default=0.0, help="share of the messages that are damaged"
+    )
     given = parser.parse_args()
     rows = given.map.read_text().split()
-    free = {(row, column) for row, text in enumerate(rows) for column, letter in enumerate(text) if letter == "."}
-    rig = Rig(Swarm(free, given.particles, given.seed), (len(rows), len(rows[0])), name=given.map.stem, duration=given.duration)
+    free = {
+        (row, column)
+        for row, text in enumerate(rows)
+        for column, letter in enumerate(text)
+        if letter == "."
+    }
+    rig = Rig(
+        Swarm(free, given.particles, given.seed),
+        (len(rows), len(rows[0])),
+        name=given.map.stem,
+        duration=given.duration,
+    )
     bad = BadLine(cuts=given.cuts, damage=given.damage, every=given.every, seed=given.seed)
     with contextlib.suppress(KeyboardInterrupt):
         if given.pty:

@@ -1,8 +1,8 @@
 """Upload a mission, its fence and its rally points to an autopilot.
 
-Run: python examples/upload_mission.py udpin:0.0.0.0:14550 FILE.plan
-The script needs pymavlink (`pip install pymavlink`), but no part of Shoal. A mission for ArduPilot has home
-as item 0, and a mission for PX4 has no home item.
+Run: python examples/upload_mission.py udpin:0.0.0.0:14550 FILE.plan The script needs pymavlink
+(`pip install pymavlink`), but no part of Shoal. A mission for ArduPilot has home as item 0, and a
+mission for PX4 has no home item.
 """
 
 from __future__ import annotations
@@ -28,17 +28,29 @@ Item = tuple[int, int, list[float]]
 def items_of(plan: dict[str, Any], *, with_home: bool) -> dict[str, list[Item]]:
     """Return the items of the mission, of the fence and of the rally points of a plan."""
     mission = [
-        (item["frame"], item["command"], [math.nan if value is None else float(value) for value in item["params"]])
+        (
+            item["frame"],
+            item["command"],
+            [math.nan if value is None else float(value) for value in item["params"]],
+        )
         for item in plan["mission"]["items"]
     ]
     if with_home:
-        mission.insert(0, (GLOBAL, WAYPOINT, [0.0, 0.0, 0.0, 0.0, *plan["mission"]["plannedHomePosition"]]))
+        mission.insert(
+            0, (GLOBAL, WAYPOINT, [0.0, 0.0, 0.0, 0.0, *plan["mission"]["plannedHomePosition"]])
+        )
     fence = [
-        (GLOBAL, INSIDE if polygon["inclusion"] else OUTSIDE, [float(len(polygon["polygon"])), 0.0, 0.0, 0.0, *corner, 0.0])
+        (
+            GLOBAL,
+            INSIDE if polygon["inclusion"] else OUTSIDE,
+            [float(len(polygon["polygon"])), 0.0, 0.0, 0.0, *corner, 0.0],
+        )
         for polygon in plan["geoFence"]["polygons"]
         for corner in polygon["polygon"]
     ]
-    rally = [(ABOVE_HOME, RALLY, [0.0, 0.0, 0.0, 0.0, *point]) for point in plan["rallyPoints"]["points"]]
+    rally = [
+        (ABOVE_HOME, RALLY, [0.0, 0.0, 0.0, 0.0, *point]) for point in plan["rallyPoints"]["points"]
+    ]
     return {"mission": mission, "fence": fence, "rally": rally}
 
 
@@ -47,21 +59,27 @@ def upload(link: Any, items: list[Item], kind: int) -> None:
     system, component = link.target_system, link.target_component
     link.mav.mission_count_send(system, component, len(items), kind)
     while True:
-        asked = link.recv_match(type=["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"], blocking=True, timeout=10)
+        asked = link.recv_match(
+            type=["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"],
+            blocking=True,
+            timeout=10,
+        )
         if asked is None:
             raise SystemExit("the autopilot does not answer")
         if asked.mission_type != kind:
             continue
         if asked.get_type() == "MISSION_ACK":
             if asked.type != 0:
-                raise SystemExit(f"the autopilot refused the items: MAV_MISSION_RESULT {asked.type}")
+                raise SystemExit(
+                    f"the autopilot refused the items: MAV_MISSION_RESULT {asked.type}"
+                )
             return
         frame, command, (*first, latitude, longitude, altitude) = items[asked.seq]
         place = (0, 0) if math.isnan(latitude) else (round(latitude * 1e7), round(longitude * 1e7))
         current = int(asked.seq == 0 and kind == 0)
         link.mav.mission_item_int_send(
             system, component, asked.seq, frame, command, current, 1, *first, *place, altitude, kind
-        )  # fmt: skip
+        )
 
 
 def main() -> None:

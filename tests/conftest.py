@@ -6,7 +6,8 @@ import gc
 import os
 import signal
 
-# A shell starts what runs in its background with Ctrl-C ignored, and the tests' programs would inherit that.
+# A shell starts what runs in its background with Ctrl-C ignored, and the tests' programs would
+# inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Fences and rally points need MAVLink 2, and pymavlink knows one version in a process.
@@ -14,6 +15,8 @@ os.environ["MAVLINK20"] = "1"
 
 
 def pytest_collection_finish() -> None:
-    """What is imported and collected stays to the end, so the garbage collector need not search it again and again."""
+    """What is imported and collected stays to the end, so the garbage collector need not search it
+    again and again.
+    """
     gc.collect()
     gc.freeze()

@@ -1,4 +1,6 @@
-"""Goals of one particle all over a workspace, planned one after the other: what the page of results makes of a stored sweep."""
+"""Goals of one particle all over a workspace, planned one after the other: what the page of results
+makes of a stored sweep.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.checks import check_integer, check_points
-from shoal.papers.steering.goals import GoalSweep
+from shoal.papers.steering.shortest_paths import GoalSweep
 from shoal.steering import ConvexWorkspace, SteeringProblem
 from shoal.steering.run import run
 
@@ -49,7 +51,7 @@ def sweep_goals(
 
     Examples
     --------
-    >>> from shoal.papers.steering.goals import DISK_GOALS, DISK_START
+    >>> from shoal.papers.steering.shortest_paths import DISK_GOALS, DISK_START
     >>> from shoal.steering import disk
     >>> sweep = sweep_goals(disk(), DISK_START, DISK_GOALS[0], samples=5)
     >>> int(np.isfinite(sweep.moves).sum()), float(np.nanmin(sweep.moves)) >= 3
@@ -59,9 +61,17 @@ def sweep_goals(
     check_integer(samples, what="samples", least=2)
     other = check_points([fixed], what="fixed", dimensions=2, count=1)[0]
     problem = SteeringProblem(
-        workspace, start, np.stack([other, other]), tolerance, interchangeable, planner=planner, varied=varied
+        workspace,
+        start,
+        np.stack([other, other]),
+        tolerance,
+        interchangeable,
+        planner=planner,
+        varied=varied,
     )
-    half = np.full(2, workspace.radius) if workspace.round else np.ptp(workspace.vertices, axis=0) / 2
+    half = (
+        np.full(2, workspace.radius) if workspace.round else np.ptp(workspace.vertices, axis=0) / 2
+    )
     middle = workspace.center if workspace.round else workspace.vertices.min(axis=0) + half
     steps = (2 * np.arange(samples) + 1) / samples - 1
     x, y = middle[0] + half[0] * steps, middle[1] + half[1] * steps

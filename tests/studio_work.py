@@ -34,9 +34,9 @@ def wait_with_child(connection):
 
 def play_on_a_full_disk(connection, root, spec):
     """Play an episode where no file may have more than a hundred bytes."""
-    from shoal.studio.jobs.work import work  # not for the others, which need it not
+    from shoal.studio.work import work  # not for the others, which need it not
 
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     sys.dont_write_bytecode = True  # Python would keep compiled modules that are cut off
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-    work(connection, root, "shoal.studio.jobs.work:play", spec, 1)
+    work(connection, root, "shoal.studio.work:play", spec, 1)

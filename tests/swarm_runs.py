@@ -1,4 +1,6 @@
-"""Episodes for tests: a problem and its run in one call, by closest-frontier unless told otherwise."""
+"""Episodes for tests: a problem and its run in one call, by closest-frontier unless
+told otherwise.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from shoal.swarm.run import run as run_problem
 RUNNING = ("seed", "trial", "trials", "workers", "stepwise", "on_moves", "on_trial")
 
 
-def problem_of(place: Any, *, policy: Any = "closest-frontier", noise: Noise | None = None, **fields: Any) -> SwarmProblem:
+def problem_of(
+    place: Any, *, policy: Any = "closest-frontier", noise: Noise | None = None, **fields: Any
+) -> SwarmProblem:
     """Return the problem with these fields."""
     return SwarmProblem(place, policy=policy, **fields, **({} if noise is None else vars(noise)))
 

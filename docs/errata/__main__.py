@@ -26,7 +26,10 @@ An erratum of two papers is listed under the first paper.
 ORDINALS = ("first", "second", "third", "fourth", "fifth")
 PAPERS = {
     "M": "Mapping and coverage with a particle swarm controlled by uniform inputs (2017)",
-    "D": "Mapping, foraging, and coverage with a particle swarm controlled by uniform inputs (draft, 2017)",
+    "D": (
+        "Mapping, foraging, and coverage with a particle swarm controlled by uniform inputs (draft,"
+        " 2017)"
+    ),
     "W": "Exploiting nonslip wall contacts to position two particles using the same control input",
     "H": "Exhaustive geographic search with mobile robots along space-filling curves (1998)",
 }
@@ -35,7 +38,10 @@ PAPERS = {
 def page(errata: Iterable[Erratum]) -> str:
     """Return the Markdown text of the page of errata."""
     errata = list(errata)
-    rows = (f"| {letter} | {title} | {sum(letter in papers(one) for one in errata)} |\n" for letter, title in PAPERS.items())
+    rows = (
+        f"| {letter} | {title} | {sum(letter in papers(one) for one in errata)} |\n"
+        for letter, title in PAPERS.items()
+    )
     parts = [HEAD + "".join(rows)]
     for letter in PAPERS:
         parts.append(f"## Paper {letter}\n")
@@ -62,7 +68,9 @@ def title(one: Erratum, before: int) -> str:
 
 
 def said(one: Erratum) -> str:
-    """Return an erratum as a Markdown list: the printed statement, the correct statement, the check and the result."""
+    """Return an erratum as a Markdown list: the printed statement, the correct statement, the check
+    and the result.
+    """
     told = {"Printed": one.printed, "Correct": one.holds, "Check": one.check, "Result": one.found}
     return "".join(f"- **{label}**: {text}.\n" for label, text in told.items())
 

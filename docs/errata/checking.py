@@ -8,13 +8,17 @@ from shoal.papers.errata import Erratum
 
 Check = Callable[[], Erratum]
 Numbers = Callable[[], tuple[str, bool]]
-"""A function that computes the numbers of an erratum. It returns a text with the numbers, and whether these confirm the erratum."""
+"""A function that computes the numbers of an erratum. It returns a text with the numbers, and
+whether these confirm the erratum.
+"""
 
 
 def into(checks: list[Check]) -> Callable[[str, str, str, str], Callable[[Numbers], Check]]:
-    """Return the function ``erratum``, which makes a decorator from the texts (source, printed, holds, check) of an erratum.
+    """Return the function ``erratum``, which makes a decorator from the texts (source, printed,
+    holds, check) of an erratum.
 
-    The decorator turns a function that computes numbers into a check, and appends the check to the list ``checks``.
+    The decorator turns a function that computes numbers into a check, and appends the check to the
+    list ``checks``.
     """
 
     def erratum(source: str, printed: str, holds: str, check: str) -> Callable[[Numbers], Check]:

@@ -1,4 +1,6 @@
-"""The algorithm elect-particle as printed in paper M and as corrected, on plain sets of cells, without Shoal's own policies."""
+"""The algorithm elect-particle as printed in paper M and as corrected, on plain sets of cells,
+without Shoal's own policies.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,14 @@ class FreeCells:
     @classmethod
     def of(cls, name: str) -> FreeCells:
         """Return the free cells of the generated map with a given name."""
-        from shoal.swarm.maps.open import open_map
+        from shoal.swarm.maps.files import open_map
 
         return cls(frozenset((int(row), int(column)) for row, column in open_map(name).cells))
 
     def moved(self, particles: frozenset[Cell], step: Cell) -> dict[Cell, Cell]:
-        """Return a dictionary that maps each particle's cell to its cell after one step under the move rule block."""
+        """Return a dictionary that maps each particle's cell to its cell after one step under the
+        move rule block.
+        """
         stays: set[Cell] = set()
         to: dict[Cell, Cell] = {}
         for cell in sorted(particles, key=lambda c: -(c[0] * step[0] + c[1] * step[1])):
@@ -39,7 +43,9 @@ class FreeCells:
 
 
 def _path(sources: list[Cell], opened: frozenset[Cell], frontier: set[Cell]) -> list[Cell]:
-    """Return the steps of a shortest path from any source cell to a frontier cell, through cells that are known to be free."""
+    """Return the steps of a shortest path from any source cell to a frontier cell, through cells
+    that are known to be free.
+    """
     came: dict[Cell, tuple[Cell, Cell] | None] = dict.fromkeys(sources)
     queue = list(sources)
     for cell in queue:
@@ -60,12 +66,20 @@ def _path(sources: list[Cell], opened: frozenset[Cell], frontier: set[Cell]) -> 
     return []
 
 
-def plays(ground: FreeCells, seed: int, *, particles: int = 20, whole: bool = False, handover: bool = False) -> bool:
+def plays(
+    ground: FreeCells,
+    seed: int,
+    *,
+    particles: int = 20,
+    whole: bool = False,
+    handover: bool = False,
+) -> bool:
     """Return whether an episode of elect-particle ends. If a state repeats, the episode never ends.
 
-    Only the start is random, so an episode with a repeated state repeats its moves for ever. With ``whole``, the elected particle
-    follows each path to the end of the path. Without ``whole``, the algorithm makes a new path at every move. With ``handover``, a
-    particle that blocks the elected particle becomes the elected particle.
+    Only the start is random, so an episode with a repeated state repeats its moves for ever. With
+    ``whole``, the elected particle follows each path to the end of the path. Without ``whole``, the
+    algorithm makes a new path at every move. With ``handover``, a particle that blocks the elected
+    particle becomes the elected particle.
     """
     rng = random.Random(seed)
     places = frozenset(rng.sample(sorted(ground.free), particles))
@@ -75,7 +89,9 @@ def plays(ground: FreeCells, seed: int, *, particles: int = 20, whole: bool = Fa
     seen: set[tuple[frozenset[Cell], Cell, tuple[Cell, ...]]] = set()
     while True:
         known = opened | walls
-        frontier = {there for cell in opened for step in STEPS if (there := _next(cell, step)) not in known}
+        frontier = {
+            there for cell in opened for step in STEPS if (there := _next(cell, step)) not in known
+        }
         if not frontier:
             return True
         if not plan or not whole:

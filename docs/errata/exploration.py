@@ -1,8 +1,10 @@
-"""The best competitive ratio for the exploration of regions without holes, by a search over all strategies and regions.
+"""The best competitive ratio for the exploration of regions without holes, by a search over all
+strategies and regions.
 
-The explorer (paper M, section III.B.1) starts in a cell of an unknown region. The explorer sees which neighbours of its cell are
-free. The explorer must visit all cells of the region and return to the start. The competitive ratio is the length of the explorer's
-tour, divided by the length of a shortest closed tour through all cells of the region.
+The explorer (paper M, section III.B.1) starts in a cell of an unknown region. The explorer sees
+which neighbours of its cell are free. The explorer must visit all cells of the region and return to
+the start. The competitive ratio is the length of the explorer's tour, divided by the length of a
+shortest closed tour through all cells of the region.
 """
 
 from __future__ import annotations
@@ -20,9 +22,11 @@ def _beside(cell: Cell) -> list[Cell]:
 
 
 def family(most: int) -> list[tuple[Region, int]]:
-    """Return all regions without holes of at most ``most`` cells, each with the length of a shortest closed tour.
+    """Return all regions without holes of at most ``most`` cells, each with the length of a
+    shortest closed tour.
 
-    The list contains each region once for each start cell, shifted so that the start cell lies at `START`.
+    The list contains each region once for each start cell, shifted so that the start cell lies at
+    `START`.
     """
     level = {frozenset([START])}
     regions = []
@@ -48,9 +52,15 @@ def _from(region: Region, start: Cell) -> Region:
 
 
 def _is_simple(region: Region) -> bool:
-    """Return whether a region has no holes: all cells around the region are connected by sides or corners."""
+    """Return whether a region has no holes: all cells around the region are connected by sides or
+    corners.
+    """
     rows, columns = zip(*region, strict=True)
-    around = {(r, c) for r in range(min(rows) - 1, max(rows) + 2) for c in range(min(columns) - 1, max(columns) + 2)} - region
+    around = {
+        (r, c)
+        for r in range(min(rows) - 1, max(rows) + 2)
+        for c in range(min(columns) - 1, max(columns) + 2)
+    } - region
     queue = [min(around)]
     found = {queue[0]}
     for row, column in queue:
@@ -67,13 +77,20 @@ def _shortest(region: Region) -> int:
     seen = set(states)
     while (START, region) not in states:
         steps += 1
-        states = {(there, visited | {there}) for cell, visited in states for there in _beside(cell) if there in region} - seen
+        states = {
+            (there, visited | {there})
+            for cell, visited in states
+            for there in _beside(cell)
+            if there in region
+        } - seen
         seen |= states
     return steps
 
 
 def guaranteed(regions: list[tuple[Region, int]], over: int, under: int) -> bool:
-    """Return whether one strategy explores every region with at most ``over / under`` times the length of a shortest tour."""
+    """Return whether one strategy explores every region with at most ``over / under`` times the
+    length of a shortest tour.
+    """
     limits = [best * over // under for _, best in regions]
     game = _Game([region for region, _ in regions], limits)
     return game.kept(tuple(range(len(regions))), frozenset([START]), START, 0)
@@ -83,26 +100,39 @@ def guaranteed(regions: list[tuple[Region, int]], over: int, under: int) -> bool
 class _Game:
     """A game between an explorer and an opponent.
 
-    In each turn, the explorer chooses a cell that it has seen but not visited, and moves to this cell on a shortest path through
-    seen cells. The opponent chooses the region, among all regions that agree with the cells seen so far.
+    In each turn, the explorer chooses a cell that it has seen but not visited, and moves to this
+    cell on a shortest path through seen cells. The opponent chooses the region, among all regions
+    that agree with the cells seen so far.
     """
 
     regions: list[Region]
     limits: list[int]
-    known: dict[tuple[tuple[int, ...], frozenset[Cell], Cell], tuple[int, int]] = field(default_factory=dict)
+    known: dict[tuple[tuple[int, ...], frozenset[Cell], Cell], tuple[int, int]] = field(
+        default_factory=dict
+    )
 
-    def kept(self, possible: tuple[int, ...], visited: frozenset[Cell], cell: Cell, steps: int) -> bool:
-        """Return whether an explorer that enters a cell can keep the limits on moves, whichever neighbours of the cell are free."""
+    def kept(
+        self, possible: tuple[int, ...], visited: frozenset[Cell], cell: Cell, steps: int
+    ) -> bool:
+        """Return whether an explorer that enters a cell can keep the limits on moves, whichever
+        neighbours of the cell are free.
+        """
         answers: dict[tuple[bool, ...], list[int]] = {}
         for number in possible:
-            answers.setdefault(tuple(there in self.regions[number] for there in _beside(cell)), []).append(number)
+            answers.setdefault(
+                tuple(there in self.regions[number] for there in _beside(cell)), []
+            ).append(number)
         return all(self._kept(tuple(left), visited, cell, steps) for left in answers.values())
 
-    def _kept(self, possible: tuple[int, ...], visited: frozenset[Cell], cell: Cell, steps: int) -> bool:
+    def _kept(
+        self, possible: tuple[int, ...], visited: frozenset[Cell], cell: Cell, steps: int
+    ) -> bool:
         most_kept, least_lost = self.known.get((possible, visited, cell), (-1, 1 << 30))
         if steps <= most_kept or steps >= least_lost:
             return steps <= most_kept
-        seen = {there for one in visited for there in _beside(one) if there in self.regions[possible[0]]} | visited
+        seen = {
+            there for one in visited for there in _beside(one) if there in self.regions[possible[0]]
+        } | visited
         ways = _ways(cell, seen)
         targets = sorted(seen - visited, key=lambda there: (ways[there], there))
         if targets:
@@ -119,7 +149,9 @@ class _Game:
 
 
 def _ways(cell: Cell, seen: set[Cell]) -> dict[Cell, int]:
-    """Return the distance in moves from a cell to each seen cell, along paths through seen cells."""
+    """Return the distance in moves from a cell to each seen cell, along paths through
+    seen cells.
+    """
     ways, queue = {cell: 0}, [cell]
     for here in queue:
         for there in _beside(here):

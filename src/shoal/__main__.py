@@ -3,7 +3,8 @@
 import sys
 
 if __name__ == "__main__" and not sys.flags.safe_path:
-    # `python -m shoal` puts the current folder first on the search path, where a file could replace a module of Python.
+    # `python -m shoal` puts the current folder first on the search path, where a file could replace
+    # a module of Python.
     del sys.path[0]
 
 TYPE_CHECKING = False
@@ -12,8 +13,11 @@ if TYPE_CHECKING:
 
 
 def main() -> "NoReturn":
-    """Run one command of Shoal, and exit with the command's exit code. After Ctrl-C, print one line and stop."""
-    import _signal  # type: ignore[import-not-found]  # signal takes some milliseconds, in which Ctrl-C would print a traceback
+    """Run one command of Shoal, and exit with the command's exit code. After Ctrl-C, print one line
+    and stop.
+    """
+    # signal takes some milliseconds, in which Ctrl-C would print a traceback
+    import _signal  # type: ignore[import-not-found]
 
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)

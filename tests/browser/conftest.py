@@ -21,15 +21,23 @@ ARGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Browser tests come last: while Playwright is open, asyncio.run() fails in every other test."""
+    """Browser tests come last: while Playwright is open, asyncio.run() fails in every
+    other test.
+    """
     items.sort(key=lambda item: item.get_closest_marker("browser") is not None)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Each flow of the studio has one of the four forms, or those that it names; with SHOAL_FORMS=all it has all."""
+    """Each flow of the studio has one of the four forms, or those that it names; with
+    SHOAL_FORMS=all it has all.
+    """
     named = metafunc.definition.get_closest_marker("forms")
     if "form" in metafunc.fixturenames and (named or os.environ.get("SHOAL_FORMS") == "all"):
-        forms = FORMS if os.environ.get("SHOAL_FORMS") == "all" or named is None else [FORMS[k] for k in named.args]
+        forms = (
+            FORMS
+            if os.environ.get("SHOAL_FORMS") == "all" or named is None
+            else [FORMS[k] for k in named.args]
+        )
         metafunc.parametrize("form", forms, indirect=True, ids=lambda form: f"{form[0]}-{form[1]}")
 
 
@@ -50,10 +58,14 @@ class Visitor:
         self.requests: list[str] = []
         self.messages: list[str] = []
         self.contexts: list[BrowserContext] = []
-        self.plain = self.page()  # serves every test that needs no special context: a new one costs 0.4 s
+        self.plain = (
+            self.page()
+        )  # serves every test that needs no special context: a new one costs 0.4 s
 
     def page(self, **options: Any) -> Page:
-        context = self.browser.new_context(**{"viewport": {"width": 1280, "height": 800}, **options})
+        context = self.browser.new_context(
+            **{"viewport": {"width": 1280, "height": 800}, **options}
+        )
         self.contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(5000)
@@ -73,7 +85,9 @@ def visitor(chromium: Browser) -> Iterator[Visitor]:
 
 @pytest.fixture
 def open_player(visitor: Visitor, tmp_path: Path) -> Iterator[OpenPlayer]:
-    """Open an episode, its data or the text of its page. That may load nothing else and must leave the console empty."""
+    """Open an episode, its data or the text of its page. That may load nothing else and must leave
+    the console empty.
+    """
     files: list[str] = []
     visitor.requests.clear()
     visitor.messages.clear()
@@ -113,7 +127,9 @@ def studio_page(studio: Studio, chromium: Browser) -> Iterator[Page]:
     opened = context.new_page()
     opened.set_default_timeout(30_000)
     said: list[str] = []
-    opened.on("console", lambda message: "status of 422" in message.text or said.append(message.text))  # a refusal is shown
+    opened.on(
+        "console", lambda message: "status of 422" in message.text or said.append(message.text)
+    )  # a refusal is shown
     opened.on("pageerror", lambda error: said.append(str(error)))
     opened.on("dialog", lambda dialog: said.append(dialog.message))
     asked: list[str] = []
@@ -123,13 +139,17 @@ def studio_page(studio: Studio, chromium: Browser) -> Iterator[Page]:
     yield opened
     context.close()
     assert said == []
-    assert [url for url in asked if not re.match(r"http://127\.0\.0\.1:\d+/|data:|blob:", url)] == []
+    assert [
+        url for url in asked if not re.match(r"http://127\.0\.0\.1:\d+/|data:|blob:", url)
+    ] == []
 
 
 @pytest.fixture
 def form(request: pytest.FixtureRequest) -> Form:
     """Light or dark, wide or narrow: the same at each run of a test, dealt over the tests."""
-    dealt: Form = getattr(request, "param", FORMS[zlib.crc32(request.node.nodeid.encode()) % len(FORMS)])
+    dealt: Form = getattr(
+        request, "param", FORMS[zlib.crc32(request.node.nodeid.encode()) % len(FORMS)]
+    )
     return dealt
 
 

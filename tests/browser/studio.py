@@ -16,7 +16,12 @@ from playwright.sync_api import Page
 import shoal
 
 Form = tuple[Literal["light", "dark"], int, int]
-FORMS: list[Form] = [("light", 1280, 800), ("light", 390, 844), ("dark", 1280, 800), ("dark", 390, 844)]
+FORMS: list[Form] = [
+    ("light", 1280, 800),
+    ("light", 390, 844),
+    ("dark", 1280, 800),
+    ("dark", 390, 844),
+]
 HOSTILE = "<img src=x onerror=alert(1)>"
 
 
@@ -29,7 +34,9 @@ class Studio:
 
     def begin(self) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "shoal", "studio", str(self.folder), "--no-browser"], stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "shoal", "studio", str(self.folder), "--no-browser"],
+            stderr=subprocess.PIPE,
+            text=True,
         )
         assert self.process.stderr is not None
         found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", self.process.stderr.readline())
@@ -62,7 +69,9 @@ def tab_to(page: Page, words: str) -> None:
     """Press Tab until what has these words, or this label, has the focus."""
     for _ in range(200):
         page.keyboard.press("Tab")
-        if words in page.evaluate("[document.activeElement.textContent, document.activeElement.ariaLabel]"):
+        if words in page.evaluate(
+            "[document.activeElement.textContent, document.activeElement.ariaLabel]"
+        ):
             return
     raise AssertionError(f"Tab never came to {words}")
 
@@ -75,7 +84,9 @@ def run_and_load(page: Page, studio: Studio, button: str = "Run", *, by_keys: bo
     else:
         page.get_by_role("button", name=button, exact=True).click()
     page.wait_for_selector(".panel:not([hidden]) .exports")
-    (new,) = [path for path in set(studio.folder.iterdir()) - before if path.suffix in (".npz", ".json")]
+    (new,) = [
+        path for path in set(studio.folder.iterdir()) - before if path.suffix in (".npz", ".json")
+    ]
     return shoal.load(new)
 
 

@@ -8,8 +8,9 @@ from tests.browser.waiting import until
 from tests.swarm_runs import run
 
 from shoal import GridWorkspace, open_map
-from shoal.swarm.noise import Noise, moments
-from shoal.swarm.rigs import NoisyRig, drive
+from shoal.rigs import NoisyRig, drive
+from shoal.swarm.noise import Noise
+from shoal.swarm.noise import belief as moments
 from shoal.views.swarm.page import page_data
 
 pytestmark = pytest.mark.browser
@@ -45,12 +46,19 @@ def test_colours_of_cells(open_player):
     palette = f"{{{grey}, frontier: [0, 0, 255], wrong: [200, 0, 100]}}"
     colours = page.evaluate(f"ShoalSim.Timeline.prototype.shades.call({world}, {palette})")
     assert len(colours) == moments.LOOKS
-    assert (colours[0], colours[8], colours[16], colours[17]) == ([0, 0, 0], [80, 80, 80], [240, 240, 240], [0, 0, 128])
+    assert (colours[0], colours[8], colours[16], colours[17]) == (
+        [0, 0, 0],
+        [80, 80, 80],
+        [240, 240, 240],
+        [0, 0, 128],
+    )
 
 
 def test_a_drive_says_that_particles_are_where_they_were_seen(open_player):
     workspace = open_map("maze:9x7")
-    driven = drive(NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2)), **vars(NOISE))
+    driven = drive(
+        NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2)), **vars(NOISE)
+    )
     page = open_player(page_data(driven.episode))
     assert page.locator("#particleWord").inner_text() == "Seen at the last scan"
     assert page.locator("#wrongRow").is_hidden()
@@ -61,7 +69,9 @@ def test_a_drive_says_that_particles_are_where_they_were_seen(open_player):
 
 @pytest.mark.parametrize("text", ["AAAA", "//////8=", ""])
 def test_damaged_moments_are_said(open_player, text):
-    data = page_data(run(open_map("maze:9x7"), particles=3, noise=NOISE, seed=1)) | {"moments": text}
+    data = page_data(run(open_map("maze:9x7"), particles=3, noise=NOISE, seed=1)) | {
+        "moments": text
+    }
     page = open_player(data)
     assert "moments" in page.locator("#problem").inner_text()
 

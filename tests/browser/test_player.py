@@ -1,4 +1,6 @@
-"""The player plays: what it shows is what a slow and obvious simulation says, and every control works."""
+"""The player plays: what it shows is what a slow and obvious simulation says, and every control
+works.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ STEPS = {"l": (0, -1), "u": (-1, 0), "r": (0, 1), "d": (1, 0)}
 Cell = tuple[int, int]
 
 
-# ---- data, and the reference -----------------------------------------------------------------------
+# ---- data, and the reference
+# -----------------------------------------------------------------------
 
 
 def packed(shape: tuple[int, int], cells: set[Cell]) -> str:
@@ -31,13 +34,25 @@ def packed(shape: tuple[int, int], cells: set[Cell]) -> str:
     return base64.b64encode(np.packbits(board.ravel()).tobytes()).decode()
 
 
-def episode(free: set[Cell], shape: tuple[int, int], start: list[Cell], commands: str, **more: Any) -> dict[str, object]:
+def episode(
+    free: set[Cell], shape: tuple[int, int], start: list[Cell], commands: str, **more: Any
+) -> dict[str, object]:
     flat = np.array([r * shape[1] + c for r, c in start], dtype="<u4")
     data: dict[str, object] = {
-        "title": "A test", "task": "mapping", "policy": "by-hand", "rule": "block", "shape": list(shape),
-        "free": packed(shape, free), "start": base64.b64encode(flat.tobytes()).decode(), "targets": None,
-        "commands": commands, "status": "limit", "seed": 1, "version": "0", "map": "hand-made",
-    }  # fmt: skip
+        "title": "A test",
+        "task": "mapping",
+        "policy": "by-hand",
+        "rule": "block",
+        "shape": list(shape),
+        "free": packed(shape, free),
+        "start": base64.b64encode(flat.tobytes()).decode(),
+        "targets": None,
+        "commands": commands,
+        "status": "limit",
+        "seed": 1,
+        "version": "0",
+        "map": "hand-made",
+    }
     targets = more.pop("targets", None)
     if targets is not None:
         data["targets"] = packed(shape, targets)
@@ -53,7 +68,9 @@ def neighbours(cell: Cell) -> list[Cell]:
 
 
 def moved(particles: list[Cell], free: set[Cell], command: str, *, merge: bool) -> list[Cell]:
-    """The particles after one step: one stays if a wall is ahead, or (unless merging) one that stays."""
+    """The particles after one step: one stays if a wall is ahead, or (unless merging) one that
+    stays.
+    """
 
     def stays(cell: Cell) -> bool:
         cell = ahead(cell, command)
@@ -71,7 +88,9 @@ def reference(
     targets: set[Cell] | None,
     scanned: list[bool] | None = None,
 ) -> list[dict[str, object]]:
-    """What snapshot() should return after each move, 0 included. A mapping shows what was known at the last scan."""
+    """What snapshot() should return after each move, 0 included. A mapping shows what was known at
+    the last scan.
+    """
     particles, known, obstacles = list(start), set(start), set()
     left = set(targets or ()) - set(start)
 
@@ -93,8 +112,9 @@ def reference(
             counts = (len(left), len(free), (shape[0] + 2) * (shape[1] + 2) - len(free))
         cells = sorted({r * shape[1] + c for r, c in particles})
         return dict(zip(("frontier", "free", "obstacle"), counts, strict=True)) | {
-            "particles": len(start), "cells": cells,
-        }  # fmt: skip
+            "particles": len(start),
+            "cells": cells,
+        }
 
     snapshots = [snapshot() | {"scans": 1}]
     for scan, command in zip(scanned or [True] * len(commands), commands, strict=True):
@@ -107,7 +127,9 @@ def reference(
     return snapshots
 
 
-def random_world(rng: random.Random, shape: tuple[int, int], rule: str) -> tuple[set[Cell], list[Cell]]:
+def random_world(
+    rng: random.Random, shape: tuple[int, int], rule: str
+) -> tuple[set[Cell], list[Cell]]:
     cells = [(r, c) for r in range(shape[0]) for c in range(shape[1])]
     free = set(rng.sample(cells, k=max(2, len(cells) * rng.randint(4, 9) // 10)))
     choose = rng.choices if rule == "merge" else rng.sample
@@ -120,14 +142,16 @@ def pond(moves: int = 40) -> dict[str, object]:
     return episode(free, (6, 9), [(0, 0), (3, 3), (5, 8)], ("rdlurrd" * moves)[:moves])
 
 
-# ---- helpers -----------------------------------------------------------------------------------------
+# ---- helpers
+# -----------------------------------------------------------------------------------------
 
 
 def move(page: Page) -> int:
     return int(page.evaluate("shoalPlayer.move"))
 
 
-# ---- what is shown -------------------------------------------------------------------------------------
+# ---- what is shown
+# -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rule", ["block", "merge", "tilt"])
@@ -137,10 +161,16 @@ def test_every_move_agrees_with_the_slow_simulation(open_player, rule, task):
     for shape in [(rng.randint(4, 9), rng.randint(4, 9)), rng.choice([(1, 40), (40, 1), (2, 31)])]:
         free, start = random_world(rng, shape, rule)
         commands = "".join(rng.choices("lurd", k=60))
-        targets = {"mapping": None, "coverage": free}.get(task, set(rng.sample(sorted(free), len(free) // 2)))
-        page = open_player(episode(free, shape, start, commands, rule=rule, task=task, targets=targets))
+        targets = {"mapping": None, "coverage": free}.get(
+            task, set(rng.sample(sorted(free), len(free) // 2))
+        )
+        page = open_player(
+            episode(free, shape, start, commands, rule=rule, task=task, targets=targets)
+        )
         order = rng.sample(range(61), 61)  # forwards and backwards over keyframes
-        shown = page.evaluate("(ns) => ns.map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot()))", order)
+        shown = page.evaluate(
+            "(ns) => ns.map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot()))", order
+        )
         expected = reference(free, shape, start, commands, rule, targets)
         assert shown == [expected[n] for n in order]
 
@@ -150,12 +180,28 @@ def test_what_is_known_waits_for_the_scan(open_player, task):
     rng = random.Random(f"scans {task}")
     for rule in ("block", "merge"):
         free, start = random_world(rng, (6, 9), rule)
-        commands, scanned = "".join(rng.choices("lurd", k=60)), rng.choices([True, False, False], k=60)
+        commands, scanned = (
+            "".join(rng.choices("lurd", k=60)),
+            rng.choices([True, False, False], k=60),
+        )
         targets = free if task == "coverage" else None
         packed_scans = base64.b64encode(np.packbits(scanned).tobytes()).decode()
-        page = open_player(episode(free, (6, 9), start, commands, rule=rule, task=task, targets=targets, scanned=packed_scans))
+        page = open_player(
+            episode(
+                free,
+                (6, 9),
+                start,
+                commands,
+                rule=rule,
+                task=task,
+                targets=targets,
+                scanned=packed_scans,
+            )
+        )
         order = rng.sample(range(61), 61)
-        shown = page.evaluate("(ns) => ns.map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot()))", order)
+        shown = page.evaluate(
+            "(ns) => ns.map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot()))", order
+        )
         expected = reference(free, (6, 9), start, commands, rule, targets, scanned)
         assert shown == [expected[n] for n in order]
         page.evaluate("shoalPlayer.seek(60)")
@@ -171,7 +217,9 @@ def test_no_scans_are_shown_where_each_move_has_one(open_player):
 def test_coverage_without_targets_means_all_free_cells(open_player):
     free = {(0, c) for c in range(6)}
     page = open_player(episode(free, (1, 6), [(0, 2)], "llrr", task="coverage"))
-    left = page.evaluate("[0, 1, 2, 3, 4].map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot().frontier))")
+    left = page.evaluate(
+        "[0, 1, 2, 3, 4].map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot().frontier))"
+    )
     assert left == [5, 4, 3, 3, 3]
 
 
@@ -179,7 +227,9 @@ def test_header_count_and_share(open_player):
     page = open_player(pond() | {"title": "<b>Pond</b> & </script>", "status": "complete"})
     assert page.title() == page.inner_text("h1") == "<b>Pond</b> & </script>"
     facts = page.inner_text("#facts")
-    assert all(word in facts for word in ("hand-made", "mapping", "by-hand", "3 particles", "complete"))
+    assert all(
+        word in facts for word in ("hand-made", "mapping", "by-hand", "3 particles", "complete")
+    )
     assert re.search(r"\d+ rows × \d+ columns", page.text_content("#details"))
     page.evaluate("shoalPlayer.seek(12)")
     assert page.inner_text("#count") == "move 12 of 40"
@@ -228,10 +278,15 @@ def test_an_empty_film(open_player):
     page = open_player(pond(0))
     page.evaluate("shoalPlayer.play()")
     page.keyboard.press("ArrowRight")
-    assert page.evaluate("[shoalPlayer.length, shoalPlayer.move, shoalPlayer.playing]") == [0, 0, False]
+    assert page.evaluate("[shoalPlayer.length, shoalPlayer.move, shoalPlayer.playing]") == [
+        0,
+        0,
+        False,
+    ]
 
 
-# ---- the controls -----------------------------------------------------------------------------------------
+# ---- the controls
+# -----------------------------------------------------------------------------------------
 
 
 def test_play_runs_to_the_end_and_begins_again(open_player):
@@ -258,7 +313,16 @@ def test_play_runs_to_the_end_and_begins_again(open_player):
 def test_buttons(open_player):
     page = open_player(pond())
     moves = []
-    for button in ("#forward", "#forward", "#back", "#last", "#forward", "#back", "#first", "#back"):
+    for button in (
+        "#forward",
+        "#forward",
+        "#back",
+        "#last",
+        "#forward",
+        "#back",
+        "#first",
+        "#back",
+    ):
         page.click(button)
         moves.append(move(page))
     assert moves == [1, 2, 1, 40, 40, 39, 0, 0]
@@ -289,7 +353,9 @@ def test_arrow_keys_on_the_scrub_bar_move_once(open_player):
 
 def test_speed(open_player):
     page = open_player(pond())
-    assert page.input_value("#speed") == "1"  # 40 moves: 40 s at 1/s, 8 s at 5/s, and 40 is nearer to 20
+    assert (
+        page.input_value("#speed") == "1"
+    )  # 40 moves: 40 s at 1/s, 8 s at 5/s, and 40 is nearer to 20
     page.keyboard.press("+")
     assert page.input_value("#speed") == "5"
     for _ in range(9):
@@ -373,19 +439,32 @@ def test_moves_are_announced_only_when_paused(open_player):
 
 def test_every_control_has_a_name(open_player):
     page = open_player(pond())
-    nameless = page.evaluate("""() => [...document.querySelectorAll("button, input, select")].filter(
-        (e) => !(e.getAttribute("aria-label") || e.textContent.trim())).length""")
+    nameless = page.evaluate(
+        """() => [...document.querySelectorAll("button, input, select")].filter(
+        (e) => !(e.getAttribute("aria-label") || e.textContent.trim())).length"""
+    )
     assert nameless == 0
 
 
-# ---- any size --------------------------------------------------------------------------------------------
+# ---- any size
+# --------------------------------------------------------------------------------------------
 
 
 def test_nothing_overflows_sideways(open_player):
-    data = pond(2000) | {"title": "A title that is rather long for a narrow telephone", "rule": "merge"}
+    data = pond(2000) | {
+        "title": "A title that is rather long for a narrow telephone",
+        "rule": "merge",
+    }
     page = open_player(data, viewport={"width": 360, "height": 740}, is_mobile=True, has_touch=True)
     page.evaluate("shoalPlayer.seek(2000)")
-    for width, height in [(360, 740), (320, 568), (740, 360), (820, 1180), (1280, 800), (3840, 2160)]:
+    for width, height in [
+        (360, 740),
+        (320, 568),
+        (740, 360),
+        (820, 1180),
+        (1280, 800),
+        (3840, 2160),
+    ]:
         page.set_viewport_size({"width": width, "height": height})
         outside = page.evaluate("""() => {
             const wide = document.documentElement.clientWidth;
@@ -398,7 +477,10 @@ def test_nothing_overflows_sideways(open_player):
         assert outside == [], (width, height)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.locator("#stage").bounding_box()["height"] >= 220
-        assert page.locator("#controls").bounding_box()["height"] < 2 * page.locator("#play").bounding_box()["height"]
+        assert (
+            page.locator("#controls").bounding_box()["height"]
+            < 2 * page.locator("#play").bounding_box()["height"]
+        )
         if (width, height) == (360, 740):  # nothing to scroll, either
             assert page.evaluate("document.documentElement.scrollHeight") <= 740
 
@@ -442,7 +524,8 @@ def test_seeking_is_instant(open_player):
     assert np.median(times) < 30
 
 
-# ---- bad data ----------------------------------------------------------------------------------------------
+# ---- bad data
+# ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -454,7 +537,10 @@ def test_seeking_is_instant(open_player):
         ({"commands": "lurx"}, "Command 4 is “x”, not one of l, u, r, d."),
         ({"rule": "push"}, "The field “rule” is “push”, not one of block, merge, tilt."),
         ({"task": "napping"}, "The field “task” is “napping”, not one of"),
-        ({"shape": [6]}, "The field “shape” should be two or three positive whole numbers, not “6”."),
+        (
+            {"shape": [6]},
+            "The field “shape” should be two or three positive whole numbers, not “6”.",
+        ),
         ({"start": base64.b64encode(b"\xff\0\0\0").decode()}, "Particle 0 starts outside the map."),
         ({"start": base64.b64encode(b"\x16\0\0\0").decode()}, "Particle 0 starts on an obstacle."),
         ({"start": base64.b64encode(bytes(8)).decode()}, "Particle 1 starts where another one is."),
@@ -494,17 +580,25 @@ def test_it_says_what_is_out_of_reach_and_how_long_a_cell_is(open_player):
     bar = page.locator("#scaleBar").bounding_box()["width"]
     picture = page.locator("#picture").bounding_box()
     assert 20 < bar < 140
-    assert bar / millimetres * 0.5 * 11 <= picture["width"]  # eleven columns of half a millimetre fit the stage
+    assert (
+        bar / millimetres * 0.5 * 11 <= picture["width"]
+    )  # eleven columns of half a millimetre fit the stage
     page.mouse.move(picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2)
     page.mouse.wheel(0, -600)
-    until(page, f"document.getElementById('scaleBar').offsetWidth / parseFloat(scaleWord.textContent) > {1.2 * bar / millimetres}")
+    until(
+        page,
+        "document.getElementById('scaleBar').offsetWidth / parseFloat(scaleWord.textContent) >"
+        f" {1.2 * bar / millimetres}",
+    )
     assert open_player(pond()).locator("#scaleRow").is_hidden()
 
 
 def test_thousands_of_particles_are_in_the_picture(open_player):
     side = 72
     free = {(r, c) for r in range(side) for c in range(side)}
-    start = [(r, c) for r, c in sorted(free) if c < side - 1]  # all but the last column: more than are drawn one by one
+    start = [
+        (r, c) for r, c in sorted(free) if c < side - 1
+    ]  # all but the last column: more than are drawn one by one
     page = open_player(episode(free, (side, side), start, "r") | {"playing": False})
     orange = """() => {
       const canvas = document.getElementById("picture"), { width, height } = canvas;

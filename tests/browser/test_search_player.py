@@ -14,7 +14,7 @@ from tests.browser.waiting import settle, stays_drawn, until
 from tests.search_episodes import search
 
 from shoal.search import SearchEpisode, region_of
-from shoal.search.problem.faults import Crash, Liar, Pause
+from shoal.search.problem.network import Crash, Liar, Pause
 from shoal.views.player import render
 from shoal.views.search.history import SearchHistory
 from shoal.views.search.page import page_data, player_page
@@ -26,15 +26,27 @@ TWO = shapely.MultiPolygon([shapely.box(0, 0, 40, 30), shapely.box(70, 10, 100, 
 
 @cache
 def ring() -> SearchEpisode:
-    return search("ring:60x40", robots=4, footprint=10, loss=0.2, faults=[Crash(2, 9.0), Pause(3, 5, 12)], targets=3, seed=3)
+    return search(
+        "ring:60x40",
+        robots=4,
+        footprint=10,
+        loss=0.2,
+        faults=[Crash(2, 9.0), Pause(3, 5, 12)],
+        targets=3,
+        seed=3,
+    )
 
 
 CASES = {
     "ring": ring,
     "one cell": lambda: search("square:5", robots=1, footprint=10),
     "reserve": lambda: search("square:20", robots=7, footprint=10, starts="line"),
-    "all dead": lambda: search("rectangle:90x40", robots=2, footprint=10, faults=[Crash(1, 0.0), Crash(2, 7.0)]),
-    "two parts, a liar": lambda: search(region_of(TWO), robots=3, footprint=10, transit=True, faults=[Liar(1)]),
+    "all dead": lambda: search(
+        "rectangle:90x40", robots=2, footprint=10, faults=[Crash(1, 0.0), Crash(2, 7.0)]
+    ),
+    "two parts, a liar": lambda: search(
+        region_of(TWO), robots=3, footprint=10, transit=True, faults=[Liar(1)]
+    ),
 }
 
 
@@ -55,16 +67,23 @@ def test_shows_what_the_episode_tells(name, open_player):
     rng = np.random.default_rng(1)
     moments = np.sort(np.concatenate([[0.0, history.end], rng.uniform(0, history.end, 40)]))
     rng.shuffle(moments)  # backwards, too
-    for time, (count, points, doing, words) in zip(moments, played(page, moments.tolist()), strict=True):
+    for time, (count, points, doing, words) in zip(
+        moments, played(page, moments.tolist()), strict=True
+    ):
         assert count == history.searched(time + 1e-3)
         assert words == f"{count:,}"
         places = np.array([trajectory.at(time) for trajectory in history.trajectories])
         np.testing.assert_allclose(points, places, atol=0.05)
-        kinds = [[one.kind for one in activities if one.begin <= time + 1e-3][-1] for activities in history.activities]
+        kinds = [
+            [one.kind for one in activities if one.begin <= time + 1e-3][-1]
+            for activities in history.activities
+        ]
         assert doing == kinds
     page.keyboard.press("End")
     assert page.evaluate("shoalPlayer.searched") == history.searched(history.end)
-    assert page.locator("#robots button .done").all_inner_texts() == [f"{len(log.cells):,}" for log in history.episode.trace.robots]
+    assert page.locator("#robots button .done").all_inner_texts() == [
+        f"{len(log.cells):,}" for log in history.episode.trace.robots
+    ]
 
 
 def test_plays_and_steps(open_player):
@@ -96,7 +115,10 @@ def test_rows_seek_and_tell(open_player):
     assert page.evaluate("shoalPlayer.time / shoalPlayer.length") == pytest.approx(0.5, abs=0.01)
     page.mouse.move(box["x"] + box["width"] * 0.95, box["y"] + box["height"] * 3 / 8)
     assert "robot 2 dead" in page.inner_text("#hover")
-    page.evaluate("const s = document.getElementById('scrub'); s.value = 3000; s.dispatchEvent(new Event('input'))")
+    page.evaluate(
+        "const s = document.getElementById('scrub'); s.value = 3000; s.dispatchEvent(new"
+        " Event('input'))"
+    )
     assert page.evaluate("shoalPlayer.time") == 3
 
 
@@ -135,7 +157,9 @@ def test_themes_and_zoom(open_player):
 
 
 def test_cells_have_the_colours_of_their_robots(open_player):
-    """Pixels of the canvas are compared with the figure's rule, at the end, in the middle between ways."""
+    """Pixels of the canvas are compared with the figure's rule, at the end, in the middle between
+    ways.
+    """
     history = SearchHistory(search("square:40", robots=1, footprint=20))
     page = open_player(player_page(history.episode))
     page.keyboard.press("End")
@@ -162,7 +186,15 @@ def test_fits_every_screen(size, open_player):
         assert box["x"] + box["width"] <= size[0] + 1
     box = page.locator("#play").bounding_box()
     assert box["y"] + box["height"] <= size[1]  # what plays it is in sight
-    assert min(page.evaluate("[document.getElementById('picture').width, document.getElementById('picture').height]")) > 200
+    assert (
+        min(
+            page.evaluate(
+                "[document.getElementById('picture').width,"
+                " document.getElementById('picture').height]"
+            )
+        )
+        > 200
+    )
 
 
 def test_every_button_has_a_name_and_can_be_focused(open_player):

@@ -30,14 +30,18 @@ def plan():
 
 def tall():
     moves = np.random.default_rng(2).normal(scale=0.4, size=(5, 3))
-    return thrown(prism(regular_polygon(7), 0.8), np.array([(0.1, 0.2, 0.3), (0.0, 0.1, 0.6)]), moves)
+    return thrown(
+        prism(regular_polygon(7), 0.8), np.array([(0.1, 0.2, 0.3), (0.0, 0.1, 0.6)]), moves
+    )
 
 
 def yard():
     """Seven particles among obstacles, and 40 moves."""
     room = region([(0, 0), (4, 0), (4, 3), (0, 3)], [[(1, 1), (2, 1), (2, 2), (1, 2)]])
     rng = np.random.default_rng(4)
-    start = np.array([(0.3, 0.3), (0.5, 2.5), (3.0, 1.0), (2.5, 0.5), (3.5, 2.5), (0.5, 1.5), (2.5, 1.5)])
+    start = np.array(
+        [(0.3, 0.3), (0.5, 2.5), (3.0, 1.0), (2.5, 0.5), (3.5, 2.5), (0.5, 1.5), (2.5, 1.5)]
+    )
     return thrown(room, start, rng.normal(size=(40, 2)))
 
 
@@ -192,7 +196,15 @@ def test_fits_every_screen(size, open_player):
         assert box["x"] + box["width"] <= size[0] + 1
     box = page.locator("#play").bounding_box()
     assert box["y"] + box["height"] <= size[1]  # what plays it is in sight
-    assert min(page.evaluate("[document.getElementById('picture').width, document.getElementById('picture').height]")) > 200
+    assert (
+        min(
+            page.evaluate(
+                "[document.getElementById('picture').width,"
+                " document.getElementById('picture').height]"
+            )
+        )
+        > 200
+    )
 
 
 def test_every_button_has_a_name_and_can_be_focused(open_player):
@@ -214,7 +226,9 @@ def test_no_moves(open_player):
 
 def test_nothing_in_the_data_can_close_the_script(open_player):
     hostile = "</script><script>alert(1)</script><img src=x onerror=alert(1)> \u2028"
-    page = render("steering", page_data(plan()) | {"planner": hostile, "reason": hostile, "title": hostile})
+    page = render(
+        "steering", page_data(plan()) | {"planner": hostile, "reason": hostile, "title": hostile}
+    )
     assert hostile not in page
     block = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert block is not None

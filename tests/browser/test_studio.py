@@ -1,4 +1,6 @@
-"""The studio, used as people use it: each flow ends in a file, or in numbers that the library gives, too."""
+"""The studio, used as people use it: each flow ends in a file, or in numbers that the library
+gives, too.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,14 @@ def test_cells_painted_by_numbers_are_undone_and_kept(page: Page, studio: Studio
 
 
 def test_an_inlet_is_where_particles_start(page: Page, studio: Studio) -> None:
-    studio.open(page, "vessels", {"problem": {"map": "rectangle:6x8", "particles": 4, "policy": "closest-frontier"}, "seed": 0})
+    studio.open(
+        page,
+        "vessels",
+        {
+            "problem": {"map": "rectangle:6x8", "particles": 4, "policy": "closest-frontier"},
+            "seed": 0,
+        },
+    )
     page.get_by_text("By numbers").click()
     page.get_by_label("What to paint").select_option("inlet")
     for name, value in (("row", 0), ("column", 0), ("rows", 2), ("columns", 2)):
@@ -82,9 +91,18 @@ def test_a_race_driven_by_keys_is_kept(page: Page, studio: Studio) -> None:
     tab(page, "Drive")
     page.get_by_role("button", name="Start the race").click()
     page.wait_for_selector(".pad:not([hidden])")
-    for key in ["ArrowLeft"] * (int(start) + 1) + ["ArrowRight"] * 4 + ["ArrowUp", "ArrowDown"] + ["ArrowUp", "ArrowLeft"] * 3:
+    for key in (
+        ["ArrowLeft"] * (int(start) + 1)
+        + ["ArrowRight"] * 4
+        + ["ArrowUp", "ArrowDown"]
+        + ["ArrowUp", "ArrowLeft"] * 3
+    ):
         page.keyboard.press(key)
-    for key in ["ArrowDown", "ArrowUp", "ArrowLeft"] * 4 + ["ArrowDown", "ArrowUp", "ArrowRight"] * 4:
+    for key in ["ArrowDown", "ArrowUp", "ArrowLeft"] * 4 + [
+        "ArrowDown",
+        "ArrowUp",
+        "ArrowRight",
+    ] * 4:
         page.keyboard.press(key)
     page.wait_for_selector(".race .exports")
     assert "Done in" in page.locator(".race .verdict").inner_text()
@@ -101,12 +119,22 @@ def test_policies_are_compared_from_the_same_starts(page: Page, studio: Studio) 
     page.wait_for_selector(".quad iframe:not([hidden])", timeout=60_000)
     cells = page.locator(".compare tbody tr").all()
     for row, policy in zip(cells, ("best", "closest-frontier"), strict=True):
-        episodes = [shoal.run(SwarmProblem("maze:9x7", particles=3, policy=policy), seed=2, trial=trial) for trial in range(4)]
-        assert row.locator("td").first.inner_text() == f"{np.mean([one.moves for one in episodes]):.4g}"
+        episodes = [
+            shoal.run(SwarmProblem("maze:9x7", particles=3, policy=policy), seed=2, trial=trial)
+            for trial in range(4)
+        ]
+        assert (
+            row.locator("td").first.inner_text()
+            == f"{np.mean([one.moves for one in episodes]):.4g}"
+        )
 
 
 def test_names_are_text(page: Page, studio: Studio) -> None:
-    studio.open(page, "vessels", {"problem": {"map": f"{HOSTILE}.txt", "particles": 1, "policy": "<b>x"}, "seed": 0})
+    studio.open(
+        page,
+        "vessels",
+        {"problem": {"map": f"{HOSTILE}.txt", "particles": 1, "policy": "<b>x"}, "seed": 0},
+    )
     page.wait_for_timeout(300)
     studio.open(page, "vessels", {"problem": {"map": f"{HOSTILE}.txt", "particles": 1}, "seed": 0})
     until(page, "document.querySelector('.source').textContent.includes('<img')")
@@ -122,17 +150,28 @@ def test_a_script_from_the_page_is_that_of_the_library(page: Page, studio: Studi
     page.get_by_role("tab", name="As command").click()
     assert page.locator(".code").inner_text() == "shoal map maze:9x7 --particles=4 --seed=5"
     page.keyboard.press("Escape")
-    assert names["episode"].commands == shoal.run(SwarmProblem("maze:9x7", particles=4), seed=5).commands
+    assert (
+        names["episode"].commands
+        == shoal.run(SwarmProblem("maze:9x7", particles=4), seed=5).commands
+    )
 
 
-def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(page: Page, studio: Studio) -> None:
-    given = {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
+def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(
+    page: Page, studio: Studio
+) -> None:
+    given = {
+        "workspace": "square",
+        "start": [[0.2, 0.3], [0.5, 0.35]],
+        "goal": [[0.8, 0.2], [0.3, 0.75]],
+    }
     studio.open(page, "steering", {"problem": given, "seed": 0})
     tab_to(page, "Particle 1 at 0.2, 0.3")
     page.keyboard.press("ArrowUp")
     moved = given | {"start": [[0.2, 0.31], [0.5, 0.35]], "planner": "greedy"}
     expected = shoal.run(SteeringProblem(**moved))
-    page.locator(".plan", has_text="greedy").get_by_text(f"{expected.moves} moves, length {expected.length:.4g}").wait_for()
+    page.locator(".plan", has_text="greedy").get_by_text(
+        f"{expected.moves} moves, length {expected.length:.4g}"
+    ).wait_for()
     page.locator(".reach").nth(1).wait_for(state="attached")
     episode = run_and_load(page, studio, "Play", by_keys=True)
     assert np.array_equal(episode.inputs, expected.inputs)
@@ -147,16 +186,27 @@ def test_a_figure_of_a_paper_is_run_again(page: Page, studio: Studio) -> None:
     verdict.wait_for()
     summary = json.loads((studio.folder / "papers" / "m-theorem1.json").read_text())
     assert verdict.inner_text() == summary["verdict"]
-    until(page, "document.querySelector('.paper img').complete && document.querySelector('.paper img').naturalWidth > 100")
+    until(
+        page,
+        "document.querySelector('.paper img').complete && document.querySelector('.paper"
+        " img').naturalWidth > 100",
+    )
     assert page.locator(".paper tbody tr").count() == len(summary["claims"])
 
 
-def test_jobs_of_a_killed_server_are_found_again_and_no_process_is_left(page: Page, studio: Studio) -> None:
+def test_jobs_of_a_killed_server_are_found_again_and_no_process_is_left(
+    page: Page, studio: Studio
+) -> None:
     ask = """async (job) => (await fetch('/api/jobs', job === null ? {} : {
       method: 'POST', headers: {'content-type': 'application/json'}, body: JSON.stringify(job),
     })).json()"""
-    sweep = 'name = "kept"\ntrials = 100000\n[problem]\nkind = "line"\ncells = 99\nparticles = 9\nplacements = 999\n'
-    jobs: list[dict[str, Any]] = [{"kind": "sweep", "spec": {"toml": sweep, "store": "kept.sqlite", "sweep": "kept"}}]
+    sweep = (
+        'name = "kept"\ntrials = 100000\n[problem]\nkind = "line"\ncells = 99\nparticles ='
+        " 9\nplacements = 999\n"
+    )
+    jobs: list[dict[str, Any]] = [
+        {"kind": "sweep", "spec": {"toml": sweep, "store": "kept.sqlite", "sweep": "kept"}}
+    ]
     problem = {"kind": "swarm", "map": "maze:301x301", "particles": 40}
     jobs += [{"kind": "play", "spec": {"problem": problem, "seed": seed}} for seed in (1, 2)]
     numbers = [page.evaluate(ask, job)["id"] for job in jobs]
@@ -169,7 +219,9 @@ def test_jobs_of_a_killed_server_are_found_again_and_no_process_is_left(page: Pa
     studio.end(signal.SIGKILL)
     assert below
     gone_by = time.monotonic() + 5
-    while (left := [pid for pid in below if os.path.exists(f"/proc/{pid}") and not zombie(pid)]) and time.monotonic() < gone_by:
+    while (
+        left := [pid for pid in below if os.path.exists(f"/proc/{pid}") and not zombie(pid)]
+    ) and time.monotonic() < gone_by:
         time.sleep(0.02)
     assert left == []
     studio.begin()
@@ -187,7 +239,9 @@ def descendants(pid: int) -> list[int]:
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
-                parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                parents[int(entry.name)] = int(
+                    (entry / "stat").read_text().rpartition(")")[2].split()[1]
+                )
             except (FileNotFoundError, ProcessLookupError):
                 continue
     found = [pid]

@@ -1,4 +1,6 @@
-"""More of what people do in the studio's vessels and steering: each flow ends in a file or in the library's numbers."""
+"""More of what people do in the studio's vessels and steering: each flow ends in a file or in the
+library's numbers.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +16,15 @@ from tests.browser.waiting import until
 import shoal
 from shoal.steering import SteeringProblem
 from shoal.swarm import SwarmProblem
-from shoal.swarm.maps.open import vessels_in
+from shoal.swarm.maps.files import vessels_in
 
 pytestmark = pytest.mark.browser
 MAZE = {"map": "maze:9x7", "particles": 4, "policy": "closest-frontier"}
-PAIR = {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
+PAIR = {
+    "workspace": "square",
+    "start": [[0.2, 0.3], [0.5, 0.35]],
+    "goal": [[0.8, 0.2], [0.3, 0.75]],
+}
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +40,9 @@ def photograph(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.forms(0, 3)
-def test_from_a_photograph_to_its_film(page: Page, studio: Studio, photograph: Path, form: Form) -> None:
+def test_from_a_photograph_to_its_film(
+    page: Page, studio: Studio, photograph: Path, form: Form
+) -> None:
     studio.open(page, "vessels", {"problem": MAZE, "seed": 0})
     before = set(studio.folder.glob("retina*.png"))
     page.locator(".chooser input[type=file]").set_input_files(photograph)
@@ -45,11 +53,16 @@ def test_from_a_photograph_to_its_film(page: Page, studio: Studio, photograph: P
     low.press("Tab")
     (brought,) = set(studio.folder.glob("retina*.png")) - before
     found = vessels_in(str(brought), low=0.6)
-    facts.get_by_text(f"{100 * found.mask.mean():.1f} % of the pixels are vessel, confidence").wait_for()
+    facts.get_by_text(
+        f"{100 * found.mask.mean():.1f} % of the pixels are vessel, confidence"
+    ).wait_for()
     page.locator("[data-field=particles] input").fill("5")
     page.locator("[data-field=policy] select").select_option("closest-frontier")
     episode = run_and_load(page, studio)
-    expected = shoal.run(SwarmProblem(str(brought), vessels=True, low=0.6, particles=5, policy="closest-frontier"), seed=0)
+    expected = shoal.run(
+        SwarmProblem(str(brought), vessels=True, low=0.6, particles=5, policy="closest-frontier"),
+        seed=0,
+    )
     assert episode.commands == expected.commands
     if form[:2] == ("light", 1280):
         assert written_by(page, studio, "Film as GIF").read_bytes()[:6] == b"GIF89a"
@@ -82,7 +95,10 @@ def test_a_link_opens_the_same_problem_again(page: Page, studio: Studio) -> None
     page.goto("about:blank")
     page.goto(link)
     page.locator(".underStage .facts", has_text="6 particles").wait_for()
-    assert run_and_load(page, studio).commands == shoal.run(SwarmProblem(**(MAZE | {"particles": 6})), seed=7).commands
+    assert (
+        run_and_load(page, studio).commands
+        == shoal.run(SwarmProblem(**(MAZE | {"particles": 6})), seed=7).commands
+    )
 
 
 def test_a_run_is_stopped_and_leaves_nothing(page: Page, studio: Studio) -> None:
@@ -114,17 +130,24 @@ def test_an_episode_of_the_folder_is_opened_again(page: Page, studio: Studio) ->
     studio.open(page, "vessels", {"problem": MAZE, "seed": 0})
     tab(page, "Run")
     page.get_by_label("Episodes of the folder").select_option("earlier.npz")
-    page.frame_locator(".panel:not([hidden]) iframe:not([hidden])").locator("#of", has_text=f"of {episode.moves}").wait_for()
+    page.frame_locator(".panel:not([hidden]) iframe:not([hidden])").locator(
+        "#of", has_text=f"of {episode.moves}"
+    ).wait_for()
     assert b"<svg" in written_by(page, studio, "Figure as SVG").read_bytes()[:800]
 
 
 def test_the_swarm_is_run_by_keys_alone(page: Page, studio: Studio) -> None:
     studio.open(page, "vessels", {"problem": MAZE, "seed": 11})
     page.locator(".underStage .facts", has_text="free").wait_for()
-    assert run_and_load(page, studio, by_keys=True).commands == shoal.run(SwarmProblem(**MAZE), seed=11).commands
+    assert (
+        run_and_load(page, studio, by_keys=True).commands
+        == shoal.run(SwarmProblem(**MAZE), seed=11).commands
+    )
 
 
-def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(page: Page, studio: Studio) -> None:
+def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(
+    page: Page, studio: Studio
+) -> None:
     other = page.context.new_page()
     other.goto(studio.root)
     other.wait_for_selector("body[data-ready]")
@@ -133,7 +156,11 @@ def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(page: Pag
     page.get_by_role("button", name="Run", exact=True).click()
     page.wait_for_selector("#busy", state="attached")
     page.goto("about:blank")
-    until(other, "[...document.querySelectorAll('select option')].some((one) => one.value.includes('seed21'))")
+    until(
+        other,
+        "[...document.querySelectorAll('select option')].some((one) =>"
+        " one.value.includes('seed21'))",
+    )
     (kept,) = studio.folder.glob("*seed21*.npz")
     assert shoal.load(kept).verify()
     other.close()
@@ -146,7 +173,9 @@ def test_the_shortest_plan_is_chosen_and_played(page: Page, studio: Studio) -> N
     plan.click()
     episode = run_and_load(page, studio, "Play")
     assert episode.problem.planner == "shortest"
-    assert np.array_equal(episode.inputs, shoal.run(SteeringProblem(**PAIR, planner="shortest", time=3)).inputs)
+    assert np.array_equal(
+        episode.inputs, shoal.run(SteeringProblem(**PAIR, planner="shortest", time=3)).inputs
+    )
 
 
 def test_a_particle_is_dragged_and_the_plan_follows(page: Page, studio: Studio) -> None:
@@ -193,4 +222,5 @@ def test_noise_of_moves_is_in_the_plan(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": given, "seed": 2})
     page.locator(".plan", has_text="greedy").get_by_text("moves").wait_for()
     episode = run_and_load(page, studio, "Play")
-    assert np.array_equal(episode.states, shoal.run(SteeringProblem(**given), seed=2).states)  # type: ignore[arg-type]  # fields of JSON
+    # fields of JSON
+    assert np.array_equal(episode.states, shoal.run(SteeringProblem(**given), seed=2).states)  # type: ignore[arg-type]

@@ -15,8 +15,8 @@ from tests.browser.waiting import until
 
 import shoal
 from shoal.lab import Store, Sweep, run_sweep
-from shoal.lab.summaries import compare_along, summarise
-from shoal.lab.sweeps.toml_writing import as_toml
+from shoal.lab.statistics import compare_along, summarise
+from shoal.lab.sweep import as_toml
 from shoal.swarm import SwarmProblem
 
 pytestmark = pytest.mark.browser
@@ -43,9 +43,9 @@ def run_from_the_form(page: Page, studio: Studio, sweep: dict[str, Any]) -> None
 
 
 def complete(page: Page, name: str) -> None:
-    page.locator(".sweepCard[aria-current]", has=page.get_by_text(name, exact=True)).get_by_text("complete").wait_for(
-        timeout=90_000
-    )
+    page.locator(".sweepCard[aria-current]", has=page.get_by_text(name, exact=True)).get_by_text(
+        "complete"
+    ).wait_for(timeout=90_000)
     page.locator(".sweep > [role=status]", has_text="complete").wait_for()
 
 
@@ -57,7 +57,9 @@ def shown_table(page: Page, name: str) -> list[list[str]]:
 @pytest.fixture(scope="module")
 def mazes(studio: Studio) -> str:
     """A store in the folder, as a command makes it, and an episode."""
-    shoal.run(SwarmProblem("maze:9x7", particles=2, policy="closest-frontier"), seed=1).save(studio.folder / "episode.npz")
+    shoal.run(SwarmProblem("maze:9x7", particles=2, policy="closest-frontier"), seed=1).save(
+        studio.folder / "episode.npz"
+    )
     run_sweep(Sweep(**small("mazes", particles=[2, 4])), studio.folder / "mazes.sqlite", workers=0)
     return "mazes.sqlite"
 
@@ -75,14 +77,25 @@ def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio
     page.get_by_role("button", name="Run the sweep").click()
     complete(page, "better")
     with Store(studio.folder / "better.sqlite") as store:
-        rows, ((_, _, _, found),) = summarise(store, "better", "moves"), compare_along(store, "better", "moves", "policy")
-    assert [cells[1] for cells in shown_table(page, "Means")] == [f"{row.estimate.mean:.4g}" for row in rows if row.estimate]
+        rows, ((_, _, _, found),) = (
+            summarise(store, "better", "moves"),
+            compare_along(store, "better", "moves", "policy"),
+        )
+    assert [cells[1] for cells in shown_table(page, "Means")] == [
+        f"{row.estimate.mean:.4g}" for row in rows if row.estimate
+    ]
     assert found is not None
     assert shown_table(page, "Comparisons")[0][2] == f"{found.difference.mean:.4g}"
-    told = "do not differ clearly" if found.difference.low <= 0 <= found.difference.high else "than for"
+    told = (
+        "do not differ clearly"
+        if found.difference.low <= 0 <= found.difference.high
+        else "than for"
+    )
     assert told in page.locator(".verdict").inner_text()
     assert Sweep.load(studio.folder / "better.toml").problem["map"] == "maze:9x7"
-    episodes = [shoal.run(SwarmProblem("maze:9x7", particles=20, policy=name), seed=0) for name in POLICIES]
+    episodes = [
+        shoal.run(SwarmProblem("maze:9x7", particles=20, policy=name), seed=0) for name in POLICIES
+    ]
     assert all(episodes)
 
 
@@ -115,7 +128,9 @@ def test_the_file_and_the_form_follow_each_other(page: Page, studio: Studio) -> 
         (('kind = "swarm"', 'kind = "function"\nfunction = "os:system"'), "runs your own code"),
     ],
 )
-def test_a_sweep_from_a_page_names_no_code_and_no_file_elsewhere(page: Page, studio: Studio, change: Any, words: str) -> None:
+def test_a_sweep_from_a_page_names_no_code_and_no_file_elsewhere(
+    page: Page, studio: Studio, change: Any, words: str
+) -> None:
     studio.open(page, "lab", {"tab": "new"})
     page.get_by_text("2 points, 40 trials").wait_for()
     page.get_by_label("The same as a file").fill(as_toml(small("bad")).replace(*change))
@@ -136,7 +151,9 @@ def test_a_sweep_from_a_page_names_no_code_and_no_file_elsewhere(page: Page, stu
     assert not (studio.folder / "bad.sqlite").exists()
 
 
-def test_a_sweep_of_the_command_is_found_and_exported(page: Page, studio: Studio, mazes: str) -> None:
+def test_a_sweep_of_the_command_is_found_and_exported(
+    page: Page, studio: Studio, mazes: str
+) -> None:
     studio.open(page, "lab", {"store": mazes, "sweep": "mazes", "measure": "scans"})
     page.locator(".sweep h2", has_text="mazes").wait_for()
     assert page.get_by_label("Measure").input_value() == "scans"
@@ -145,7 +162,9 @@ def test_a_sweep_of_the_command_is_found_and_exported(page: Page, studio: Studio
     assert page.locator(".chartArea .line circle").count() == 4
     with Store(studio.folder / mazes) as store:
         expected = [[str(value) for value in row] for row in store.rows("mazes")]
-        means = [f"{row.estimate.mean:.4g}" for row in summarise(store, "mazes", "moves") if row.estimate]
+        means = [
+            f"{row.estimate.mean:.4g}" for row in summarise(store, "mazes", "moves") if row.estimate
+        ]
     assert [cells[1] for cells in shown_table(page, "Means")] == means
     table = written_by(page, studio, "Table as CSV")
     assert list(csv.reader(table.read_text().splitlines()))[1:] == expected
@@ -153,7 +172,12 @@ def test_a_sweep_of_the_command_is_found_and_exported(page: Page, studio: Studio
 
 
 def test_a_sweep_as_python_gives_the_same_means(
-    page: Page, studio: Studio, mazes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    page: Page,
+    studio: Studio,
+    mazes: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     studio.open(page, "lab", {"store": mazes, "sweep": "mazes"})
     page.locator(".sweep").get_by_role("button", name="As Python").click()
@@ -162,21 +186,31 @@ def test_a_sweep_as_python_gives_the_same_means(
     tab(page, "As file")
     (tmp_path / "mazes.toml").write_text(page.locator(".sheet .code").inner_text())
     tab(page, "As command")
-    assert page.locator(".sheet .code").inner_text().startswith("shoal sweep run mazes.toml --store mazes.sqlite")
+    assert (
+        page.locator(".sheet .code")
+        .inner_text()
+        .startswith("shoal sweep run mazes.toml --store mazes.sqlite")
+    )
     page.keyboard.press("Escape")
     monkeypatch.chdir(tmp_path)
     exec(script, {})
     with Store(studio.folder / mazes) as store:
-        assert capsys.readouterr().out.splitlines() == [f"{row.values} {row}" for row in summarise(store, "mazes", "moves")]
+        assert capsys.readouterr().out.splitlines() == [
+            f"{row.values} {row}" for row in summarise(store, "mazes", "moves")
+        ]
 
 
 def test_the_first_trial_of_a_point_is_watched(page: Page, studio: Studio, mazes: str) -> None:
     studio.open(page, "lab", {"store": mazes, "sweep": "mazes"})
-    page.get_by_role("link", name="Watch the first trial at policy greedy-classify, particles 4").click()
+    page.get_by_role(
+        "link", name="Watch the first trial at policy greedy-classify, particles 4"
+    ).click()
     page.locator(".underStage .facts", has_text="4 particles").wait_for()
     page.get_by_role("button", name="Run", exact=True).click()
     page.wait_for_selector(".panel:not([hidden]) .exports")
-    episode: Any = shoal.load(max(studio.folder.glob("maze-9x7-greedy*.npz"), key=lambda path: path.stat().st_mtime))
+    episode: Any = shoal.load(
+        max(studio.folder.glob("maze-9x7-greedy*.npz"), key=lambda path: path.stat().st_mtime)
+    )
     with Store(studio.folder / mazes) as store:
         row = next(row for row in store.rows("mazes") if row[:3] == ("greedy-classify", 4, 0))
     assert (episode.seed, episode.moves) == (row[3], row[5])
@@ -195,7 +229,9 @@ def test_a_sweep_is_extended(page: Page, studio: Studio) -> None:
 
 
 def test_a_sweep_pauses_and_goes_on_to_the_same_rows(page: Page, studio: Studio) -> None:
-    sweep = small("pauses", trials=20_000) | {"problem": {"kind": "swarm", "map": "maze:31x31", "particles": 3}}
+    sweep = small("pauses", trials=20_000) | {
+        "problem": {"kind": "swarm", "map": "maze:31x31", "particles": 3}
+    }
     studio.open(page, "lab", {"tab": "new", "toml": as_toml(sweep)})
     page.get_by_text("2 points, 40,000 trials").wait_for()
     page.get_by_role("button", name="Run the sweep").click()
@@ -209,7 +245,9 @@ def test_a_sweep_pauses_and_goes_on_to_the_same_rows(page: Page, studio: Studio)
     page.get_by_role("button", name="Resume").wait_for()
 
 
-def test_a_damaged_store_is_said_and_the_others_are_shown(page: Page, studio: Studio, mazes: str) -> None:
+def test_a_damaged_store_is_said_and_the_others_are_shown(
+    page: Page, studio: Studio, mazes: str
+) -> None:
     (studio.folder / "broken.sqlite").write_bytes(b"no store at all")
     with sqlite3.connect(studio.folder / "notes.sqlite") as other:
         other.execute("CREATE TABLE notes (text)")
@@ -224,13 +262,18 @@ def test_a_damaged_store_is_said_and_the_others_are_shown(page: Page, studio: St
 
 
 @pytest.mark.forms(0)
-def test_no_sweep_is_shown_under_the_mark_of_another(page: Page, studio: Studio, mazes: str) -> None:
-    """While the chosen sweep is read, which takes long on a busy machine, the one before is gone."""
+def test_no_sweep_is_shown_under_the_mark_of_another(
+    page: Page, studio: Studio, mazes: str
+) -> None:
+    """While the chosen sweep is read, which takes long on a busy machine, the one
+    before is gone.
+    """
     run_sweep(Sweep(**small("others", 1)), studio.folder / "others.sqlite", workers=0)
     studio.open(page, "lab", {"tab": "sweeps", "store": mazes, "sweep": "mazes"})
     page.locator(".sweep h2", has_text="mazes").wait_for()
     held: list[Route] = []
-    page.route("**/api/ask/sweep", lambda route: held.append(route))  # noqa: PLW0108 - playwright marks what it is given
+    # noqa: PLW0108 - playwright marks what it is given
+    page.route("**/api/ask/sweep", lambda route: held.append(route))
     page.locator(".sweepCard", has_text="others").click()
     page.locator(".sweepCard[aria-current]", has_text="others").wait_for()
     page.locator(".sweep [role=status]", has_text="Opening others").wait_for()
@@ -256,7 +299,9 @@ def test_the_gallery_shows_episodes_and_plays_them(page: Page, studio: Studio) -
     studio.open(page, "lab", {"tab": "episodes"})
     card = page.locator(".card", has_text="shelf.npz")
     card.get_by_text(episode.sentence).wait_for()
-    assert card.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 100
+    assert (
+        card.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 100
+    )
     card.click()
     frame = page.frame_locator(".watching iframe:not([hidden])")
     frame.locator("#of", has_text=f"of {episode.moves}").wait_for()
@@ -272,7 +317,11 @@ def test_a_sweep_is_run_by_keys_alone(page: Page, studio: Studio) -> None:
 
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text()
 STATES: dict[str, tuple[str, dict[str, Any], str]] = {
-    "vessels": ("vessels", {"problem": {"map": "maze:9x7", "particles": 3}, "seed": 0}, ".underStage .facts:has-text('free')"),
+    "vessels": (
+        "vessels",
+        {"problem": {"map": "maze:9x7", "particles": 3}, "seed": 0},
+        ".underStage .facts:has-text('free')",
+    ),
     "steering": ("steering", {}, ".reach >> nth=0"),
     "search": ("search", {}, ".fleet .soft:has-text('at')"),
     "sweeps": ("lab", {"store": "mazes.sqlite", "sweep": "mazes"}, ".verdict"),
@@ -283,7 +332,9 @@ STATES: dict[str, tuple[str, dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_pages_have_no_serious_fault_in_four_forms(studio_page: Page, studio: Studio, mazes: str, state: str) -> None:
+def test_pages_have_no_serious_fault_in_four_forms(
+    studio_page: Page, studio: Studio, mazes: str, state: str
+) -> None:
     """Axe finds none, of the frames inside neither, and a narrow page scrolls one way only."""
     page, (place, given, there) = studio_page, STATES[state]
     studio.open(page, place, given)
@@ -294,8 +345,16 @@ def test_pages_have_no_serious_fault_in_four_forms(studio_page: Page, studio: St
         wear(page, theme, width, height)
         # Of all rules, those of contrast alone depend on the theme.
         rules = {} if theme == "light" else {"runOnly": ["color-contrast", "link-in-text-block"]}
-        found = page.evaluate("rules => axe.run(document, {resultTypes: ['violations'], ...rules})", rules)["violations"]
-        faults = [f"{one['id']}: {one['nodes'][0]['target']}" for one in found if one["impact"] in ("serious", "critical")]
+        found = page.evaluate(
+            "rules => axe.run(document, {resultTypes: ['violations'], ...rules})", rules
+        )["violations"]
+        faults = [
+            f"{one['id']}: {one['nodes'][0]['target']}"
+            for one in found
+            if one["impact"] in ("serious", "critical")
+        ]
         assert faults == [], (theme, width)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
-        assert page.evaluate("document.querySelector('main').firstElementChild.scrollWidth") <= width
+        assert (
+            page.evaluate("document.querySelector('main').firstElementChild.scrollWidth") <= width
+        )

@@ -1,4 +1,6 @@
-"""The place Search: regions dropped, named and drawn; plans, simulations and missions are the library's."""
+"""The place Search: regions dropped, named and drawn; plans, simulations and missions are the
+library's.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ from tests.browser.waiting import until
 import shoal
 from shoal.cli import run as run_command
 from shoal.search import SearchProblem, open_region
-from shoal.search.allocation.plan import end_of, plan_search
+from shoal.search.planning.plan import end_of, plan_search
 from shoal.search.regions.projection import LocalFrame
 
 pytestmark = pytest.mark.browser
@@ -44,7 +46,9 @@ def lasting(seconds: float) -> str:
 
 def shown(page: Page, **fields: Any) -> None:
     """The plan on the page is that of the library: its time, and each robot's."""
-    plan = plan_search(SearchProblem(**{"footprint": 10, "robots": 2, "vehicle": "multirotor", **fields}), seed=1)
+    plan = plan_search(
+        SearchProblem(**{"footprint": 10, "robots": 2, "vehicle": "multirotor", **fields}), seed=1
+    )
     planned(page).get_by_text(f"searched in {lasting(plan.planned_seconds)}").wait_for()
     for sorties, row in zip(plan.sorties, page.locator(".fleet button").all(), strict=True):
         assert lasting(end_of(sorties)) in row.inner_text()
@@ -54,7 +58,15 @@ def shapefile(folder: Path) -> list[Path]:
     import pyogrio
 
     shapes = np.array([shapely.to_wkb(shapely.Polygon(FIELD))], dtype=object)
-    pyogrio.raw.write(folder / "meadow.shp", shapes, [], [], crs="EPSG:4326", geometry_type="Polygon", driver="ESRI Shapefile")
+    pyogrio.raw.write(
+        folder / "meadow.shp",
+        shapes,
+        [],
+        [],
+        crs="EPSG:4326",
+        geometry_type="Polygon",
+        driver="ESRI Shapefile",
+    )
     return sorted(folder.glob("meadow.*"))
 
 
@@ -78,7 +90,9 @@ def test_a_region_is_brought(page: Page, studio: Studio, tmp_path: Path, kind: s
             files = [tmp_path / "packed.zip"]
     opened(page, studio)
     page.locator(".search-place .chooser input[type=file]").set_input_files(files)
-    page.locator(".search-place .source", has_text="meadow" if kind != "zip" else "packed").wait_for()
+    page.locator(
+        ".search-place .source", has_text="meadow" if kind != "zip" else "packed"
+    ).wait_for()
     name = page.locator(".search-place .source").inner_text()
     assert open_region(studio.folder / name).area_m2 == pytest.approx(
         open_region(str(files[-1 if len(files) == 1 else -2])).area_m2
@@ -98,12 +112,15 @@ def test_a_region_is_named_and_simulated_by_keys_alone(page: Page, studio: Studi
     assert episode.trace.covered_at == expected.trace.covered_at
 
 
-def spot(page: Page, point: tuple[float, float], scale: float, middle: tuple[float, float]) -> tuple[float, float]:
+def spot(
+    page: Page, point: tuple[float, float], scale: float, middle: tuple[float, float]
+) -> tuple[float, float]:
     box = page.locator(".plane").bounding_box()
     assert box is not None
-    return box["x"] + box["width"] / 2 + (point[0] - middle[0]) * scale, box["y"] + box["height"] / 2 - (
-        point[1] - middle[1]
-    ) * scale
+    return (
+        box["x"] + box["width"] / 2 + (point[0] - middle[0]) * scale,
+        box["y"] + box["height"] / 2 - (point[1] - middle[1]) * scale,
+    )
 
 
 @pytest.mark.forms(0, 3)
@@ -115,7 +132,9 @@ def test_a_region_a_zone_and_a_launch_point_are_drawn(page: Page, studio: Studio
     page.locator(".plane").scroll_into_view_if_needed()
     box = page.locator(".plane").bounding_box()
     assert box is not None
-    scale = min((box["width"] - 72) / 500, (box["height"] - 72) / 300)  # an empty canvas shows 500 by 300 m
+    scale = min(
+        (box["width"] - 72) / 500, (box["height"] - 72) / 300
+    )  # an empty canvas shows 500 by 300 m
 
     def click(some: list[tuple[float, float]]) -> None:
         for point in some:
@@ -161,8 +180,12 @@ def test_corners_are_written_as_a_list_and_taken_back(page: Page, studio: Studio
     page.get_by_role("button", name="No-go zone 1, corner 1").wait_for()
     episode = run_and_load(page, studio, "Simulate")
     frame = LocalFrame.around(FIELD)
-    zone = shapely.Polygon(frame.to_metres([(8.5003, 47.4001), (8.5005, 47.4001), (8.5005, 47.4002)]))
-    assert episode.plan.grid.region.area_m2 == pytest.approx(shapely.Polygon(frame.to_metres(FIELD)).area - zone.area, abs=0.1)
+    zone = shapely.Polygon(
+        frame.to_metres([(8.5003, 47.4001), (8.5005, 47.4001), (8.5005, 47.4002)])
+    )
+    assert episode.plan.grid.region.area_m2 == pytest.approx(
+        shapely.Polygon(frame.to_metres(FIELD)).area - zone.area, abs=0.1
+    )
 
 
 def test_a_launch_point_is_moved_by_keys(page: Page, studio: Studio) -> None:
@@ -179,7 +202,11 @@ def test_a_launch_point_is_moved_by_keys(page: Page, studio: Studio) -> None:
 
 def player(page: Page) -> Any:
     page.wait_for_selector(".panel:not([hidden]) iframe:not([hidden])")
-    found = [frame for frame in page.frames if frame.url.endswith("/play/search") and frame.evaluate("!!window.shoalPlayer")]
+    found = [
+        frame
+        for frame in page.frames
+        if frame.url.endswith("/play/search") and frame.evaluate("!!window.shoalPlayer")
+    ]
     return found[-1]
 
 
@@ -203,7 +230,10 @@ def test_a_robot_dies_by_a_click_and_messages_are_lost(page: Page, studio: Studi
     page.get_by_text(" messages did not arrive, ").wait_for()
     episode = run_and_load(page, studio, "Keep this run")
     assert episode.problem.to_dict()["faults"] == ["crash:2@2.25"]
-    expected = shoal.run(SearchProblem("square:40", faults="crash:2@2.25", loss=0.3, **(FAST | {"footprint": 10})), seed=1)
+    expected = shoal.run(
+        SearchProblem("square:40", faults="crash:2@2.25", loss=0.3, **(FAST | {"footprint": 10})),
+        seed=1,
+    )
     assert (episode.trace.sent, episode.trace.lost) == (expected.trace.sent, expected.trace.lost)
     page.get_by_role("button", name="As Python").click()
     names: dict[str, Any] = {}
@@ -215,8 +245,12 @@ def test_a_robot_dies_by_a_click_and_messages_are_lost(page: Page, studio: Studi
     until(page, "!document.querySelector('.faults .chip')")
 
 
-def test_missions_are_written_and_checked(page: Page, studio: Studio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (studio.folder / "paddock.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [[*FIELD, FIELD[0]]]}))
+def test_missions_are_written_and_checked(
+    page: Page, studio: Studio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (studio.folder / "paddock.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [[*FIELD, FIELD[0]]]})
+    )
     opened(page, studio, "paddock.geojson")
     tab(page, "Missions")
     page.get_by_label("format", exact=True).fill("plan")
@@ -230,7 +264,10 @@ def test_missions_are_written_and_checked(page: Page, studio: Studio, tmp_path: 
         archive.extractall(tmp_path)
     told = json.loads((tmp_path / "check/check.json").read_text())
     assert told["errors"] == 0
-    assert f"{float(format(100 * told['covered_fraction'], '.6g')):g} %" in page.locator(".measures").inner_text()
+    assert (
+        f"{float(format(100 * told['covered_fraction'], '.6g')):g} %"
+        in page.locator(".measures").inner_text()
+    )
     command = shlex.split(page.locator(".missions .code").inner_text())
     monkeypatch.chdir(studio.folder)
     monkeypatch.setattr("shoal.views.search.mission_folder.save_figure", lambda *_: None)
@@ -246,11 +283,18 @@ def test_a_picture_lies_where_two_points_of_it_are_known(page: Page, studio: Stu
     page.get_by_text("A picture below").click()
     page.get_by_label("Picture below the canvas").select_option("above.png")
     words = ("column of the picture", "row of the picture", "first coordinate", "second coordinate")
-    for point, values in ((1, (20, 80, 0, 0)), (2, (120, 80, 0, 50))):  # 100 pixels to the right are 50 m north
+    for point, values in (
+        (1, (20, 80, 0, 0)),
+        (2, (120, 80, 0, 50)),
+    ):  # 100 pixels to the right are 50 m north
         for what, value in zip(words, values, strict=True):
             page.get_by_label(f"Point {point}, {what}").fill(str(value))
     page.get_by_role("button", name="Place the picture").click()
-    until(page, "document.querySelector('.plane image').getAttribute('transform')?.startsWith('matrix(0 0.5')")
+    until(
+        page,
+        "document.querySelector('.plane image').getAttribute('transform')?.startsWith('matrix(0"
+        " 0.5')",
+    )
     told = page.locator(".plane image").get_attribute("transform")
     assert told is not None
     a, b, c, d, x, y = map(float, told.removeprefix("matrix(").removesuffix(")").split())
@@ -258,7 +302,11 @@ def test_a_picture_lies_where_two_points_of_it_are_known(page: Page, studio: Stu
     assert np.allclose([a * 120 + c * 80 + x, b * 120 + d * 80 + y], [0, 50])
     page.reload()
     page.wait_for_selector("body[data-ready]")
-    until(page, "document.querySelector('.plane image').getAttribute('transform')?.startsWith('matrix(0 0.5')")
+    until(
+        page,
+        "document.querySelector('.plane image').getAttribute('transform')?.startsWith('matrix(0"
+        " 0.5')",
+    )
 
 
 def test_a_vehicle_is_set_or_comes_from_a_file(page: Page, studio: Studio) -> None:
@@ -296,12 +344,22 @@ def test_a_link_opens_the_same_plan(page: Page, studio: Studio) -> None:
 
 def test_one_layer_of_a_volume_is_shown_at_a_time(page: Page, studio: Studio) -> None:
     opened(page, studio, "box:60x40x20")
-    assert page.get_by_label("Ways of the layer").locator("option").all_inner_texts() == ["at 5 m", "at 15 m", "all together"]
-    told = page.evaluate("[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()")
+    assert page.get_by_label("Ways of the layer").locator("option").all_inner_texts() == [
+        "at 5 m",
+        "at 15 m",
+        "all together",
+    ]
+    told = page.evaluate(
+        "[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()"
+    )
     page.get_by_label("Ways of the layer").select_option("at 15 m")
-    above = page.evaluate("[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()")
+    above = page.evaluate(
+        "[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()"
+    )
     page.get_by_label("Ways of the layer").select_option("all together")
-    both = page.evaluate("[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()")
+    both = page.evaluate(
+        "[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()"
+    )
     assert len(both) > max(len(told), len(above))
     assert told != above
     opened(page, studio)
@@ -312,5 +370,8 @@ def test_what_is_wrong_is_said_beside_the_region(page: Page, studio: Studio) -> 
     opened(page, studio)
     page.locator("[data-field=launch] input").fill("1,2;3,4;5,6")
     page.locator("[data-field=launch] input").press("Tab")
-    page.locator(".search-place .warning", has_text="launch: expected one point for all, or 2, one per robot, got 3").wait_for()
+    page.locator(
+        ".search-place .warning",
+        has_text="launch: expected one point for all, or 2, one per robot, got 3",
+    ).wait_for()
     assert page.locator(".plane .land").get_attribute("d")

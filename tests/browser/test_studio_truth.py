@@ -1,4 +1,6 @@
-"""Never wrong in silence: what the studio takes back, asks before, keeps, and says of what is older than the form."""
+"""Never wrong in silence: what the studio takes back, asks before, keeps, and says of what is older
+than the form.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ def click_at(page: Page, *points: tuple[float, float]) -> None:
     assert box is not None
     scale = min((box["width"] - 72) / 180, (box["height"] - 72) / 120)
     for x, y in points:
-        page.mouse.click(box["x"] + box["width"] / 2 + x * scale, box["y"] + box["height"] / 2 - y * scale)
+        page.mouse.click(
+            box["x"] + box["width"] / 2 + x * scale, box["y"] + box["height"] / 2 - y * scale
+        )
 
 
 @pytest.mark.forms(0)
@@ -65,7 +69,11 @@ def test_undo_takes_back_the_last_thing_whatever_it_was(page: Page, studio: Stud
     states = [told(page)]
 
     def done() -> None:
-        until(page, f"decodeURIComponent(location.hash.split(/\\?(.*)/s)[1]) !== {json.dumps(json.dumps(states[-1]))}")
+        until(
+            page,
+            "decodeURIComponent(location.hash.split(/\\?(.*)/s)[1]) !=="
+            f" {json.dumps(json.dumps(states[-1]))}",
+        )
         assert told(page) != states[-1]
         states.append(told(page))
 
@@ -103,7 +111,9 @@ def test_undo_takes_back_the_last_thing_whatever_it_was(page: Page, studio: Stud
 
 
 @pytest.mark.forms(0)
-def test_the_corners_of_an_open_outline_are_taken_back_one_by_one_and_a_closed_one_whole(page: Page, studio: Studio) -> None:
+def test_the_corners_of_an_open_outline_are_taken_back_one_by_one_and_a_closed_one_whole(
+    page: Page, studio: Studio
+) -> None:
     drawn(page, studio)
     page.get_by_role("button", name="No-go", exact=True).click()
     click_at(page, (-20, -20), (20, -20), (20, 15))
@@ -120,7 +130,9 @@ def test_the_corners_of_an_open_outline_are_taken_back_one_by_one_and_a_closed_o
 
 @pytest.mark.forms(0, 3)
 @pytest.mark.parametrize("how", ["draw", "file", "name"])
-def test_a_drawing_is_replaced_after_a_question_and_comes_back(page: Page, studio: Studio, tmp_path: Any, how: str) -> None:
+def test_a_drawing_is_replaced_after_a_question_and_comes_back(
+    page: Page, studio: Studio, tmp_path: Any, how: str
+) -> None:
     drawn(page, studio, launch="-60,30")
     before = told(page)
 
@@ -129,7 +141,9 @@ def test_a_drawing_is_replaced_after_a_question_and_comes_back(page: Page, studi
             page.get_by_role("button", name="Draw a region", exact=True).click()
         elif how == "file":
             (tmp_path / "other.csv").write_text("x_m,y_m\n0,0\n50,0\n50,50\n")
-            page.locator(".search-place .chooser input[type=file]").set_input_files(tmp_path / "other.csv")
+            page.locator(".search-place .chooser input[type=file]").set_input_files(
+                tmp_path / "other.csv"
+            )
         else:
             page.get_by_label("By name").fill("square:40")
             page.get_by_label("By name").press("Enter")
@@ -141,7 +155,11 @@ def test_a_drawing_is_replaced_after_a_question_and_comes_back(page: Page, studi
     expect(page.get_by_label("By name")).to_have_value("")
     replace()
     page.locator(".sheet").get_by_role("button", name="Replace it").click()
-    until(page, "!location.hash.includes('parts') || decodeURIComponent(location.hash).includes('\"parts\":[]')")
+    until(
+        page,
+        "!location.hash.includes('parts') ||"
+        " decodeURIComponent(location.hash).includes('\"parts\":[]')",
+    )
     page.locator(".plane").focus()
     page.keyboard.press("Control+z")
     assert told(page) == before
@@ -151,7 +169,11 @@ def test_a_drawing_is_replaced_after_a_question_and_comes_back(page: Page, studi
 
 @pytest.mark.forms(0)
 def test_missions_of_older_settings_are_not_handed_out(page: Page, studio: Studio) -> None:
-    drawn(page, studio, {"frame": [8.5, 47.4], "parts": [[[0, 0], [60, 0], [60, 40], [0, 40]]], "zones": []})
+    drawn(
+        page,
+        studio,
+        {"frame": [8.5, 47.4], "parts": [[[0, 0], [60, 0], [60, 40], [0, 40]]], "zones": []},
+    )
     tab(page, "Missions")
     page.get_by_label("format", exact=True).fill("plan")
     page.get_by_label("format", exact=True).press("Tab")
@@ -166,7 +188,10 @@ def test_missions_of_older_settings_are_not_handed_out(page: Page, studio: Studi
     page.get_by_role("button", name="No-go zone 1, corner 1").wait_for()
     page.get_by_text("By numbers").click()
     tab(page, "Missions")
-    page.locator(".missions .warning", has_text="The settings have changed since drawn-region.missions.zip was written").wait_for()
+    page.locator(
+        ".missions .warning",
+        has_text="The settings have changed since drawn-region.missions.zip was written",
+    ).wait_for()
     assert link.count() == 0
     assert page.locator(".missions img").count() == 0
     page.keyboard.press("Control+z")
@@ -197,22 +222,38 @@ def test_a_plan_is_not_shown_over_settings_that_have_none(page: Page, studio: St
 
 
 @pytest.mark.forms(0)
-def test_a_search_of_older_settings_is_not_exported_as_if_it_were_of_these(page: Page, studio: Studio) -> None:
+def test_a_search_of_older_settings_is_not_exported_as_if_it_were_of_these(
+    page: Page, studio: Studio
+) -> None:
     drawn(page, studio)
     run_and_load(page, studio, "Simulate")
     page.locator("[data-field=footprint] input").fill("25")
     page.locator("[data-field=footprint] input").press("Tab")
-    page.get_by_role("button", name="Keep this run").wait_for()  # it was simulated anew, and is not saved yet
+    page.get_by_role(
+        "button", name="Keep this run"
+    ).wait_for()  # it was simulated anew, and is not saved yet
     assert page.locator(".panel:not([hidden]) .exports").count() == 0
     page.locator("[data-field=launch] input").fill("1,2;3,4;5,6")
     page.locator("[data-field=launch] input").press("Tab")
-    page.locator(".panel:not([hidden]) .warning", has_text="before the change: the settings cannot be simulated").wait_for()
+    page.locator(
+        ".panel:not([hidden]) .warning",
+        has_text="before the change: the settings cannot be simulated",
+    ).wait_for()
     assert page.get_by_role("button", name="Keep this run").is_hidden()
 
 
 @pytest.mark.forms(0)
-def test_painting_inlets_and_fields_are_taken_back_in_their_order(page: Page, studio: Studio) -> None:
-    studio.open(page, "vessels", {"problem": {"map": "rectangle:6x8", "particles": 3, "policy": "closest-frontier"}, "seed": 0})
+def test_painting_inlets_and_fields_are_taken_back_in_their_order(
+    page: Page, studio: Studio
+) -> None:
+    studio.open(
+        page,
+        "vessels",
+        {
+            "problem": {"map": "rectangle:6x8", "particles": 3, "policy": "closest-frontier"},
+            "seed": 0,
+        },
+    )
     facts = page.locator(".underStage .facts")
     facts.get_by_text("48 free").wait_for()
 
@@ -260,8 +301,14 @@ def test_painting_inlets_and_fields_are_taken_back_in_their_order(page: Page, st
 
 
 @pytest.mark.forms(0)
-def test_particles_that_were_moved_and_drawn_workspaces_come_back(page: Page, studio: Studio) -> None:
-    pair = {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
+def test_particles_that_were_moved_and_drawn_workspaces_come_back(
+    page: Page, studio: Studio
+) -> None:
+    pair = {
+        "workspace": "square",
+        "start": [[0.2, 0.3], [0.5, 0.35]],
+        "goal": [[0.8, 0.2], [0.3, 0.75]],
+    }
     studio.open(page, "steering", {"problem": pair, "seed": 0})
     page.get_by_role("button", name="Particle 1 at").press("ArrowUp")
     page.get_by_role("button", name="Particle 1 at 0.2, 0.31").wait_for()
@@ -282,7 +329,11 @@ def test_particles_that_were_moved_and_drawn_workspaces_come_back(page: Page, st
     page.keyboard.press("Control+z")
     assert "POLYGON" in told(page)["problem"]["workspace"]
     page.keyboard.press("Control+z")
-    assert told(page)["problem"] == pair | {"start": "0.2,0.31 0.5,0.35", "goal": "0.8,0.2 0.3,0.75", "max_moves": 9}
+    assert told(page)["problem"] == pair | {
+        "start": "0.2,0.31 0.5,0.35",
+        "goal": "0.8,0.2 0.3,0.75",
+        "max_moves": 9,
+    }
     page.keyboard.press("Control+z")
     page.keyboard.press("Control+z")
     assert told(page)["problem"] == pair
@@ -293,10 +344,20 @@ def test_particles_that_were_moved_and_drawn_workspaces_come_back(page: Page, st
 def test_a_workspace_of_a_micrometre_keeps_its_digits(page: Page, studio: Studio) -> None:
     small = "POLYGON ((0 0, 0.000002 0, 0.000002 0.000001, 0 0.000001, 0 0))"
     start, goal = [[2e-7, 3e-7], [5e-7, 3.5e-7]], [[1.6e-6, 2e-7], [3e-7, 7.5e-7]]
-    studio.open(page, "steering", {"problem": {"workspace": small, "start": start, "goal": goal, "tolerance": 1e-9}, "seed": 0})
+    studio.open(
+        page,
+        "steering",
+        {
+            "problem": {"workspace": small, "start": start, "goal": goal, "tolerance": 1e-9},
+            "seed": 0,
+        },
+    )
     page.locator(".plan", has_text="greedy").get_by_text("length").wait_for()
     expected = shoal.run(SteeringProblem(small, start, goal, planner="greedy", tolerance=1e-9))
-    assert f"length {expected.length:.4g}".replace("e-0", "e-") in page.locator(".plan", has_text="greedy").inner_text()
+    assert (
+        f"length {expected.length:.4g}".replace("e-0", "e-")
+        in page.locator(".plan", has_text="greedy").inner_text()
+    )
     page.get_by_role("button", name="Particle 1 at 2e-7, 3e-7").press("ArrowUp")
     page.get_by_role("button", name="Particle 1 at 2e-7, 3.2").wait_for()
     assert told(page)["problem"]["goal"] == goal
@@ -305,8 +366,23 @@ def test_a_workspace_of_a_micrometre_keeps_its_digits(page: Page, studio: Studio
 @pytest.mark.forms(0)
 def test_small_numbers_keep_their_digits(page: Page, studio: Studio) -> None:
     studio.open(page, "vessels")
-    cases = {0.0005: "0.0005", 0.00049: "0.00049", 3e-9: "3e-9", 0.0: "0", 1234567.0: "1,235,000", -0.00012: "-0.00012"}
-    shares = {0: "0 %", 1: "100 %", 0.9999: "99.99 %", 0.99996: "99.996 %", 0.0004: "0.04 %", 0.25: "25.0 %", 1e-9: "1e-7 %"}
+    cases = {
+        0.0005: "0.0005",
+        0.00049: "0.00049",
+        3e-9: "3e-9",
+        0.0: "0",
+        1234567.0: "1,235,000",
+        -0.00012: "-0.00012",
+    }
+    shares = {
+        0: "0 %",
+        1: "100 %",
+        0.9999: "99.99 %",
+        0.99996: "99.996 %",
+        0.0004: "0.04 %",
+        0.25: "25.0 %",
+        1e-9: "1e-7 %",
+    }
     found = page.evaluate(
         """async ([values, shares]) => {
             const {number, percent} = await import("/static/shared/page.js");
@@ -339,12 +415,17 @@ def test_python_of_an_opened_episode_is_that_episode(page: Page, studio: Studio)
     assert (again.problem, again.seed, again.commands) == (episode.problem, 41, episode.commands)
     page.get_by_label("Seed").fill("6")
     page.get_by_label("Seed").press("Tab")
-    page.locator(".panel:not([hidden]) .result", has_text="opened.npz: the settings have changed since").wait_for()
+    page.locator(
+        ".panel:not([hidden]) .result", has_text="opened.npz: the settings have changed since"
+    ).wait_for()
     assert script("As Python …").seed == 6  # what was done last: the form
     assert script("Python script of this episode").commands == episode.commands
     page.get_by_role("button", name="Python script of this episode").click()
     page.get_by_role("tab", name="As command").click()
-    assert page.locator(".sheet .code").inner_text() == ("shoal map maze:11x9 --particles=3 --policy=closest-frontier --seed=41")
+    assert (
+        page.locator(".sheet .code").inner_text()
+        == "shoal map maze:11x9 --particles=3 --policy=closest-frontier --seed=41"
+    )
     page.keyboard.press("Escape")
 
 
@@ -375,7 +456,9 @@ def test_players_and_drawings_survive_a_visit_elsewhere(page: Page, studio: Stud
 
 
 @pytest.mark.forms(0)
-def test_of_many_episodes_the_newest_are_listed_and_all_can_be_reached(page: Page, studio: Studio) -> None:
+def test_of_many_episodes_the_newest_are_listed_and_all_can_be_reached(
+    page: Page, studio: Studio
+) -> None:
     episode = shoal.run(SwarmProblem("line:4", particles=1), seed=1)
     episode.save(studio.folder / "episode-0000.npz")
     for k in range(1, 700):
@@ -385,7 +468,9 @@ def test_of_many_episodes_the_newest_are_listed_and_all_can_be_reached(page: Pag
     studio.open(page, "vessels", {"problem": MAZE, "seed": 0})
     listed = page.get_by_label("Episodes of the folder").locator("option").all_inner_texts()
     assert listed[1] == "the-newest.npz"
-    there = len(list(studio.folder.rglob("*.npz"))) + len(list(studio.folder.rglob("*.episode.json")))
+    there = len(list(studio.folder.rglob("*.npz"))) + len(
+        list(studio.folder.rglob("*.episode.json"))
+    )
     assert listed[-1] == f"{there - 200:,} older ones: in the Lab …"
     tab(page, "Run")
     page.get_by_label("Episodes of the folder").select_option(listed[-1])
@@ -419,7 +504,9 @@ def test_changes_of_a_new_sweep_are_taken_back(page: Page, studio: Studio) -> No
 
 
 @pytest.mark.forms(0)
-def test_painted_cells_outlast_a_reload_and_comparisons_say_that_they_are_older(page: Page, studio: Studio) -> None:
+def test_painted_cells_outlast_a_reload_and_comparisons_say_that_they_are_older(
+    page: Page, studio: Studio
+) -> None:
     studio.open(page, "vessels", {"problem": {"map": "rectangle:5x5", "particles": 2}, "seed": 0})
     facts = page.locator(".underStage .facts")
     facts.get_by_text("25 free").wait_for()
@@ -435,7 +522,9 @@ def test_painted_cells_outlast_a_reload_and_comparisons_say_that_they_are_older(
     page.locator("#compareTrials").fill("2")
     page.get_by_role("button", name="Compare", exact=True).click()
     page.wait_for_selector(".quad iframe:not([hidden])", timeout=60_000)
-    aged = page.locator(".compare .warning", has_text="The settings have changed since this comparison began.")
+    aged = page.locator(
+        ".compare .warning", has_text="The settings have changed since this comparison began."
+    )
     assert aged.is_hidden()
     page.locator("[data-field=particles] input").fill("3")
     aged.wait_for()
@@ -444,7 +533,9 @@ def test_painted_cells_outlast_a_reload_and_comparisons_say_that_they_are_older(
 
 
 @pytest.mark.forms(0)
-def test_what_is_no_number_is_not_the_default_and_typing_takes_no_launch_point(page: Page, studio: Studio) -> None:
+def test_what_is_no_number_is_not_the_default_and_typing_takes_no_launch_point(
+    page: Page, studio: Studio
+) -> None:
     drawn(page, studio, launch="-60,30;60,30", robots=2)
     robots = page.locator("[data-field=robots] input")
     robots.fill("")

@@ -1,4 +1,6 @@
-"""The player of a 3-D workspace: what it shows is what the library says; it turns, and slices can be chosen."""
+"""The player of a 3-D workspace: what it shows is what the library says; it turns, and slices can
+be chosen.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,10 @@ def test_it_turns_and_slices(open_player):
     one = page.evaluate(cut)
     page.locator("#axis").select_option("1")
     assert page.evaluate(cut) != one
-    page.evaluate("document.getElementById('cut').value = 0; document.getElementById('cut').dispatchEvent(new Event('input'))")
+    page.evaluate(
+        "document.getElementById('cut').value = 0; document.getElementById('cut').dispatchEvent(new"
+        " Event('input'))"
+    )
     assert page.locator("#cutAt").inner_text() == "-1"
     settle(page)
     light = page.evaluate(picture)
@@ -70,6 +75,8 @@ def test_particles_shine_through_the_wall_of_a_wide_vessel(open_player):
         episode = run(block, start=start, task="coverage", policy="random-moves", max_moves=0)
         page = open_player(page_data(episode) | {"playing": False})
         url = page.evaluate("document.getElementById('picture').toDataURL()")
-        shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))), dtype=int)
+        shown = np.asarray(
+            Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))), dtype=int
+        )
         colours.append(int((shown[..., 0] > shown[..., 2]).sum()))  # cells to cover are blue
     assert min(colours) > 100

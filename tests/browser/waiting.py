@@ -9,7 +9,9 @@ if TYPE_CHECKING:
 
 
 def until(page: Page, expression: str) -> None:
-    """Wait for an expression (the page's policy forbids it the eval that wait_for_function needs)."""
+    """Wait for an expression (the page's policy forbids it the eval that
+    wait_for_function needs).
+    """
     for _ in range(250):
         if page.evaluate(expression):
             return
@@ -18,12 +20,19 @@ def until(page: Page, expression: str) -> None:
 
 
 def settle(page: Page) -> None:
-    """Wait until the page has been laid out and drawn: its script has run when it is open, but no frame has."""
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))")
+    """Wait until the page has been laid out and drawn: its script has run when it is open, but no
+    frame has.
+    """
+    page.evaluate(
+        "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() =>"
+        " requestAnimationFrame(done))))"
+    )
 
 
 def stays_drawn(page: Page) -> bool:
-    """Return whether the picture is still there when its stage has just got another size, before the next frame."""
+    """Return whether the picture is still there when its stage has just got another size, before
+    the next frame.
+    """
     return bool(
         page.evaluate("""new Promise((done) => {
             const stage = document.getElementById("stage"), picture = document.getElementById("picture");

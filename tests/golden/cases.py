@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.swarm import GridWorkspace, place
-from shoal.swarm.grid.randomness import trial_rng
+from shoal.swarm.grid.board import trial_rng
 from shoal.swarm.maps.generators import generate
 
 MAPS: dict[str, np.ndarray] = {
@@ -19,11 +19,17 @@ MAPS: dict[str, np.ndarray] = {
     "cave": generate("cave:8x6:1"),
     "htree": generate("htree:25"),
     "cube": np.ones((2, 2, 3), bool),
-    "stairs 3-D": np.array([[[1, 1, 0], [0, 1, 0]], [[0, 1, 1], [0, 0, 1]], [[0, 0, 1], [1, 1, 1]]], bool),
+    "stairs 3-D": np.array(
+        [[[1, 1, 0], [0, 1, 0]], [[0, 1, 1], [0, 0, 1]], [[0, 0, 1], [1, 1, 1]]], bool
+    ),
     "vessels 3-D": generate("vessels3d:60:1"),
     "tower 3-D": np.random.default_rng(5).random((3, 3, 4)) < 0.75,
 }
-CASES = [(name, placement, n, depth) for name in MAPS for placement, n, depth in (("uniform", 3, 6), ("flood-fill", 4, 5))]
+CASES = [
+    (name, placement, n, depth)
+    for name in MAPS
+    for placement, n, depth in (("uniform", 3, 6), ("flood-fill", 4, 5))
+]
 
 
 def start_of(name: str, placement: str, n: int) -> tuple[GridWorkspace, np.ndarray]:

@@ -1,7 +1,8 @@
-"""Episodes that must not change: number of moves and a digest of the commands, for every policy, rule and task.
+"""Episodes that must not change: number of moves and a digest of the commands, for every policy,
+rule and task.
 
-A change of the kernels, of a policy or of how random numbers are drawn shows here. If it is meant, store them anew:
-``python -m tests.golden.test_episodes``, and say so in the changelog.
+A change of the kernels, of a policy or of how random numbers are drawn shows here. If it is meant,
+store them anew: ``python -m tests.golden.test_episodes``, and say so in the changelog.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ CASES = [
 
 def played(name: str, task: str, policy: str, rule: str) -> list[object]:
     """Return [moves, status, digest of the commands, cells travelled]."""
-    episode = run(open_map(name), task=task, policy=policy, rule=rule, particles=20, seed=5, max_moves=20_000)
+    episode = run(
+        open_map(name), task=task, policy=policy, rule=rule, particles=20, seed=5, max_moves=20_000
+    )
     digest = hashlib.sha256(episode.commands.encode()).hexdigest()[:16]
     return [episode.moves, episode.status, digest, episode.distance]
 
@@ -58,7 +61,9 @@ NOISY = [
 def played_with_noise(name: str, policy: str, every: str) -> list[object]:
     """Return [moves, status, digest of the commands, scans, cells travelled]."""
     noise = Noise(slip=0.1, misplace=0.05, miss=0.05)
-    episode = run(open_map(name), policy=policy, particles=20, seed=5, noise=noise, scan_every=every)
+    episode = run(
+        open_map(name), policy=policy, particles=20, seed=5, noise=noise, scan_every=every
+    )
     digest = hashlib.sha256(episode.commands.encode()).hexdigest()[:16]
     return [episode.moves, episode.status, digest, episode.scans, episode.distance]
 
@@ -70,5 +75,8 @@ def test_episode_with_noise(case):
 
 if __name__ == "__main__":
     rows = [f" {json.dumps(' '.join(case))}: {json.dumps(played(*case))}" for case in CASES]
-    rows += [f" {json.dumps(' '.join(('noise', *case)))}: {json.dumps(played_with_noise(*case))}" for case in NOISY]
+    rows += [
+        f" {json.dumps(' '.join(('noise', *case)))}: {json.dumps(played_with_noise(*case))}"
+        for case in NOISY
+    ]
     FILE.write_text("{\n" + ",\n".join(rows) + "\n}\n")

@@ -16,19 +16,27 @@ def test_spec_figures():
 
 
 def test_coverage_of_fig_6():
-    """The spec says 58.9 exact, from a simulation; counted exactly it is 58.744, and so says a million trials."""
+    """The spec says 58.9 exact, from a simulation; counted exactly it is 58.744, and so says a
+    million trials.
+    """
     line = Line(1000, 100)
     assert float(line.coverage.exact) == pytest.approx(58.7443, abs=5e-5)
     assert float(line.coverage.printed) == pytest.approx(59.6978, abs=5e-5)
     assert float(line.published_coverage) == pytest.approx(60.7, abs=0.1)
     found = sample(line, 200_000, seed=1)
-    assert abs(found.coverage.mean() - float(line.coverage.exact)) < 5 * found.standard_error("coverage")
+    assert abs(found.coverage.mean() - float(line.coverage.exact)) < 5 * found.standard_error(
+        "coverage"
+    )
 
 
 def test_published_coverage_takes_the_gap_as_difference_of_positions():
-    """Every tenth point of the curve, 2000 trials each, lies within five standard errors of that."""
+    """Every tenth point of the curve, 2000 trials each, lies within five standard
+    errors of that.
+    """
     curve = published_curve("line-full-coverage-m5000.csv")
-    for n, mean, deviation in list(zip(curve.x.astype(int).tolist(), curve.mean, curve.std, strict=True))[9::10]:
+    for n, mean, deviation in list(
+        zip(curve.x.astype(int).tolist(), curve.mean, curve.std, strict=True)
+    )[9::10]:
         line = Line(5000, n)
         error = deviation / 2000**0.5
         assert abs(mean - float(line.published_coverage)) <= 5 * error + 0.005

@@ -10,14 +10,14 @@ from tests.goal_sweeps import sweep_goals
 from tests.reference import disk_reach as reference
 
 from shoal.core.errors import InvalidInputError
-from shoal.papers.steering.antipodes import swap_antipodes
-from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES
-from shoal.papers.steering.reachable_fraction import (
+from shoal.papers.steering.figures import (
     disk_fractions,
     largest_two_move_fraction,
     polygon_fractions,
     polygon_radii,
+    swap_antipodes,
 )
+from shoal.papers.steering.shortest_paths import DISK_GOALS, DISK_START, SQUARE_CASES
 from shoal.steering import (
     ContactWorld,
     disk,
@@ -33,12 +33,17 @@ from shoal.steering import (
 def test_fractions_of_the_disk_are_those_of_the_paper() -> None:
     data = disk_fractions([0.1, 0.001])
     assert data.moves.tolist() == [2, 4, 6, 8, 10, 12, 14]
-    np.testing.assert_allclose(100 * data.fractions[0], [6.34, 30.1, 55.7, 74.9, 86.5, 93.0, 96.5], atol=0.15)
+    np.testing.assert_allclose(
+        100 * data.fractions[0], [6.34, 30.1, 55.7, 74.9, 86.5, 93.0, 96.5], atol=0.15
+    )
     assert 100 * data.fractions[1, -1] == pytest.approx(89.8, abs=0.05)
 
 
 def test_more_contacts_change_hardly_anything() -> None:
-    few, many = (disk_fractions([0.001, 0.1, 0.3], directions=directions).fractions for directions in (720, 1440))
+    few, many = (
+        disk_fractions([0.001, 0.1, 0.3], directions=directions).fractions
+        for directions in (720, 1440)
+    )
     np.testing.assert_allclose(few, many, atol=3e-4)
 
 
@@ -52,7 +57,10 @@ def test_radii_of_the_disk_agree_with_the_sets(distance: float) -> None:
         assert not reached_in_two_moves(disk(), (distance, 0), min(1, 1.005 * far + 1e-6) * e)
     depths = reference.depths_of(distance, moves=6, radius=0.5, contacts=360)
     for deep, far in zip(depths[1:], radii[1:], strict=True):
-        inside, outside = (reference.contains(deep, 0.5, around * share[:, None]) for share in (far * 0.98, far * 1.001 + 1e-3))
+        inside, outside = (
+            reference.contains(deep, 0.5, around * share[:, None])
+            for share in (far * 0.98, far * 1.001 + 1e-3)
+        )
         assert inside.mean() > 0.98  # it looks at few contacts, and says no too often
         assert not outside.any()
 
@@ -73,15 +81,26 @@ def test_the_longest_difference_grows_by_square_roots() -> None:
 
 def test_outlines_have_the_radii_all_around() -> None:
     outline = disk_reach(0.3, moves=2)[0].outline
-    area = 0.5 * abs(np.sum(outline[:, 0] * np.roll(outline[:, 1], -1) - outline[:, 1] * np.roll(outline[:, 0], -1)))
+    area = 0.5 * abs(
+        np.sum(
+            outline[:, 0] * np.roll(outline[:, 1], -1) - outline[:, 1] * np.roll(outline[:, 0], -1)
+        )
+    )
     assert area / pi == pytest.approx(disk_fractions([0.3], moves=2).fractions[0, 0], rel=1e-2)
 
 
 @pytest.mark.parametrize(
     ("sides", "before", "moves"),
-    [(3, (0.43, 0.36), 6), (4, (0.27, 0.11), 6), *((n, (0.13, 0.06), 6) for n in (5, 6)), *((n, (0.13, 0.06), 8) for n in (7, 8))],
+    [
+        (3, (0.43, 0.36), 6),
+        (4, (0.27, 0.11), 6),
+        *((n, (0.13, 0.06), 6) for n in (5, 6)),
+        *((n, (0.13, 0.06), 8) for n in (7, 8)),
+    ],
 )
-def test_moves_that_fill_regular_polygons(sides: int, before: tuple[float, float], moves: int) -> None:
+def test_moves_that_fill_regular_polygons(
+    sides: int, before: tuple[float, float], moves: int
+) -> None:
     """The paper has 4 for the triangle and 6 for seven and eight sides."""
     filling = polygon_fractions(regular_polygon(sides), before)
     assert filling.moves == moves
@@ -97,7 +116,9 @@ def test_four_moves_of_the_square_miss_one_corner() -> None:
 def test_four_moves_of_a_triangle_may_miss_much() -> None:
     missing = 1 - polygon_fractions(regular_polygon(3), (0.43, 0.36), moves=4).fractions[1]
     assert 0.03 < missing < 0.10
-    assert polygon_fractions(polygon([(0, 0), (1, 0), (0.3, 0.25)]), (0.4, 0.1)).moves == 6  # obtuse: six, as the paper has it
+    assert (
+        polygon_fractions(polygon([(0, 0), (1, 0), (0.3, 0.25)]), (0.4, 0.1)).moves == 6
+    )  # obtuse: six, as the paper has it
 
 
 def test_areas_of_polygons_agree_with_sampled_sets() -> None:
@@ -106,13 +127,17 @@ def test_areas_of_polygons_agree_with_sampled_sets() -> None:
     steps = (np.arange(60) + 0.5) / 30 - 1
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     sampled = [reach.contains(grid[space.depth(grid) > 0]).mean() for reach in filling.sets]
-    assert round(100 * filling.fractions[0], 2) == 15.54  # as the command, its figure and the union of all pieces have it
+    assert (
+        round(100 * filling.fractions[0], 2) == 15.54
+    )  # as the command, its figure and the union of all pieces have it
     np.testing.assert_allclose(filling.fractions, sampled, atol=1e-2)
     reach = polygon_reach(regular_polygon(5), (0.2, 0.1), moves=4)[1]
     ahead = np.array([(np.cos(angle), np.sin(angle)) for angle in np.linspace(0, 6, 200)])
     radii = polygon_radii(reach, ahead)[:, None]
     assert reach.contains(0.995 * radii * ahead).all()
-    assert reach.contains((1.01 * radii + 1e-3) * ahead).mean() < 0.1  # at some contacts it steps down a little later
+    assert (
+        reach.contains((1.01 * radii + 1e-3) * ahead).mean() < 0.1
+    )  # at some contacts it steps down a little later
 
 
 def test_the_printed_error_law_is_that_of_particle_2_always_touching() -> None:
@@ -133,9 +158,13 @@ def test_swaps_hold_when_they_are_played(toucher: str) -> None:
     swap = swap_antipodes(toucher=toucher, cycles=25)  # type: ignore[arg-type]  # one of the two
     states = ContactWorld(disk()).play(swap.start, [*swap.moves])
     left = swap.goal - states[2::2]
-    np.testing.assert_allclose(np.linalg.norm(left[:, 1] - left[:, 0], axis=1) / 2, swap.errors, atol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.norm(left[:, 1] - left[:, 0], axis=1) / 2, swap.errors, atol=1e-9
+    )
     last = swap.goal.mean(axis=0) - states[-1].mean(axis=0)
-    assert np.linalg.norm(swap.moves, axis=1).sum() + np.linalg.norm(last) == pytest.approx(swap.lengths[-1])
+    assert np.linalg.norm(swap.moves, axis=1).sum() + np.linalg.norm(last) == pytest.approx(
+        swap.lengths[-1]
+    )
     end = ContactWorld(disk()).play(states[-1], [last])[-1]
     np.testing.assert_allclose(np.linalg.norm(end - swap.goal, axis=1), swap.errors[-1], atol=1e-9)
 
@@ -153,20 +182,32 @@ def test_a_goal_in_the_middle_makes_the_numbers_of_moves_symmetrical() -> None:
 def test_interchangeable_particles_need_no_longer_plans() -> None:
     start, goal = SQUARE_CASES[2]
     one, either = (
-        sweep_goals(open_workspace("square"), start, goal, varied=1, samples=9, interchangeable=both) for both in (False, True)
+        sweep_goals(
+            open_workspace("square"), start, goal, varied=1, samples=9, interchangeable=both
+        )
+        for both in (False, True)
     )
     assert one.unsolved == either.unsolved == 0
     assert (either.lengths <= one.lengths + 1e-9).all()
     assert np.max(either.lengths) < 0.8 * np.max(one.lengths)
 
 
-@pytest.mark.parametrize("what", [
-    lambda: disk_fractions([0.0]), lambda: disk_fractions([]), lambda: disk_fractions([0.1], directions=4),
-    lambda: disk_fractions([0.1], moves=3), lambda: disk_reach(1.5, moves=2), lambda: swap_antipodes(apart=1.0),
-    lambda: swap_antipodes(cycles=0), lambda: swap_antipodes(toucher="first"),  # type: ignore[arg-type]  # refused
-    lambda: sweep_goals(disk(), DISK_START, (0, 0), samples=1), lambda: sweep_goals(disk(), DISK_START, (0, 0), varied=3),
-    lambda: swap_antipodes(cycles=1).law(),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "what",
+    [
+        lambda: disk_fractions([0.0]),
+        lambda: disk_fractions([]),
+        lambda: disk_fractions([0.1], directions=4),
+        lambda: disk_fractions([0.1], moves=3),
+        lambda: disk_reach(1.5, moves=2),
+        lambda: swap_antipodes(apart=1.0),
+        lambda: swap_antipodes(cycles=0),
+        lambda: swap_antipodes(toucher="first"),  # type: ignore[arg-type]  # refused
+        lambda: sweep_goals(disk(), DISK_START, (0, 0), samples=1),
+        lambda: sweep_goals(disk(), DISK_START, (0, 0), varied=3),
+        lambda: swap_antipodes(cycles=1).law(),
+    ],
+)
 def test_wrong_input_is_refused(what: object) -> None:
     with pytest.raises(InvalidInputError, match="expected"):
         what()  # type: ignore[operator]  # a function

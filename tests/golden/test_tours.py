@@ -1,4 +1,6 @@
-"""Figures of paper H and of the specification that a tour decides: Fig. 4, Fig. 5 and what the closing edge costs."""
+"""Figures of paper H and of the specification that a tour decides: Fig. 4, Fig. 5 and what the
+closing edge costs.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,12 @@ TRIALS = 50_000
 
 
 def expected_times(tour, *, robots, rng):
-    """Return T_E without and with the closing edge's length, in sides of a cell, robots staying where they are.
+    """Return T_E without and with the closing edge's length, in sides of a cell, robots staying
+    where they are.
 
-    Each robot starts in any cell and goes on to the next one's start; T is the longest way. Without the closing edge's length the
-    last step counts as 1, as all others do. The starts are the same for both.
+    Each robot starts in any cell and goes on to the next one's start; T is the longest way. Without
+    the closing edge's length the last step counts as 1, as all others do. The starts are the same
+    for both.
     """
     n = len(tour)
     starts = np.sort(rng.integers(0, n, (TRIALS, robots)), axis=1)
@@ -25,7 +29,9 @@ def expected_times(tour, *, robots, rng):
 
 
 def test_figure_4():
-    """The location [3, 5], [0, 0] being the lower left, is the 28th subregion along the curve of order 3."""
+    """The location [3, 5], [0, 0] being the lower left, is the 28th subregion along the curve of
+    order 3.
+    """
     x, y = 3, 5
     assert hilbert_encode((7 - y, x), order=3) == 28
     assert hilbert_decode(28, order=3).tolist() == [7 - y, x]
@@ -34,13 +40,19 @@ def test_figure_4():
 
 @pytest.mark.parametrize(("side", "robots", "more"), [(8, 5, 10.4), (32, 20, 3.6), (64, 20, 1.7)])
 def test_what_the_closing_edge_costs(side, robots, more):
-    """Specification, section 3: T_E with the closing edge's length counted, against the same tour closed by one step.
+    """Specification, section 3: T_E with the closing edge's length counted, against the same tour
+    closed by one step.
 
-    The specification's figures are estimates themselves: that for 64 cells is 10.65 here, and 2000 trials give it to within 0.22.
+    The specification's figures are estimates themselves: that for 64 cells is 10.65 here, and 2000
+    trials give it to within 0.22.
     """
-    without, with_edge = expected_times(make_tour("hilbert", (side, side)), robots=robots, rng=np.random.default_rng(1))
+    without, with_edge = expected_times(
+        make_tour("hilbert", (side, side)), robots=robots, rng=np.random.default_rng(1)
+    )
     assert 100 * (with_edge / without - 1) == pytest.approx(more, abs=0.35 if side == 8 else 0.1)
-    without, with_edge = expected_times(make_tour("moore", (side, side)), robots=robots, rng=np.random.default_rng(1))
+    without, with_edge = expected_times(
+        make_tour("moore", (side, side)), robots=robots, rng=np.random.default_rng(1)
+    )
     assert with_edge == without
 
 

@@ -1,7 +1,8 @@
 """Damage valid files of every format and read them: ``python -m tests.hostile 100000``.
 
-A batch is read in a process of its own, which the kernel ends at a socket, at a program that is started, and after 10 seconds for
-one file; it has 1 GiB of memory. Its working folder and its home are empty, and must be so at the end.
+A batch is read in a process of its own, which the kernel ends at a socket, at a program that is
+started, and after 10 seconds for one file; it has 1 GiB of memory. Its working folder and its home
+are empty, and must be so at the end.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def play(format_: str, sample: Sample, seed: int, folder: Path) -> list[str]:
 
 
 def batch(format_: str, sample: Sample, seeds: range, report: int) -> None:
-    """Read files of one format in this process, which ends then; what is wrong goes down a pipe, and before each file its seed."""
+    """Read files of one format in this process, which ends then; what is wrong goes down a pipe,
+    and before each file its seed.
+    """
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     confine(SECONDS)
     for seed in seeds:
@@ -67,16 +70,29 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     options = parser.parse_args()
     found: collections.Counter[str] = collections.Counter()
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as home, contextlib.chdir(home):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tempfile.TemporaryDirectory() as home,
+        contextlib.chdir(home),
+    ):
         os.environ["HOME"] = home
-        every = {name: one for name, one in samples(Path(folder)).items() if name.startswith(options.formats)}
+        every = {
+            name: one
+            for name, one in samples(Path(folder)).items()
+            if name.startswith(options.formats)
+        }
         each = -(-options.count // len(every))
         for name, sample in every.items():
             for first in range(options.first, options.first + each, BATCH):
-                for text in _forked(name, sample, range(first, min(first + BATCH, options.first + each))):
+                for text in _forked(
+                    name, sample, range(first, min(first + BATCH, options.first + each))
+                ):
                     found[name] += 1
                     print(text, flush=True)
-    print(f"{each * len(every)} files of {len(every)} formats, {sum(found.values())} taken wrongly", dict(found))
+    print(
+        f"{each * len(every)} files of {len(every)} formats, {sum(found.values())} taken wrongly",
+        dict(found),
+    )
     return int(bool(found))
 
 
@@ -96,7 +112,9 @@ def _forked(name: str, sample: Sample, seeds: range) -> list[str]:
     ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     at = said.rpartition("#")[2].split("\n")[0]
     wrong = [text for text in said.split("#") if text.partition("\n")[2].strip()]
-    return [f"#{text.strip()}" for text in wrong] + ([f"{name} {at}: the process ended with {ended}"] if ended else [])
+    return [f"#{text.strip()}" for text in wrong] + (
+        [f"{name} {at}: the process ended with {ended}"] if ended else []
+    )
 
 
 if __name__ == "__main__":

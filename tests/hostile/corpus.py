@@ -1,4 +1,6 @@
-"""Hostile files for every reader, by kind: what a stranger may send under the name of a valid file."""
+"""Hostile files for every reader, by kind: what a stranger may send under the name of a
+valid file.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,9 @@ CONTENTS: dict[str, Change] = {
     "zero bytes within": lambda content: content.replace(b"e", b"\0"),
     "Latin letters": lambda content: content.replace(b"a", b"\xe4"),
     "numbers of 400 digits": lambda content: _digits(content, HUGE.encode()),
-    "numbers of 5,000 digits": lambda content: content.replace(b"1", b"9" * 5000).replace(b"2", b"9" * 5000),
+    "numbers of 5,000 digits": lambda content: content.replace(b"1", b"9" * 5000).replace(
+        b"2", b"9" * 5000
+    ),
     "negative numbers": lambda content: _digits(content, b"-1"),
     "not a number": lambda content: _digits(content, b"NaN"),
     "1e308": lambda content: content.replace(b"1", b"1e308"),
@@ -68,7 +72,9 @@ CONTENTS: dict[str, Change] = {
     "lists in lists": lambda _: b"[" * 2000 + b"]" * 2000,
     "geometries in geometries": lambda _: b"GEOMETRYCOLLECTION(" * 50_000,
     "tags without end": lambda _: b"<kml>" * 20_000,
-    "entities": lambda _: b'<!DOCTYPE a [<!ENTITY b "c"><!ENTITY d SYSTEM "file:///etc/passwd">]><kml>&b;&d;</kml>',
+    "entities": lambda _: (
+        b'<!DOCTYPE a [<!ENTITY b "c"><!ENTITY d SYSTEM "file:///etc/passwd">]><kml>&b;&d;</kml>'
+    ),
     "control characters": lambda content: content.replace(b"n", b"\x1b]0;x\x07\x1b[2J"),
     "half of a pair of surrogates": lambda content: content.replace(b'"a', b'"\\ud800'),
     "one long line": lambda _: b"a" * 150_000,
@@ -78,14 +84,22 @@ CONTENTS: dict[str, Change] = {
     "an archive that unfolds": lambda _: _BOMB,
     "a stream that unfolds": lambda _: gzip.compress(bytes(6_000_000), 9),
     "a pickle": lambda _: _pickle(),
-    "an array of pickles": lambda _: b"\x93NUMPY\x01\x00v\x00" + _OBJECTS.ljust(117) + b"\n" + _pickle(),
+    "an array of pickles": lambda _: (
+        b"\x93NUMPY\x01\x00v\x00" + _OBJECTS.ljust(117) + b"\n" + _pickle()
+    ),
     "a virtual layer": lambda _: _VIRTUAL,
-    "a picture of 60,000 x 60,000": lambda _: b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\xea\x60\0\0\xea\x60\x08\0\0\0\0\0\0\0\0",
+    "a picture of 60,000 x 60,000": lambda _: (
+        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\xea\x60\0\0\xea\x60\x08\0\0\0\0\0\0\0\0"
+    ),
     "a database of others": lambda _: b"SQLite format 3\0" + bytes(84),
-    "code that is named": lambda content: re.sub(rb"random-moves|line:9", f"{STRANGER}:run".encode(), content),
-    "a problem of code": lambda _: json.dumps({"kind": "swarm", "map": "line:9", "task": f"{STRANGER}:run"}).encode(),
+    "code that is named": lambda content: re.sub(
+        rb"random-moves|line:9", f"{STRANGER}:run".encode(), content
+    ),
+    "a problem of code": lambda _: json.dumps(
+        {"kind": "swarm", "map": "line:9", "task": f"{STRANGER}:run"}
+    ).encode(),
     "a program": lambda _: b"#!/bin/sh\ntouch /tmp/ran\n",
-}  # fmt: skip
+}
 """What becomes of the content of a file."""
 
 _BOMB = _bomb()

@@ -1,4 +1,6 @@
-"""Files that would need gigabytes or minutes are refused before the work, or read, in a process of 1 GiB."""
+"""Files that would need gigabytes or minutes are refused before the work, or read, in a process of
+1 GiB.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from shoal.core.errors import InvalidInputError
 from shoal.lab import Sweep
 from shoal.search.flight.vehicle import vehicle_of
 
-KML = '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>{}</Document></kml>'
+KML = (
+    '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>{}</Document></kml>'
+)
 SQUARE = [[8.5, 47.4], [8.51, 47.4], [8.51, 47.41], [8.5, 47.41], [8.5, 47.4]]
 RUN = """
 import resource, sys
@@ -51,7 +55,9 @@ def test_each_hostile_file_needs_less_than_a_gibibyte(tmp_path):
         "spikes-100000.geojson": collection([star(50_000)]),
         "deep.geojson": "[" * 1_000_000,
         "objects.geojson": "[" + "{}," * 4_000_000 + "{}]",
-        "corners.kml": KML.format("<Polygon><coordinates>" + "1,1 " * 1_000_000 + "</coordinates></Polygon>"),
+        "corners.kml": KML.format(
+            "<Polygon><coordinates>" + "1,1 " * 1_000_000 + "</coordinates></Polygon>"
+        ),
         "attributes.kml": KML.format("<a " + " ".join(f'b{k}=""' for k in range(700_000)) + "/>"),
         "points.csv": "x_m,y_m\n" + "0,0\n" * 1_000_000,
     }
@@ -63,7 +69,9 @@ def test_each_hostile_file_needs_less_than_a_gibibyte(tmp_path):
         with zipfile.ZipFile(tmp_path / name, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr(inside, b" " * 100_000_000)
         paths.append(str(tmp_path / name))
-    done = subprocess.run([sys.executable, "-c", RUN, *paths], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *paths], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     blocks = done.stderr.split("== ")[1:]
     assert len(blocks) == len(paths)
@@ -80,14 +88,27 @@ def test_each_hostile_file_needs_less_than_a_gibibyte(tmp_path):
 
 def test_keys_of_toml_have_a_budget_and_texts_have_not(tmp_path):
     deep = ".".join(["a"] * 11)
-    for text in (f"{deep} = 1", f"x = {{{deep} = 1}}", f"[{deep}]", 'a."b.c".' + deep + " = 1", "a = 1\n[[" + deep + "]]"):
+    for text in (
+        f"{deep} = 1",
+        f"x = {{{deep} = 1}}",
+        f"[{deep}]",
+        'a."b.c".' + deep + " = 1",
+        "a = 1\n[[" + deep + "]]",
+    ):
         with pytest.raises(InvalidInputError, match="a: expected keys of at most 10 parts, got"):
             parse_toml(text, where="a")
-    kept = f'a = "{deep}" # {deep}\nb = \'{deep}\'\nc = """\n{deep} \\" {deep}\n"""\nd.e.f.g = 1.5\n"{deep}" = [0.1, 1e-3]'
+    kept = (
+        f'a = "{deep}" # {deep}\nb = \'{deep}\'\nc = """\n{deep} \\" {deep}\n"""\nd.e.f.g ='
+        f' 1.5\n"{deep}" = [0.1, 1e-3]'
+    )
     assert parse_toml(kept, where="a")["d"] == {"e": {"f": {"g": 1.5}}}
-    with pytest.raises(InvalidInputError, match="a: expected at most 100000 keys, tables and lists, got 100001"):
+    with pytest.raises(
+        InvalidInputError, match="a: expected at most 100000 keys, tables and lists, got 100001"
+    ):
         parse_toml("a=1\n" * 100_001, where="a")
-    with pytest.raises(InvalidInputError, match="a: expected at most 500000 values in lists, got 500001 or more"):
+    with pytest.raises(
+        InvalidInputError, match="a: expected at most 500000 values in lists, got 500001 or more"
+    ):
         parse_toml("a=[" + "1," * 500_001 + "]", where="a")
     (tmp_path / "v.toml").write_text(f'preset = "multirotor"\n{deep} = 1\n')
     with pytest.raises(InvalidInputError, match=r"v\.toml: expected keys of at most 10 parts"):
@@ -98,7 +119,11 @@ def test_repeated_names_are_refused_in_every_file_of_a_user(tmp_path):
     for name, text, read in (
         ("a.toml", 'name = "a"\nseed = 1\nseed = 2\n', Sweep.load),
         ("b.toml", 'preset = "rover"\npreset = "multirotor"\n', lambda path: vehicle_of(str(path))),
-        ("c.json", '{"preset": "rover", "cruise_speed": 1, "cruise_speed": 2}', lambda path: vehicle_of(str(path))),
+        (
+            "c.json",
+            '{"preset": "rover", "cruise_speed": 1, "cruise_speed": 2}',
+            lambda path: vehicle_of(str(path)),
+        ),
     ):
         (tmp_path / name).write_text(text)
         with pytest.raises(InvalidInputError, match=r"each (key|name) once, got") as told:

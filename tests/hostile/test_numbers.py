@@ -1,4 +1,6 @@
-"""Numbers that no option takes, in every option of every command that takes one: exit code 2 and one sentence that names it."""
+"""Numbers that no option takes, in every option of every command that takes one: exit code 2 and
+one sentence that names it.
+"""
 
 from __future__ import annotations
 
@@ -8,24 +10,54 @@ from shoal.cli import run
 from shoal.cli.commands import COMMANDS, command
 
 ENOUGH = {
-    "map": "line:9 -n 2", "cover": "line:9 -n 2", "maps": "line:9", "drive": "line:9 --particles 2", "steer": "square",
-    "line": "--cells 9 --particles 2", "schedule": "--scan-cost 1 --move-cost 1", "reach": "square", "demo": "", "studio": ".",
-    "search": "square:60 --robots 2 --footprint 10", "tour": "comb cave:20x15", "reproduce": "m-fig1", "replay": "none.npz",
-    "missions check": "none square:60 --footprint 10", "sweep run": "none.toml --store none", "sweep status": "none",
-    "sweep summary": "none", "sweep plot": "none --out a.png", "sweep export": "none --out a.csv", "sweep merge": "a b --out c",
+    "map": "line:9 -n 2",
+    "cover": "line:9 -n 2",
+    "maps": "line:9",
+    "drive": "line:9 --particles 2",
+    "steer": "square",
+    "line": "--cells 9 --particles 2",
+    "schedule": "--scan-cost 1 --move-cost 1",
+    "reach": "square",
+    "demo": "",
+    "studio": ".",
+    "search": "square:60 --robots 2 --footprint 10",
+    "tour": "comb cave:20x15",
+    "reproduce": "m-fig1",
+    "replay": "none.npz",
+    "missions check": "none square:60 --footprint 10",
+    "sweep run": "none.toml --store none",
+    "sweep status": "none",
+    "sweep summary": "none",
+    "sweep plot": "none --out a.png",
+    "sweep export": "none --out a.csv",
+    "sweep merge": "a b --out c",
     "sweep check": "none",
-}  # fmt: skip
-"""What else a command needs; some of it a file, which is not there: its absence may be said first."""
+}
+"""What else a command needs; some of it a file, which is not there: its absence may be
+said first.
+"""
 
-WITHOUT_EFFECT = {("map", "--label"), ("cover", "--label"), *((name, "--seed") for name in ("tour", "schedule", "line"))}
+WITHOUT_EFFECT = {
+    ("map", "--label"),
+    ("cover", "--label"),
+    *((name, "--seed") for name in ("tour", "schedule", "line")),
+}
 OTHERWISE_CALLED = {"--monte-carlo": "trials"}
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name])
 def test_no_option_takes_such_a_number(name, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    numeric = [one for one in command(name).params if getattr(one, "type_descriptor", None) and one.param_type_name == "option"]
-    numeric = [one for one in numeric if any(kind in str(one.type_descriptor.annotation) for kind in ("int", "float"))]
+    numeric = [
+        one
+        for one in command(name).params
+        if getattr(one, "type_descriptor", None) and one.param_type_name == "option"
+    ]
+    numeric = [
+        one
+        for one in numeric
+        if any(kind in str(one.type_descriptor.annotation) for kind in ("int", "float"))
+    ]
     for option in numeric:
         spelled = max(option.opts, key=len)
         words = ENOUGH[name].split()
@@ -38,7 +70,11 @@ def test_no_option_takes_such_a_number(name, capsys, monkeypatch, tmp_path):
             said = capsys.readouterr().err
             assert said.count("\n") == 1, said
             assert len(said) < 400, said
-            names = (spelled.lstrip("-"), option.name.rstrip("_"), OTHERWISE_CALLED.get(spelled, spelled))
+            names = (
+                spelled.lstrip("-"),
+                option.name.rstrip("_"),
+                OTHERWISE_CALLED.get(spelled, spelled),
+            )
             absent = ("none: expected", "none.npz: expected", "none.toml: expected", "a: expected")
             assert any(one in said for one in (*names, *absent)), said
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]

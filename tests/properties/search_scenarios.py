@@ -9,11 +9,20 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.allocation.costs import TourCost
 from shoal.search.cells.distances import CellDistances
-from shoal.search.problem.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
-from shoal.search.problem.network import RadioNetwork, network_of
-from shoal.search.protocol.robot import Brief
+from shoal.search.problem.network import (
+    Battery,
+    Crash,
+    Fault,
+    Liar,
+    Pause,
+    RadioNetwork,
+    Slow,
+    WrongPosition,
+    network_of,
+)
+from shoal.search.protocol.state import Brief
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours import make_tour
 
@@ -26,7 +35,8 @@ _MOST_ROBOTS = 16
 
 
 def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
-    """Return the scenario of a number; if ``wide``, with footprints of 1 to 5 cells' width and parts shared by real ways.
+    """Return the scenario of a number; if ``wide``, with footprints of 1 to 5 cells' width and
+    parts shared by real ways.
 
     Examples
     --------
@@ -34,10 +44,21 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
     True
     """
     rng = np.random.default_rng(seed)
-    tour = make_tour(str(rng.choice(TOURS)), volume_of(random_mask(rng), np.random.default_rng([seed, 3])))
+    tour = make_tour(
+        str(rng.choice(TOURS)), volume_of(random_mask(rng), np.random.default_rng([seed, 3]))
+    )
     distances = CellDistances(tour) if rng.random() < _STEPWISE else None
-    tour_cost = TourCost(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), distances=distances, reckoned=wide)
-    n, m = len(tour_cost), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
+    tour_cost = TourCost(
+        tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), distances=distances, reckoned=wide
+    )
+    n, m = (
+        len(tour_cost),
+        int(
+            rng.integers(1, _MOST_ROBOTS + 1)
+            if rng.random() < 0.1
+            else min(rng.geometric(0.18), _MOST_ROBOTS)
+        ),
+    )
     whole = tour_cost.whole
     multiplicity = int(rng.choice([1, 1, 1, 2, 3]))
     energy = float(rng.choice([inf, inf, inf, 1.0])) * (whole / 2 + 3 * _LARGEST)
@@ -54,18 +75,28 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
     brief = with_launches(brief, starts, np.random.default_rng([seed, 3]))
     air = np.random.default_rng([seed, 2])
     signed, packet = air.random() < 0.2, int(air.choice([0, 0, 0, 0, 64, 100, 1200]))
-    rates = (1.0,) * m if rng.random() < 0.6 else tuple(float(rate) for rate in rng.uniform(0.5, 2.0, size=m))
+    rates = (
+        (1.0,) * m
+        if rng.random() < 0.6
+        else tuple(float(rate) for rate in rng.uniform(0.5, 2.0, size=m))
+    )
     return Scenario(
         brief,
         starts,
         rates,
         network=attacked(random_network(rng, whole), air, signed=signed),
-        faults=random_faults(rng, m, whole, liars=multiplicity - 1, energy=energy, lost=distances is None),
+        faults=random_faults(
+            rng, m, whole, liars=multiplicity - 1, energy=energy, lost=distances is None
+        ),
         targets=tuple(int(cell) for cell in rng.integers(0, n, size=rng.integers(0, 4))),
         detection=float(rng.choice([1.0, 0.8])),
         false_alarm=float(rng.choice([0.0, 0.02])),
         obstacles=() if distances is None else random_obstacles(rng, n, starts),
-        widths=tuple(int(width) for width in np.random.default_rng([seed, 1]).choice([1, 1, 3, 5], size=m)) if wide else (),
+        widths=tuple(
+            int(width) for width in np.random.default_rng([seed, 1]).choice([1, 1, 3, 5], size=m)
+        )
+        if wide
+        else (),
         signed=signed,
         packet=packet,
         seed=seed,
@@ -74,7 +105,9 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
 
 @dataclass(frozen=True)
 class FarLaunches:
-    """Launch points outside, as `WaysOut` tells of them: each so far from the cell in which its robot starts, by number."""
+    """Launch points outside, as `WaysOut` tells of them: each so far from the cell in which its
+    robot starts, by number.
+    """
 
     away: dict[int, float]
     starts: tuple[int, ...]
@@ -88,15 +121,28 @@ class FarLaunches:
 
 
 def with_launches(brief: Brief, starts: tuple[int, ...], rng: Generator) -> Brief:
-    """Return a brief in which, now and then, robots set out late, or outside; not where that could take all of their energy."""
-    delays, away = np.round(rng.exponential(20.0, len(starts)), 2), rng.exponential(10.0, len(starts))
+    """Return a brief in which, now and then, robots set out late, or outside; not where that could
+    take all of their energy.
+    """
+    delays, away = (
+        np.round(rng.exponential(20.0, len(starts)), 2),
+        rng.exponential(10.0, len(starts)),
+    )
     late, outside = rng.random(2) < 0.2
-    far = FarLaunches({k + 1: float(away[k]) for k in range(0, len(starts), 2)}, starts, brief.tour_cost)
-    return replace(brief, delays=tuple(delays.tolist()) if late else (), ways_out=far if outside and brief.energy == inf else None)  # type: ignore[arg-type]  # it is asked for nothing else
+    far = FarLaunches(
+        {k + 1: float(away[k]) for k in range(0, len(starts), 2)}, starts, brief.tour_cost
+    )
+    return replace(
+        brief,
+        delays=tuple(delays.tolist()) if late else (),
+        ways_out=far if outside and brief.energy == inf else None,
+    )  # type: ignore[arg-type]  # it is asked for nothing else
 
 
 def random_mask(rng: Generator) -> NDArray[np.bool_]:
-    """Return a random region, bool, shape (H, W): a whole rectangle, one with holes, or one full of gaps; at least one cell."""
+    """Return a random region, bool, shape (H, W): a whole rectangle, one with holes, or one full of
+    gaps; at least one cell.
+    """
     shape = tuple(int(side) for side in rng.integers(1, _LARGEST + 1, size=2))
     mask = np.ones(shape, dtype=np.bool_)
     kind = rng.integers(3)
@@ -113,7 +159,9 @@ def random_mask(rng: Generator) -> NDArray[np.bool_]:
 
 
 def volume_of(mask: NDArray[np.bool_], rng: Generator) -> NDArray[np.bool_]:
-    """Return a mask, or as often as `_VOLUMES` says a few layers of up to four rows and columns that differ in some cells."""
+    """Return a mask, or as often as `_VOLUMES` says a few layers of up to four rows and columns
+    that differ in some cells.
+    """
     if rng.random() >= _VOLUMES:
         return mask
     layer = mask[:4, :4]
@@ -144,8 +192,14 @@ def random_network(rng: Generator, whole: float) -> RadioNetwork:
 
 
 def attacked(network: RadioNetwork, rng: Generator, *, signed: bool) -> RadioNetwork:
-    """Return a network with somebody in it who sends what he has recorded, and forges, if messages are signed."""
-    attacks = network_of(f"replays:{rng.random()}").media if rng.random() < (0.5 if signed else 0.05) else ()
+    """Return a network with somebody in it who sends what he has recorded, and forges, if messages
+    are signed.
+    """
+    attacks = (
+        network_of(f"replays:{rng.random()}").media
+        if rng.random() < (0.5 if signed else 0.05)
+        else ()
+    )
     forged = network_of(f"forgeries:{rng.random()}").media if signed and rng.random() < 0.5 else ()
     return RadioNetwork(attacks + forged + network.media)
 
@@ -156,13 +210,20 @@ def random_obstacles(rng: Generator, n: int, starts: tuple[int, ...]) -> tuple[i
     return tuple(int(cell) for cell in drawn if cell not in starts)
 
 
-def random_faults(rng: Generator, robots: int, whole: float, *, liars: int, energy: float, lost: bool) -> tuple[Fault, ...]:
-    """Return random faults; at most so many liars, wrong positions if ``lost``, and every fourth time all robots but one die."""
+def random_faults(
+    rng: Generator, robots: int, whole: float, *, liars: int, energy: float, lost: bool
+) -> tuple[Fault, ...]:
+    """Return random faults; at most so many liars, wrong positions if ``lost``, and every fourth
+    time all robots but one die.
+    """
     found: list[Fault] = []
     numbers = [int(number) for number in 1 + rng.permutation(robots)]
     if rng.random() < 0.25:
         early = rng.random() < 0.5
-        return tuple(Crash(number, 0.0 if early else float(rng.random() * whole / 2)) for number in numbers[1:])
+        return tuple(
+            Crash(number, 0.0 if early else float(rng.random() * whole / 2))
+            for number in numbers[1:]
+        )
     for number in numbers[1:]:
         kind = rng.integers(16)
         time = float(rng.random() * whole / 2)
@@ -188,5 +249,7 @@ def _starts(rng: Generator, n: int, robots: int) -> tuple[int, ...]:
     if kind == 0:
         return (int(rng.integers(n)),) * robots
     if kind == 1:
-        return tuple(int(cell) % n for cell in rng.integers(n) + rng.integers(0, max(2, n // 8), size=robots))
+        return tuple(
+            int(cell) % n for cell in rng.integers(n) + rng.integers(0, max(2, n // 8), size=robots)
+        )
     return tuple(int(cell) for cell in rng.integers(0, n, size=robots))

@@ -12,7 +12,9 @@ RULES = ("block", "merge", "tilt")
 
 @st.composite
 def workspaces(draw, *, ndim=None):
-    """Small workspaces, 2-D or 3-D, with at least one free cell; widths around a word of 64 cells among them."""
+    """Small workspaces, 2-D or 3-D, with at least one free cell; widths around a word of 64 cells
+    among them.
+    """
     ndim = draw(st.sampled_from([2, 2, 3])) if ndim is None else ndim
     width = draw(st.one_of(st.integers(1, 12), st.sampled_from([61, 62, 63, 64, 65, 126])))
     shape = (*draw(st.tuples(*[st.integers(1, 6)] * (ndim - 1))), width)

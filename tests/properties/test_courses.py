@@ -1,4 +1,6 @@
-"""Ways between the cells of a tour: what others have searched there never makes the rest cost more."""
+"""Ways between the cells of a tour: what others have searched there never makes the
+rest cost more.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.allocation.costs import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.tours import make_tour
-from shoal.search.tours.bitset import bitset_of
+from shoal.search.tours.masks import bitset_of
 
-SHAPES = {"hilbert": (8, 8), "moore": (4, 4), "hilbert-rectangle": (1, 10), "comb": (5, 7), "spanning-tree": (6, 8)}
+SHAPES = {
+    "hilbert": (8, 8),
+    "moore": (4, 4),
+    "hilbert-rectangle": (1, 10),
+    "comb": (5, 7),
+    "spanning-tree": (6, 8),
+}
 
 
 def a_course(name, turn_cost, *, stepwise):
@@ -30,24 +38,41 @@ def a_course(name, turn_cost, *, stepwise):
     fresh=st.booleans(),
     data=st.data(),
 )
-def test_a_jump_costs_no_more_than_searching_what_lies_between(name, turn_cost, stepwise, fresh, data):
+def test_a_jump_costs_no_more_than_searching_what_lies_between(
+    name, turn_cost, stepwise, fresh, data
+):
     tour_cost = a_course(name, turn_cost, stepwise=stepwise)
     n = len(tour_cost)
-    here, count = data.draw(st.integers(0, n - 1)), data.draw(st.integers(1, 4) | st.integers(1, n - 1))
+    here, count = (
+        data.draw(st.integers(0, n - 1)),
+        data.draw(st.integers(1, 4) | st.integers(1, n - 1)),
+    )
     step = data.draw(st.sampled_from([1, -1])) if stepwise else 1
     stops = [(here + step * k) % n for k in range(count + 1)]
-    each = sum(1.0 + tour_cost.way(one, other, fresh=fresh and one == here) for one, other in pairwise(stops))
+    each = sum(
+        1.0 + tour_cost.way(one, other, fresh=fresh and one == here)
+        for one, other in pairwise(stops)
+    )
     assert 1.0 + tour_cost.way(here, stops[-1], fresh=fresh) <= each + 1e-9
 
 
 @settings(max_examples=60, deadline=None)
 @given(name=st.sampled_from(sorted(SHAPES)), turn_cost=st.sampled_from([0.0, 1.0]), data=st.data())
-def test_the_cells_of_a_way_are_neighbours_none_is_closed_and_none_cheaper_is_missed(name, turn_cost, data):
+def test_the_cells_of_a_way_are_neighbours_none_is_closed_and_none_cheaper_is_missed(
+    name, turn_cost, data
+):
     tour_cost = a_course(name, turn_cost, stepwise=True)
     numbers = st.integers(0, len(tour_cost) - 1)
-    here, cell, closed = data.draw(numbers), data.draw(numbers), data.draw(st.sets(numbers, max_size=6))
+    here, cell, closed = (
+        data.draw(numbers),
+        data.draw(numbers),
+        data.draw(st.sets(numbers, max_size=6)),
+    )
     bits = bitset_of(closed - {here, cell})
-    cost, through = tour_cost.way(here, cell, closed=bits), tour_cost.through(here, cell, closed=bits)
+    cost, through = (
+        tour_cost.way(here, cell, closed=bits),
+        tour_cost.through(here, cell, closed=bits),
+    )
     if here == cell:
         assert cost == 0
         assert through == ()

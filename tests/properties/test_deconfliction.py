@@ -1,4 +1,6 @@
-"""Random plans keep their separation in a slow simulation of their missions alone, whatever each vehicle is late by."""
+"""Random plans keep their separation in a slow simulation of their missions alone, whatever each
+vehicle is late by.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +8,9 @@ import numpy as np
 import pytest
 from benchmarks.deconfliction import least_distance, random_problem
 
-from shoal.search.allocation.plan import plan_search
-from shoal.search.flight.staggering import Separation
-from shoal.search.missions.deconfliction import plan_missions
+from shoal.missions.deconfliction import plan_missions
+from shoal.search.flight.separation import Separation
+from shoal.search.planning.plan import plan_search
 
 
 @pytest.mark.parametrize("number", range(10))

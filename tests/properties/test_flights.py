@@ -1,4 +1,6 @@
-"""What mission files make vehicles do, judged from the files alone: time, turns, height above ground."""
+"""What mission files make vehicles do, judged from the files alone: time, turns, height above
+ground.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +14,23 @@ from tests.reference.flight import narrow_turns, way_of_plan
 
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
+from shoal.missions import check_missions, write_missions
 from shoal.search import LocalFrame, open_region
-from shoal.search.allocation.plan import SearchPlan, plan_search
-from shoal.search.flight.dubins import WORDS, dubins_parts, dubins_way, dubins_ways
-from shoal.search.flight.turning import NEAR, turned_way
-from shoal.search.missions import check_missions, write_missions
+from shoal.search.flight.dubins import (
+    NEAR,
+    WORDS,
+    dubins_parts,
+    dubins_way,
+    dubins_ways,
+    turned_way,
+)
+from shoal.search.planning.plan import SearchPlan, plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.margin import grown
 
-TURNED = 773  # a plan in whose file rounding turns a leg of 1.4 m by .04 degrees, so that a bend of 1 degree becomes a turn
+# a plan in whose file rounding turns a leg of 1.4 m by .04 degrees, so that a bend of 1 degree
+# becomes a turn
+TURNED = 773
 
 
 def test_no_mission_is_longer_than_its_battery_and_no_turn_narrower_than_its_radius(tmp_path):
@@ -39,17 +49,30 @@ def test_no_mission_is_longer_than_its_battery_and_no_turn_narrower_than_its_rad
 
 
 def test_a_fixed_wing_sees_all_beside_no_go_zones_and_crosses_none(tmp_path):
-    """Rows end at zones nearer than any turn: there what they would see is passed in other directions."""
+    """Rows end at zones nearer than any turn: there what they would see is passed in other
+    directions.
+    """
     zones = [shapely.box(120, 90, 200, 150), shapely.box(-260, -60, -180, 200)]
     frame = LocalFrame(8.5, 47.4)
-    shapes = [shapely.transform(shape, frame.to_degrees) for shape in (shapely.box(-400, -200, 400, 200), *zones)]
+    shapes = [
+        shapely.transform(shape, frame.to_degrees)
+        for shape in (shapely.box(-400, -200, 400, 200), *zones)
+    ]
     features = [
-        {"type": "Feature", "properties": {"no_go": number > 0}, "geometry": json.loads(shapely.to_geojson(shape))}
+        {
+            "type": "Feature",
+            "properties": {"no_go": number > 0},
+            "geometry": json.loads(shapely.to_geojson(shape)),
+        }
         for number, shape in enumerate(shapes)
     ]
-    (tmp_path / "zones.json").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    (tmp_path / "zones.json").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
     region = open_region(tmp_path / "zones.json")
-    plan = plan_search(SearchProblem(region, robots=1, footprint=40.0, vehicle="fixed-wing,turn_radius=30"), seed=1)
+    plan = plan_search(
+        SearchProblem(region, robots=1, footprint=40.0, vehicle="fixed-wing,turn_radius=30"), seed=1
+    )
     missions = missions_of_plan(plan, blocked=region.no_go)
     write_missions(missions, tmp_path / "m", formats=["plan"])
     result = check_missions(tmp_path / "m", region, 40.0)
@@ -60,7 +83,9 @@ def test_a_fixed_wing_sees_all_beside_no_go_zones_and_crosses_none(tmp_path):
 
 
 def test_a_path_of_curves_ends_at_home_even_if_home_is_almost_at_the_last_viewpoint():
-    """A last leg of less than 5 cm is no leg, but a path that ends before home would turn back by 180 degrees there."""
+    """A last leg of less than 5 cm is no leg, but a path that ends before home would turn back by
+    180 degrees there.
+    """
     way = np.array([(0.0, 0.0), (0.0, 400.0), (40.0, 400.0), (40.0, 0.0), (40.0, 0.8 * NEAR)])
     (flown,) = turned_way(way, 30.0, link=20.0)
     assert flown[0].tolist() == way[0].tolist()
@@ -68,18 +93,33 @@ def test_a_path_of_curves_ends_at_home_even_if_home_is_almost_at_the_last_viewpo
 
 
 def between_zones(folder, *boxes):
-    """Return the problem of a fixed wing in a field of 360 m x 280 m with no-go zones (west, south, east, north) in metres."""
+    """Return the problem of a fixed wing in a field of 360 m x 280 m with no-go zones (west, south,
+    east, north) in metres.
+    """
     frame = LocalFrame(8.5, 47.4)
-    shapes = [shapely.transform(shapely.box(*box), frame.to_degrees) for box in ((0, 0, 360, 280), *boxes)]
+    shapes = [
+        shapely.transform(shapely.box(*box), frame.to_degrees) for box in ((0, 0, 360, 280), *boxes)
+    ]
     features = [
-        {"type": "Feature", "properties": {"no_go": number > 0}, "geometry": json.loads(shapely.to_geojson(shape))}
+        {
+            "type": "Feature",
+            "properties": {"no_go": number > 0},
+            "geometry": json.loads(shapely.to_geojson(shape)),
+        }
         for number, shape in enumerate(shapes)
     ]
-    (folder / "zones.json").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    (folder / "zones.json").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
     return SearchProblem(
-        str(folder / "zones.json"), robots=1, footprint=40.0, vehicle="fixed-wing,turn_radius=30,cruise_speed=15", angle=0.0,
-        tour="boustrophedon", allocation="stay",
-    )  # fmt: skip
+        str(folder / "zones.json"),
+        robots=1,
+        footprint=40.0,
+        vehicle="fixed-wing,turn_radius=30,cruise_speed=15",
+        angle=0.0,
+        tour="boustrophedon",
+        allocation="stay",
+    )
 
 
 @pytest.fixture
@@ -118,17 +158,25 @@ def test_plans_without_missions_take_a_narrower_margin_too_and_say_so(tmp_path, 
     plan = plan_search(problem)
     assert not plan.refusal
     assert 0 < plan.grid.region.margin < problem.place.margin
-    assert [text for text in told if text.startswith("margin: 4 m in place of 8.01 m") and "no room for its turns" in text]
+    assert [
+        text
+        for text in told
+        if text.startswith("margin: 4 m in place of 8.01 m") and "no room for its turns" in text
+    ]
 
 
 def test_a_plan_that_no_vehicle_can_fly_is_never_silent(tmp_path, told):
-    plan = plan_search(between_zones(tmp_path, (243, 98, 308, 171), (201, 128, 269, 194)).replaced(margin=8.0))
+    plan = plan_search(
+        between_zones(tmp_path, (243, 98, 308, 171), (201, 128, 269, 194)).replaced(margin=8.0)
+    )
     assert plan.refusal.startswith("turn_radius: expected room")
     assert [text for text in told if "cannot fly its path: turn_radius" in text]
 
 
 def test_a_plan_that_cannot_be_flown_is_not_the_fastest(monkeypatch):
-    """It has no time of its own: the estimate in its place leaves out curves and climbs, so it would often win."""
+    """It has no time of its own: the estimate in its place leaves out curves and climbs, so it
+    would often win.
+    """
     flights = SearchPlan._flights
 
     def refused(plan, robot, stops, detours):
@@ -137,7 +185,9 @@ def test_a_plan_that_cannot_be_flown_is_not_the_fastest(monkeypatch):
         return flights(plan, robot, stops, detours)
 
     monkeypatch.setattr(SearchPlan, "_flights", refused)
-    problem = SearchProblem("rectangle:300x200", robots=2, footprint=50.0, vehicle="multirotor", tour="boustrophedon")
+    problem = SearchProblem(
+        "rectangle:300x200", robots=2, footprint=50.0, vehicle="multirotor", tour="boustrophedon"
+    )
     plan = plan_search(problem, seed=3)
     assert plan.allocation.allocator == "hop"
     assert not plan.refusal
@@ -145,7 +195,9 @@ def test_a_plan_that_cannot_be_flown_is_not_the_fastest(monkeypatch):
 
 def test_many_curves_at_once_are_those_of_the_curves_one_by_one():
     rng = np.random.default_rng(4)
-    starts, ends = (np.column_stack([rng.uniform(-200, 200, (60, 2)), rng.uniform(-9, 9, 60)]) for _ in range(2))
+    starts, ends = (
+        np.column_stack([rng.uniform(-200, 200, (60, 2)), rng.uniform(-9, 9, 60)]) for _ in range(2)
+    )
     parts = dubins_parts(starts, ends, 40.0)
     pairs, words = np.nonzero(np.isfinite(parts).all(axis=-1))
     points, numbers = dubins_ways(starts[pairs], words, parts[pairs, words], 40.0)

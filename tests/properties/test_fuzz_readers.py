@@ -1,4 +1,5 @@
-"""Readers of files and of what users type: whatever comes, the answer is a valid object or a ShoalError of one line.
+"""Readers of files and of what users type: whatever comes, the answer is a valid object or a
+ShoalError of one line.
 
 Warnings are errors in tests, so a reader that lets one through fails here, too.
 """
@@ -17,15 +18,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.swarm_runs import run
 
+from shoal.core.episode import Verification
 from shoal.core.errors import ShoalError
 from shoal.swarm import GridWorkspace, SwarmEpisode, make_policy, make_task
-from shoal.swarm.episode import Verification
-from shoal.swarm.grid.placements import PLACEMENTS, place
-from shoal.swarm.grid.tasks import TASKS
+from shoal.swarm.grid.tasks import PLACEMENTS, TASKS, place
 from shoal.swarm.maps import generators
-from shoal.swarm.maps.files import read_map
+from shoal.swarm.maps.files import open_map, read_map
 from shoal.swarm.maps.generators import GENERATORS
-from shoal.swarm.maps.open import open_map
 from shoal.swarm.maps.pictures import PICTURES
 from shoal.swarm.policies import POLICIES
 
@@ -36,7 +35,9 @@ EPISODE = run(WORKSPACE, particles=2, policy="random-moves", seed=3, task="cover
 
 @pytest.fixture(autouse=True, scope="module")
 def _small_and_tidy():
-    """Take only small maps, as a damaged header may ask for a huge one; find files that were left open."""
+    """Take only small maps, as a damaged header may ask for a huge one; find files that were left
+    open.
+    """
     with pytest.MonkeyPatch.context() as patch:
         for module in ("maps.reading", "maps.workspace", "simulation.episode_file"):
             patch.setattr(f"shoal.swarm.{module}.MAX_CELLS", 2**16)
@@ -95,7 +96,23 @@ def test_maps_of_any_text(suffix, text, encoding):
 NPY_HEADERS = st.fixed_dictionaries(
     {
         "descr": st.sampled_from(
-            ["<f8", "|b1", "<i4", "|O", "<U3", "<c16", "|V5", "|S0", "<M8[s]", "|a3", "f8,i4", "x", 3, None, [("a", "<f8")]]
+            [
+                "<f8",
+                "|b1",
+                "<i4",
+                "|O",
+                "<U3",
+                "<c16",
+                "|V5",
+                "|S0",
+                "<M8[s]",
+                "|a3",
+                "f8,i4",
+                "x",
+                3,
+                None,
+                [("a", "<f8")],
+            ]
         ),
         "fortran_order": st.sampled_from([True, False, 1, "yes"]),
         "shape": st.one_of(
@@ -107,7 +124,11 @@ NPY_HEADERS = st.fixed_dictionaries(
 
 
 @settings(max_examples=200)
-@given(NPY_HEADERS, st.integers(0, 80), st.sampled_from([b"\x01\x00", b"\x02\x00", b"\x03\x00", b"\x09\x00"]))
+@given(
+    NPY_HEADERS,
+    st.integers(0, 80),
+    st.sampled_from([b"\x01\x00", b"\x02\x00", b"\x03\x00", b"\x09\x00"]),
+)
 @example({"descr": "<f8", "fortran_order": False, "shape": (2, 2)}, 32, b"\x01\x00")
 def test_arrays_of_any_header(header, size, version):
     text = repr(header).encode() + b"\n"
@@ -144,9 +165,23 @@ def assert_is_episode(content):
 def some_array():
     shapes = st.lists(st.integers(0, 4), max_size=3).map(tuple)
     dtypes = st.sampled_from(
-        [np.int8, np.uint8, np.int32, np.int64, np.uint64, ">i4", np.float64, np.bool_, "U2", "S3", np.complex128]
+        [
+            np.int8,
+            np.uint8,
+            np.int32,
+            np.int64,
+            np.uint64,
+            ">i4",
+            np.float64,
+            np.bool_,
+            "U2",
+            "S3",
+            np.complex128,
+        ]
     )
-    return st.tuples(dtypes, shapes, st.integers(-3, 9)).map(lambda chosen: np.full(chosen[1], chosen[2]).astype(chosen[0]))
+    return st.tuples(dtypes, shapes, st.integers(-3, 9)).map(
+        lambda chosen: np.full(chosen[1], chosen[2]).astype(chosen[0])
+    )
 
 
 ANYTHING = st.one_of(
@@ -154,9 +189,21 @@ ANYTHING = st.one_of(
     st.booleans(),
     st.integers(-2, 9),
     st.sampled_from(
-        [10**30, float("nan"), float("inf"), "tilt", "merge", "mapping", "coverage", "complete", "subset-coverage:fraction=2"]
+        [
+            10**30,
+            float("nan"),
+            float("inf"),
+            "tilt",
+            "merge",
+            "mapping",
+            "coverage",
+            "complete",
+            "subset-coverage:fraction=2",
+        ]
     ),
-    st.text(alphabet=st.characters(blacklist_characters=":"), max_size=5),  # a colon would import a module of that name
+    st.text(
+        alphabet=st.characters(blacklist_characters=":"), max_size=5
+    ),  # a colon would import a module of that name
     st.lists(st.integers(-1, 9), max_size=4),
 )
 
@@ -172,18 +219,30 @@ def test_episodes_with_other_contents(arrays, fields, missing):
     if "header" not in arrays:
         changed["header"] = np.frombuffer(json.dumps(HEADER | fields).encode(), np.uint8)
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **{name: value for name, value in changed.items() if name not in missing})
+    np.savez(
+        buffer,
+        allow_pickle=False,
+        **{name: value for name, value in changed.items() if name not in missing},
+    )
     assert_is_episode(buffer.getvalue())
 
 
 # What users type
 
-NUMBERS = st.text(alphabet="0123459xX:+-. ²٣", max_size=4)  # few digits: a large map takes long, which is no fault
-LARGE = st.sampled_from(["9" * 12, "1" * 300, "99999999x99999999", "1x" + "9" * 500, "-" + "9" * 99, "5:" + "9" * 300])
+NUMBERS = st.text(
+    alphabet="0123459xX:+-. ²٣", max_size=4
+)  # few digits: a large map takes long, which is no fault
+LARGE = st.sampled_from(
+    ["9" * 12, "1" * 300, "99999999x99999999", "1x" + "9" * 500, "-" + "9" * 99, "5:" + "9" * 300]
+)
 
 
 @settings(max_examples=150)
-@given(st.sampled_from([*GENERATORS, "vessel", ""]), st.sampled_from([":", "", "::", " :"]), st.one_of(NUMBERS, LARGE))
+@given(
+    st.sampled_from([*GENERATORS, "vessel", ""]),
+    st.sampled_from([":", "", "::", " :"]),
+    st.one_of(NUMBERS, LARGE),
+)
 def test_names_of_maps(name, colon, size):
     workspace = answer(open_map, name + colon + size)
     assert_is_workspace(workspace)
@@ -192,7 +251,9 @@ def test_names_of_maps(name, colon, size):
 @settings(max_examples=100)
 @given(st.one_of(st.text(max_size=30), st.text(alphabet="mazelin:x./\\\x00\t9", max_size=12)))
 def test_names_of_maps_of_any_text(text):
-    text = text.replace("\n", " ")  # the command line makes one line of a file name that has several
+    text = text.replace(
+        "\n", " "
+    )  # the command line makes one line of a file name that has several
     free = answer(generators.generate, text)
     assert free is None or free.any()
     assert_is_workspace(answer(open_map, text))
@@ -202,10 +263,14 @@ OPTIONS = st.one_of(
     st.text(alphabet=st.characters(blacklist_categories=["Cs"]), max_size=12),
     st.lists(
         st.tuples(
-            st.sampled_from(["ties", "neighbours", "commands", "fraction", "", "name", "kind", "self"]),
+            st.sampled_from(
+                ["ties", "neighbours", "commands", "fraction", "", "name", "kind", "self"]
+            ),
             st.sampled_from(["=", "", "=="]),
             st.one_of(
-                st.sampled_from(["row-major", "lurd", "drul", "lurdio", "0.5", "nan", "1e999", "-1"]),
+                st.sampled_from(
+                    ["row-major", "lurd", "drul", "lurdio", "0.5", "nan", "1e999", "-1"]
+                ),
                 st.text(alphabet="lurdio.=é ", max_size=6),
             ),
         ).map("".join),
@@ -236,14 +301,17 @@ def test_tasks_with_any_options(name, options):
 @settings(max_examples=80)
 @given(
     st.one_of(
-        st.text(alphabet=st.characters(blacklist_characters=":"), max_size=20), st.sampled_from([*POLICIES, *PLACEMENTS, *TASKS])
+        st.text(alphabet=st.characters(blacklist_characters=":"), max_size=20),
+        st.sampled_from([*POLICIES, *PLACEMENTS, *TASKS]),
     ),
     st.booleans(),
 )
 @example("", True)
 @example("math", True)
 def test_names_of_any_text(text, imported):
-    """Every attribute of a module that exists, and every module that does not, is refused if it does not fit."""
+    """Every attribute of a module that exists, and every module that does not, is refused if it
+    does not fit.
+    """
     text = f"{text.strip('.')}no:such" if imported else text
     rng = np.random.default_rng(1)
     for make in (

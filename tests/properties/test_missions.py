@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from tests.reference.missions import READERS, distance_to_way
 
 from shoal.core.errors import InvalidInputError
+from shoal.missions import FORMATS, Mission, missions_of, read_mission, write_missions
+from shoal.missions import checking as lint
 from shoal.search import LocalFrame
-from shoal.search.flight.merging import merged
+from shoal.search.flight.timing import merged
 from shoal.search.flight.vehicle import Vehicle
-from shoal.search.missions import FORMATS, Mission, lint, missions_of, read_mission, write_missions
 
 PLACES = st.tuples(st.floats(-180, 180), st.floats(-85, 85))
 
@@ -23,7 +24,9 @@ PLACES = st.tuples(st.floats(-180, 180), st.floats(-85, 85))
 @st.composite
 def missions(draw, geographic=True):
     east, north = draw(st.floats(-179, 179)), draw(st.floats(-84, 84))
-    near = st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)).map(lambda step: (east + step[0], north + step[1]))
+    near = st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)).map(
+        lambda step: (east + step[0], north + step[1])
+    )
     kind = draw(st.sampled_from(["multirotor", "fixed-wing", "rover"]))
     return Mission(
         draw(st.lists(near, min_size=1, max_size=12)),
@@ -52,8 +55,12 @@ def test_every_format_keeps_a_mission(tmp_path_factory, mission):
         assert np.array_equal(ours.waypoints, np.asarray(points))
         assert ours.home == tuple(home)
         assert (ours.name, ours.kind, ours.geographic) == (mission.name, mission.kind, True)
-        assert (ours.speed, ours.altitude) == pytest.approx((mission.speed, mission.altitude), abs=1e-8)
-        assert ours.autopilot == mission.autopilot or path.suffix == ".waypoints"  # which does not say
+        assert (ours.speed, ours.altitude) == pytest.approx(
+            (mission.speed, mission.altitude), abs=1e-8
+        )
+        assert (
+            ours.autopilot == mission.autopilot or path.suffix == ".waypoints"
+        )  # which does not say
     assert not {diagnostic.rule for diagnostic in lint(folder) if diagnostic.severity == "error"}
 
 
@@ -69,8 +76,13 @@ def test_metres_keep_in_csv(tmp_path_factory, mission):
 def ways(draw):
     """A way with straight runs, noise, repeats and turns back."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    corners = rng.integers(-20, 21, (draw(st.integers(1, 9)), 2)) * draw(st.sampled_from([1.0, 10.0, 9.7]))
-    runs = [np.linspace(one, two, int(rng.integers(1, 8)), endpoint=False) for one, two in pairwise(corners)]
+    corners = rng.integers(-20, 21, (draw(st.integers(1, 9)), 2)) * draw(
+        st.sampled_from([1.0, 10.0, 9.7])
+    )
+    runs = [
+        np.linspace(one, two, int(rng.integers(1, 8)), endpoint=False)
+        for one, two in pairwise(corners)
+    ]
     way = np.vstack([*runs, corners[-1:]])
     return way + rng.normal(0, draw(st.sampled_from([0.0, 1e-10, 1e-4, 0.1])), way.shape)
 
@@ -83,7 +95,8 @@ def test_merging_keeps_the_way(way, tolerance):
     assert np.array_equal(fewer[-1], way[-1]) or len(np.unique(way, axis=0)) == 1
     assert distance_to_way(way, fewer) <= tolerance + 1e-9
     assert distance_to_way(fewer, way) <= 1e-9
-    # Some of the points, in their order; what lies between two of them is passed by the leg between these two, without a turn back.
+    # Some of the points, in their order; what lies between two of them is passed by the leg between
+    # these two, without a turn back.
     places, begin = [], 0
     for point in fewer:
         begin += int(np.argmax((way[begin:] == point).all(axis=1)))
@@ -100,7 +113,9 @@ def test_merging_keeps_the_way(way, tolerance):
 def test_splitting_keeps_the_way_and_its_limits(way, cap, limit, fly):
     home = way[0] + (3.0, -4.0)
     reach = 2 * np.hypot(*(way - home).T).max()
-    vehicle = Vehicle(preset="ideal" if fly else "rover", turn_time=0.0, endurance=limit / 60, reserve=0.0)
+    vehicle = Vehicle(
+        preset="ideal" if fly else "rover", turn_time=0.0, endurance=limit / 60, reserve=0.0
+    )
     call = {"home": home, "vehicle": vehicle, "cap": cap + fly, "tolerance": 0.0}
     try:
         parts = missions_of(way, None, **call)
@@ -116,7 +131,9 @@ def test_splitting_keeps_the_way_and_its_limits(way, cap, limit, fly):
         assert np.array_equal(one.waypoints[-1], two.waypoints[0])
     joined = np.vstack([parts[0].waypoints, *(part.waypoints[1:] for part in parts[1:])])
     whole = merged(way, 0.0)
-    assert np.hypot(*np.diff(joined, axis=0).T).sum() == pytest.approx(np.hypot(*np.diff(whole, axis=0).T).sum())
+    assert np.hypot(*np.diff(joined, axis=0).T).sum() == pytest.approx(
+        np.hypot(*np.diff(whole, axis=0).T).sum()
+    )
     assert distance_to_way(joined, way) <= 1e-9
     kept = {tuple(point) for point in joined}
     assert all(tuple(point) in kept for point in whole)
@@ -127,10 +144,17 @@ def test_splitting_keeps_the_way_and_its_limits(way, cap, limit, fly):
 def test_missions_on_earth_lie_where_the_route_does(way, longitude, latitude):
     frame = LocalFrame(longitude, latitude)
     (mission,) = missions_of(way, frame)
-    half = 0.5e-8 * 111_700 * 2**0.5  # metres: the last decimal of a file's degrees, rounded in both directions
+    half = (
+        0.5e-8 * 111_700 * 2**0.5
+    )  # metres: the last decimal of a file's degrees, rounded in both directions
     assert distance_to_way(frame.to_metres(mission.waypoints), way) <= half
-    assert np.abs(mission.waypoints - np.round(mission.waypoints, 8)).max() <= 1e-11  # a file loses nothing more
-    assert shapely.hausdorff_distance(*map(line_of, (way, frame.to_metres(mission.waypoints)))) <= 0.0011
+    assert (
+        np.abs(mission.waypoints - np.round(mission.waypoints, 8)).max() <= 1e-11
+    )  # a file loses nothing more
+    assert (
+        shapely.hausdorff_distance(*map(line_of, (way, frame.to_metres(mission.waypoints))))
+        <= 0.0011
+    )
 
 
 def line_of(way):
@@ -149,7 +173,10 @@ def test_damaged_files_are_refused_in_one_sentence_or_read(tmp_path_factory, nam
         low = data.draw(st.integers(0, len(content) - 1))
         content[low : low + data.draw(st.integers(0, 6))] = data.draw(
             st.one_of(
-                st.binary(max_size=4), st.sampled_from([b"1e999", b"-", b"[", b"]", b'"', b"null", b"\n", b",", b"<", b"&", b"\t"])
+                st.binary(max_size=4),
+                st.sampled_from(
+                    [b"1e999", b"-", b"[", b"]", b'"', b"null", b"\n", b",", b"<", b"&", b"\t"]
+                ),
             )
         )
         content = content or bytearray(b" ")

@@ -1,4 +1,6 @@
-"""A search with vehicles has one time and one coverage: of its plan, its simulation and its written missions."""
+"""A search with vehicles has one time and one coverage: of its plan, its simulation and its written
+missions.
+"""
 
 from __future__ import annotations
 
@@ -8,29 +10,38 @@ import numpy as np
 import pytest
 import shapely
 
-from shoal.search.allocation.plan import plan_search
+from shoal.missions import check_missions
+from shoal.missions import checking as lint
 from shoal.search.episode import duration_text
 from shoal.search.flight.vehicle import vehicle_of
-from shoal.search.missions import check_missions, lint
+from shoal.search.planning.plan import plan_search
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.faults import Crash
 from shoal.search.problem.mission_options import MissionOptions
-from shoal.search.regions.coverage import Image, coverage_check
+from shoal.search.problem.network import Crash
 from shoal.search.regions.projection import LocalFrame
-from shoal.search.regions.region import region_of
+from shoal.search.regions.region import Image, coverage_check, region_of
 from shoal.search.run import run
+from shoal.views.search.figures import timeline_figure
 from shoal.views.search.mission_folder import MissionFolder
-from shoal.views.search.timeline import timeline_figure
 
-VEHICLES = ("multirotor", "multirotor,cruise_speed=8", "rover", "fixed-wing,turn_radius=30,altitude=60")
+VEHICLES = (
+    "multirotor",
+    "multirotor,cruise_speed=8",
+    "rover",
+    "fixed-wing,turn_radius=30,altitude=60",
+)
 CAMERA = "altitude=60,sensor_width=13.2,sensor_height=8.8,focal_length=8.8,front_overlap=0.7,side_overlap="
 
 
 def random_problem(rng, kind):
-    """Return a problem with a random region, number of robots, launch points, margin, wind, camera and battery."""
+    """Return a problem with a random region, number of robots, launch points, margin, wind, camera
+    and battery.
+    """
     angles = np.sort(rng.uniform(0, 2 * np.pi, 8))
     radii = rng.uniform(0.6, 1.0, 8) * rng.uniform(110, 190)
-    outline = shapely.Polygon(radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])).convex_hull
+    outline = shapely.Polygon(
+        radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    ).convex_hull
     zone = shapely.affinity.translate(shapely.box(-9, -6, 9, 6), *rng.uniform(-30, 30, 2))
     area = outline.difference(zone) if rng.random() < 0.5 else outline
     region = region_of(area, frame=LocalFrame(8.5, 47.4), name="field")
@@ -60,18 +71,27 @@ def test_plan_simulation_timeline_and_missions_agree(seed, tmp_path):
     starts = {one.name: one.start for one in check.missions}
     back = max(starts[flight["mission"]] + flight["duration_s"] for flight in check.flights)
     report = episode.report()
-    for time in (report["makespan_s"], report["planned_s"], episode.clock(episode.trace.covered_at), episode.makespan):
+    for time in (
+        report["makespan_s"],
+        report["planned_s"],
+        episode.clock(episode.trace.covered_at),
+        episode.makespan,
+    ):
         assert time == pytest.approx(back, rel=0.02)
     compared = [one.seconds for one in episode.plan.compared if one.allocation is not None]
     assert not compared or min(compared) == compared[0]
-    assert check.coverage.covered_fraction == pytest.approx(episode.coverage.covered_fraction, abs=2e-4)
+    assert check.coverage.covered_fraction == pytest.approx(
+        episode.coverage.covered_fraction, abs=2e-4
+    )
     assert check.coverage.covered_fraction > 0.999
     assert not check.errors
     assert not {one.rule for one in check.diagnostics} - {"transit", "homes-near"}
 
 
 def narrow_problem(rng, kind):
-    """Return a problem with more robots than a narrow region has room for, so that most of them depart late, or have no mission."""
+    """Return a problem with more robots than a narrow region has room for, so that most of them
+    depart late, or have no mission.
+    """
     width, length, angle = rng.uniform(7, 14), rng.uniform(20, 90), rng.uniform(0, 180)
     strip = shapely.affinity.rotate(shapely.box(0, 0, length, width), angle)
     region = region_of(strip, frame=LocalFrame(18.4, 60.1), name="strip")
@@ -80,15 +100,21 @@ def narrow_problem(rng, kind):
         reach = 1.3 * length
         middle = np.array(strip.centroid.coords[0])
         options |= {
-            "launch": [(float(middle[0] + reach), float(middle[1] + 4.0 * robot)) for robot in range(3)],
+            "launch": [
+                (float(middle[0] + reach), float(middle[1] + 4.0 * robot)) for robot in range(3)
+            ],
             "stay_inside": True,
         }
-    return SearchProblem(region, robots=3 if kind == 2 else int(rng.integers(3, 5)), footprint=8.0, **options)
+    return SearchProblem(
+        region, robots=3 if kind == 2 else int(rng.integers(3, 5)), footprint=8.0, **options
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_vehicles_that_depart_late_fly_their_own_missions(seed, tmp_path):
-    """Other vehicles took waiting ones for lost, and the headline came before the last missions had begun."""
+    """Other vehicles took waiting ones for lost, and the headline came before the last missions had
+    begun.
+    """
     problem = narrow_problem(np.random.default_rng([43, seed]), seed % 3)
     folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
     episode = folder.run(seed=seed)
@@ -103,11 +129,15 @@ def test_vehicles_that_depart_late_fly_their_own_missions(seed, tmp_path):
     assert episode.trace.takeovers == 0
     for robot, log in enumerate(episode.trace.robots):
         assert log.cells.tolist() == episode.plan.stops(robot).tolist()
-    assert {one.robot for one in folder.missions} == {robot for robot, log in enumerate(episode.trace.robots, 1) if log.cells.size}
+    assert {one.robot for one in folder.missions} == {
+        robot for robot, log in enumerate(episode.trace.robots, 1) if log.cells.size
+    }
 
 
 def test_a_vehicle_lost_before_its_late_departure_is_replaced():
-    """That robots wait for the planned departure of another one does not mean that they wait for a dead one."""
+    """That robots wait for the planned departure of another one does not mean that they wait for a
+    dead one.
+    """
     given = {"robots": 2, "footprint": 10.0, "delays": (0.0, 500.0)}
     well = run(SearchProblem("rectangle:80x20", **given))
     assert [log.cells.size for log in well.trace.robots] == [8, 8]
@@ -124,16 +154,29 @@ def test_the_timeline_ends_at_the_headline(tmp_path):
     words = " ".join(text.get_text() for text in timeline_figure(episode).axes[0].texts)
     assert "all searched" in words
     assert duration_text(episode.makespan) in episode.reason
-    assert duration_text(episode.makespan) in words or duration_text(episode.clock(max(episode.trace.declared.values()))) in words
+    assert (
+        duration_text(episode.makespan) in words
+        or duration_text(episode.clock(max(episode.trace.declared.values()))) in words
+    )
 
 
 @pytest.fixture(scope="module")
 def meadow(tmp_path_factory):
     """A field of 180 m by 130 m with a zone, whose margin has round corners of many short legs."""
     outer = [[8.5, 47.4], [8.5024, 47.4], [8.5024, 47.4012], [8.5, 47.4012], [8.5, 47.4]]
-    zone = [[8.5008, 47.4004], [8.5011, 47.4004], [8.5011, 47.4006], [8.5008, 47.4006], [8.5008, 47.4004]]
+    zone = [
+        [8.5008, 47.4004],
+        [8.5011, 47.4004],
+        [8.5011, 47.4006],
+        [8.5008, 47.4006],
+        [8.5008, 47.4004],
+    ]
     features = [
-        {"type": "Feature", "properties": properties, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        {
+            "type": "Feature",
+            "properties": properties,
+            "geometry": {"type": "Polygon", "coordinates": [ring]},
+        }
         for properties, ring in (({"name": "meadow"}, outer), ({"role": "no-go"}, zone))
     ]
     path = tmp_path_factory.mktemp("meadow") / "field.json"
@@ -142,9 +185,13 @@ def meadow(tmp_path_factory):
 
 
 def test_round_corners_of_a_margin_take_no_stop_each(meadow, tmp_path):
-    """Where each of 60 points of the corners was a stop, the best of the compared plans took 7.7 minutes instead of 2.8."""
+    """Where each of 60 points of the corners was a stop, the best of the compared plans took 7.7
+    minutes instead of 2.8.
+    """
     vehicle = f"multirotor,cruise_speed=8,endurance=22,{CAMERA}0.3"
-    problem = SearchProblem(str(meadow), robots=2, vehicle=vehicle, margin=5.0, launch="8.4998,47.3999;8.5,47.3998")
+    problem = SearchProblem(
+        str(meadow), robots=2, vehicle=vehicle, margin=5.0, launch="8.4998,47.3999;8.5,47.3998"
+    )
     folder = MissionFolder(tmp_path, problem, MissionOptions(format=("plan",)))
     episode = folder.run(seed=0)
     folder.write(episode.plan)
@@ -162,7 +209,9 @@ def test_what_a_camera_sees_is_one_figure(meadow, tmp_path):
     episode = folder.run(seed=0)
     folder.write(episode.plan)
     check = check_missions(tmp_path, str(meadow), problem.chosen_footprint, vehicle=vehicle)
-    assert check.coverage.covered_fraction == pytest.approx(episode.coverage.covered_fraction, abs=1e-5)
+    assert check.coverage.covered_fraction == pytest.approx(
+        episode.coverage.covered_fraction, abs=1e-5
+    )
     assert check.coverage.covered_fraction > 0.9999
     assert not check.diagnostics
 
@@ -173,6 +222,10 @@ def test_an_image_turns_with_its_vehicle():
     for angle in (0.0, 30.0, 77.0):
         way = 30 * np.array([(0.0, 0.0), (np.cos(np.radians(angle)), np.sin(np.radians(angle)))])
         seen = coverage_check(square, [way], 20.0, image=wide)
-        assert 40_000 - seen.uncovered_m2 == pytest.approx(30 * (30 + 20), rel=1e-6)  # as wide as 1.5, as long as the leg and 1
-    north = coverage_check(square, [[(0.0, 0.0), (30.0, 0.0)]], 20.0, image=Image(1.5, 1.0, yaw=0.0))
+        assert 40_000 - seen.uncovered_m2 == pytest.approx(
+            30 * (30 + 20), rel=1e-6
+        )  # as wide as 1.5, as long as the leg and 1
+    north = coverage_check(
+        square, [[(0.0, 0.0), (30.0, 0.0)]], 20.0, image=Image(1.5, 1.0, yaw=0.0)
+    )
     assert 40_000 - north.uncovered_m2 == pytest.approx(20 * (30 + 30), rel=1e-6)

@@ -1,4 +1,6 @@
-"""Scaling of masks: what was connected stays connected, what was far apart stays apart, and nothing swells."""
+"""Scaling of masks: what was connected stays connected, what was far apart stays apart, and nothing
+swells.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy import ndimage
 
-from shoal.swarm.maps.resampling import block_shares, cells_of_shares, diagonal_contacts, join_diagonals, scale_cells
+from shoal.swarm.maps.resampling import (
+    block_shares,
+    cells_of_shares,
+    diagonal_contacts,
+    join_diagonals,
+    scale_cells,
+)
 
 SCALES = (0.5, 0.25, 0.125, 1 / 3, 0.3, 0.77)
 
@@ -49,7 +57,8 @@ def test_a_thin_tree_stays_one_tree_and_thin(seed, scale):
     assert not (small & ~covered).any()
     # each pixel of the tree is near a cell of the small tree: the branches keep their length
     assert (ndimage.distance_transform_cdt(~small) * covered).max() <= 2
-    # and where no block is half full, a line is one cell wide: hardly a square of four such cells is free
+    # and where no block is half full, a line is one cell wide: hardly a square of four such cells
+    # is free
     thin = small & (block_shares(free, small.shape) < 0.5)
     squares = thin[:-1, :-1] & thin[1:, :-1] & thin[:-1, 1:] & thin[1:, 1:]
     assert squares.sum() <= 0.02 * small.sum()
@@ -63,7 +72,10 @@ def cells_with_pixels(free, shape):
     return cells
 
 
-@given(free=arrays.arrays(np.bool_, arrays.array_shapes(min_dims=2, max_dims=3, max_side=14)), scale=st.sampled_from(SCALES))
+@given(
+    free=arrays.arrays(np.bool_, arrays.array_shapes(min_dims=2, max_dims=3, max_side=14)),
+    scale=st.sampled_from(SCALES),
+)
 def test_each_part_gives_one_part_and_distant_parts_stay_apart(free, scale):
     small = scale_cells(free, scale)
     labels, count = parts(free)
@@ -71,17 +83,32 @@ def test_each_part_gives_one_part_and_distant_parts_stay_apart(free, scale):
     blocks = np.array(small.shape) / np.array(free.shape)
     for part in range(1, count + 1):
         pixels = np.argwhere(labels == part)
-        cells = np.unique(np.floor(pixels * np.array(small.shape) // np.array(free.shape)).astype(int), axis=0)
+        cells = np.unique(
+            np.floor(pixels * np.array(small.shape) // np.array(free.shape)).astype(int), axis=0
+        )
         reached = after[tuple(cells.T)]
         if len(pixels) * blocks.prod() >= 0.5:
             assert (reached > 0).any()
         assert len(set(reached[reached > 0].tolist())) <= 1
     for one in range(1, count + 1):
         for two in range(1, one):
-            gap = np.array([span(labels, one, axis)[0] - span(labels, two, axis)[1] for axis in range(free.ndim)])
-            other = np.array([span(labels, two, axis)[0] - span(labels, one, axis)[1] for axis in range(free.ndim)])
+            gap = np.array(
+                [
+                    span(labels, one, axis)[0] - span(labels, two, axis)[1]
+                    for axis in range(free.ndim)
+                ]
+            )
+            other = np.array(
+                [
+                    span(labels, two, axis)[0] - span(labels, one, axis)[1]
+                    for axis in range(free.ndim)
+                ]
+            )
             if count == 2 and (np.maximum(gap, other) >= 2 * ceil(1 / scale) + 1).any():
-                at = [set(after[small & cells_with_pixels(labels == part, small.shape)].tolist()) for part in (one, two)]
+                at = [
+                    set(after[small & cells_with_pixels(labels == part, small.shape)].tolist())
+                    for part in (one, two)
+                ]
                 assert not at[0] & at[1]
 
 

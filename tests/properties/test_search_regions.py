@@ -65,7 +65,13 @@ def test_real_outlines(place):
 RING = [[8.5, 47.4], [8.52, 47.4], [8.52, 47.41], [8.5, 47.4]]
 WORDS = " ".join(f"{x},{y},0" for x, y in RING)
 FILES = {
-    ".geojson": json.dumps({"type": "Feature", "properties": {"no_go": 0}, "geometry": {"type": "Polygon", "coordinates": [RING]}}),
+    ".geojson": json.dumps(
+        {
+            "type": "Feature",
+            "properties": {"no_go": 0},
+            "geometry": {"type": "Polygon", "coordinates": [RING]},
+        }
+    ),
     ".kml": "<kml><Placemark><Polygon><outerBoundaryIs><coordinates>"
     f"{WORDS}</coordinates></outerBoundaryIs></Polygon></Placemark></kml>",
     ".csv": "x,y,ring\n0,0,a\n9,0,a\n9,9,a\n\n2,1,b\n8,1,b\n8,7,b\n",
@@ -88,7 +94,12 @@ def test_damaged_files_are_refused_in_one_sentence_or_read(tmp_path_factory, suf
     for _ in range(data.draw(st.integers(1, 4))):
         low = data.draw(st.integers(0, len(raw) - 1))
         raw[low : low + data.draw(st.integers(0, 6))] = data.draw(
-            st.one_of(st.binary(max_size=4), st.sampled_from([b"1e999", b"-", b"[", b"]", b'"', b"null", b"\n", b",", b"<", b"&"]))
+            st.one_of(
+                st.binary(max_size=4),
+                st.sampled_from(
+                    [b"1e999", b"-", b"[", b"]", b'"', b"null", b"\n", b",", b"<", b"&"]
+                ),
+            )
         )
         raw = raw or bytearray(b" ")
     path = tmp_path_factory.getbasetemp() / f"damaged{suffix}"

@@ -1,7 +1,9 @@
-"""Random searches: every network, every fault, all invariants after every event; and bugs, planted, that they find.
+"""Random searches: every network, every fault, all invariants after every event; and bugs, planted,
+that they find.
 
-The number of searches is 1000 in regions of up to 5 x 5 cells with up to 6 robots, as most of the time goes to the few largest
-scenarios. With the environment variable SHOAL_SOAK it is that number, with up to 7 x 7 cells and 16 robots.
+The number of searches is 1000 in regions of up to 5 x 5 cells with up to 6 robots, as most of the
+time goes to the few largest scenarios. With the environment variable SHOAL_SOAK it is that number,
+with up to 7 x 7 cells and 16 robots.
 """
 
 from __future__ import annotations
@@ -15,8 +17,8 @@ from tests.properties import search_scenarios
 from tests.properties.search_invariants import Checker, InvariantError, check_outcome
 from tests.properties.search_scenarios import random_scenario
 
-from shoal.search.problem.faults import Crash, Liar, Pause
-from shoal.search.protocol import envelope
+from shoal.search.problem.network import Crash, Liar, Pause
+from shoal.search.protocol import messages as envelope
 from shoal.search.protocol import robot as robots
 from shoal.search.simulation import world as worlds
 from shoal.search.simulation.world import SearchWorld
@@ -35,7 +37,9 @@ def sizes(monkeypatch):
 def play(seed, *, wide=False):
     scenario = random_scenario(seed, wide=wide)
     world = SearchWorld(scenario, check=Checker(scenario))
-    outcome = world.run(until=60 * scenario.brief.tour_cost.whole * scenario.brief.multiplicity + 1000)
+    outcome = world.run(
+        until=60 * scenario.brief.tour_cost.whole * scenario.brief.multiplicity + 1000
+    )
     check_outcome(scenario, outcome)
     return scenario, outcome
 
@@ -63,7 +67,17 @@ def test_scenarios_are_of_all_kinds():
     kinds = {type(fault).__name__ for scenario in scenarios for fault in scenario.faults}
     media = {medium.kind for scenario in scenarios for medium in scenario.network.media}
     assert kinds == {"Crash", "Pause", "Slow", "Battery", "WrongPosition", "Liar"}
-    assert media == {"loss", "bursts", "range", "partition", "delay", "duplicates", "corruption", "replays", "forgeries"}
+    assert media == {
+        "loss",
+        "bursts",
+        "range",
+        "partition",
+        "delay",
+        "duplicates",
+        "corruption",
+        "replays",
+        "forgeries",
+    }
     assert {scenario.packet for scenario in scenarios if scenario.signed} == {0, 64, 100, 1200}
     assert {len(scenario.starts) for scenario in scenarios} >= {1, 2, 5, 6}
     assert any(not scenario.network.media for scenario in scenarios)
@@ -74,7 +88,10 @@ def test_scenarios_are_of_all_kinds():
 def test_the_same_seed_gives_the_same_trace():
     for seed in range(12):
         worlds = [SearchWorld(random_scenario(seed)).run(until=2000) for _ in range(2)]
-        one, other = ([trace_of(world), world.air.sent, world.air.lost, world.declared, world.takeovers] for world in worlds)
+        one, other = (
+            [trace_of(world), world.air.sent, world.air.lost, world.declared, world.takeovers]
+            for world in worlds
+        )
         assert one == other
         assert any(visits for visits, *_ in one[0])
 
@@ -87,7 +104,9 @@ def trace_of(world):
 
 
 def found_within(searches):
-    """Return whether an invariant breaks in one of so many searches; what it says must hold the seed."""
+    """Return whether an invariant breaks in one of so many searches; what it says must hold the
+    seed.
+    """
     for seed in range(searches):
         try:
             play(seed)
@@ -105,7 +124,11 @@ def test_bug_1_done_when_the_own_part_is_done(monkeypatch):
     monkeypatch.setattr(
         robots,
         "settled",
-        lambda robot, time: robot.brief.everything if robot.parts[robot.own].bits & ~robot.mine == 0 else true(robot, time),
+        lambda robot, time: (
+            robot.brief.everything
+            if robot.parts[robot.own].bits & ~robot.mine == 0
+            else true(robot, time)
+        ),
     )
     assert found_within(60)
 
@@ -115,7 +138,11 @@ def test_bug_2_a_silent_robot_counts_as_done(monkeypatch):
 
     def heard(robot, beacon, time):
         after = true(robot, beacon, time)
-        claimed = {part.robot: part.bits for part in robot.parts if part.robot in after.peers and part.robot != robot.number}
+        claimed = {
+            part.robot: part.bits
+            for part in robot.parts
+            if part.robot in after.peers and part.robot != robot.number
+        }
         return after.but(searched={**after.searched, **claimed})
 
     monkeypatch.setattr(robots, "heard", heard)
@@ -146,7 +173,9 @@ def test_bug_5_an_empty_battery_goes_on(monkeypatch):
 
 
 def test_bug_6_waits_for_ever_for_a_live_robot(monkeypatch):
-    monkeypatch.setattr(robots, "cost_of_all", lambda tour_cost, wanted, here, fresh, closed=0: -inf)
+    monkeypatch.setattr(
+        robots, "cost_of_all", lambda tour_cost, wanted, here, fresh, closed=0: -inf
+    )
     assert found_within(200)
 
 
@@ -168,7 +197,9 @@ def test_bug_8_a_beacon_tells_what_is_on_the_way(monkeypatch):
 
 
 def test_liars_are_outvoted():
-    """With fold 2 and one liar all is searched by an honest robot before anybody declares; with fold 1 the liar is believed."""
+    """With fold 2 and one liar all is searched by an honest robot before anybody declares; with
+    fold 1 the liar is believed.
+    """
     believed = 0
     for seed in range(16):
         scenario = random_scenario(seed)
@@ -178,7 +209,12 @@ def test_liars_are_outvoted():
         lying = worlds.Scenario(brief, scenario.starts, faults=(Liar(1),), seed=seed)
         world = SearchWorld(lying, check=Checker(lying))
         check_outcome(lying, world.run(until=1e5))
-        single = worlds.Scenario(robots.Brief(brief.tour_cost, brief.allocator), scenario.starts, faults=(Liar(1),), seed=seed)
+        single = worlds.Scenario(
+            robots.Brief(brief.tour_cost, brief.allocator),
+            scenario.starts,
+            faults=(Liar(1),),
+            seed=seed,
+        )
         outcome = SearchWorld(single).run(until=1e5)
         believed += any(when < outcome.covered_at for when in outcome.declared.values())
     assert believed > 2
@@ -187,13 +223,20 @@ def test_liars_are_outvoted():
 def test_who_declares_is_right_and_complete():
     scenario, outcome = play(1)
     for number, when in outcome.declared.items():
-        assert when >= outcome.covered_at or any(isinstance(fault, Liar) for fault in scenario.faults)
+        assert when >= outcome.covered_at or any(
+            isinstance(fault, Liar) for fault in scenario.faults
+        )
         assert outcome.vehicles[number].robot.status == "complete"
 
 
 def test_crashes_and_pauses_do_what_they_say():
     scenario = random_scenario(2)
-    faulty = worlds.Scenario(robots.Brief(scenario.brief.tour_cost), (0, 0, 0), faults=(Crash(1, 3.0), Pause(2, 2.0, 30.0)), seed=1)
+    faulty = worlds.Scenario(
+        robots.Brief(scenario.brief.tour_cost),
+        (0, 0, 0),
+        faults=(Crash(1, 3.0), Pause(2, 2.0, 30.0)),
+        seed=1,
+    )
     outcome = SearchWorld(faulty).run(until=1e4)
     assert outcome.vehicles[1].states[-1] == (3.0, "dead")
     assert all(when <= 3.0 for when, _ in outcome.vehicles[1].visits)

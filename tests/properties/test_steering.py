@@ -9,10 +9,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.steering import steer
 
-from shoal.steering import ContactWorld, SteeringEpisode, SteeringProblem, disk, polygon, regular_polygon
+from shoal.steering import (
+    ContactWorld,
+    SteeringEpisode,
+    SteeringProblem,
+    disk,
+    polygon,
+    regular_polygon,
+)
 
 SPACES = st.sampled_from(
-    [regular_polygon(3), regular_polygon(5), polygon([(0, 0), (3, 0), (3, 1), (0, 1)]), disk(0.7, center=(1, 2))]
+    [
+        regular_polygon(3),
+        regular_polygon(5),
+        polygon([(0, 0), (3, 0), (3, 1), (0, 1)]),
+        disk(0.7, center=(1, 2)),
+    ]
 )
 UNIT = st.floats(0, 1, allow_nan=False)
 NUMBER = st.floats(-3, 3, allow_nan=False)
@@ -50,7 +62,11 @@ def test_particles_stay_inside_and_held_ones_stay(space, places, moves, friction
         assert (np.linalg.norm(state - before, axis=1) <= np.linalg.norm(move) * 2 + 1e-9).all()
 
 
-@given(SPACES, st.lists(st.tuples(UNIT, UNIT), min_size=4, max_size=4), st.sampled_from(["greedy", "shortest"]))
+@given(
+    SPACES,
+    st.lists(st.tuples(UNIT, UNIT), min_size=4, max_size=4),
+    st.sampled_from(["greedy", "shortest"]),
+)
 def test_plans_end_where_they_say(space, places, planner):
     points = np.array([inside(space, *place) for place in places])
     if np.linalg.norm(points[0] - points[1]) < 1e-5 * space.size:
@@ -70,15 +86,21 @@ def test_plans_end_where_they_say(space, places, planner):
 @settings(max_examples=15)
 @given(st.integers(0, 30), UNIT, UNIT)
 def test_noise_depends_on_the_seed_alone(seed, execution, gain):
-    problem = SteeringProblem(regular_polygon(6), [(-0.1, 0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 0.01)
+    problem = SteeringProblem(
+        regular_polygon(6), [(-0.1, 0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 0.01
+    )
     noise = {"execution": 0.01 * execution, "measurement": 1e-3, "gain": gain}
-    first, second = (steer(problem, planner="robust", **noise, seed=seed, max_moves=3) for _ in range(2))
+    first, second = (
+        steer(problem, planner="robust", **noise, seed=seed, max_moves=3) for _ in range(2)
+    )
     assert (first.inputs == second.inputs).all()
     assert (first.states == second.states).all()
 
 
 def test_episodes_survive_the_disk(tmp_path):
-    problem = SteeringProblem(regular_polygon(6), [(-0.1, 0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 0.01)
+    problem = SteeringProblem(
+        regular_polygon(6), [(-0.1, 0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 0.01
+    )
     episode = steer(problem, planner="robust", execution=1e-3, measurement=1e-3, gain=0.2, seed=4)
     episode.save(tmp_path / "episode.json")
     loaded = SteeringEpisode.load(tmp_path / "episode.json")

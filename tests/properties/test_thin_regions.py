@@ -1,4 +1,6 @@
-"""Regions narrower than one footprint: rectangles, L shapes, slivers and triangles, at all angles, for all vehicles and tours."""
+"""Regions narrower than one footprint: rectangles, L shapes, slivers and triangles, at all angles,
+for all vehicles and tours.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from shoal.views.search.mission_folder import MissionFolder
 
 SHAPES = {
     "rectangle": lambda w, h: shapely.box(0, 0, w, h),
-    "corner": lambda w, h: shapely.union(shapely.box(0, 0, w, min(w, h) / 3), shapely.box(0, 0, min(w, h) / 3, h)),
+    "corner": lambda w, h: shapely.union(
+        shapely.box(0, 0, w, min(w, h) / 3), shapely.box(0, 0, min(w, h) / 3, h)
+    ),
     "triangle": lambda w, h: shapely.Polygon([(0, 0), (w, 0), (w / 3, h)]),
     "sliver": lambda w, h: shapely.Polygon([(0, 0), (w, h / 50), (1.5 * w, 0), (w, -h / 50)]),
 }
@@ -33,13 +37,26 @@ def thin(kind, width, height, angle, *, earth):
 
 @settings(max_examples=40)
 @given(
-    kind=st.sampled_from(sorted(SHAPES)), width=st.floats(0.2, 3), height=st.floats(0.02, 1.2), angle=st.floats(0, 180),
-    earth=st.booleans(), vehicle=st.sampled_from(sorted(PRESETS)), tour=st.sampled_from(["auto", *TOURS]),
-    robots=st.integers(1, 4), rows=st.sampled_from([None, "auto", 0.0, 30.0]),
-)  # fmt: skip
-def test_a_region_narrower_than_its_footprint_is_searched(kind, width, height, angle, earth, vehicle, tour, robots, rows):
+    kind=st.sampled_from(sorted(SHAPES)),
+    width=st.floats(0.2, 3),
+    height=st.floats(0.02, 1.2),
+    angle=st.floats(0, 180),
+    earth=st.booleans(),
+    vehicle=st.sampled_from(sorted(PRESETS)),
+    tour=st.sampled_from(["auto", *TOURS]),
+    robots=st.integers(1, 4),
+    rows=st.sampled_from([None, "auto", 0.0, 30.0]),
+)
+def test_a_region_narrower_than_its_footprint_is_searched(
+    kind, width, height, angle, earth, vehicle, tour, robots, rows
+):
     problem = SearchProblem(
-        thin(kind, width, height, angle, earth=earth), footprint=20.0, robots=robots, vehicle=vehicle, tour=tour, angle=rows
+        thin(kind, width, height, angle, earth=earth),
+        footprint=20.0,
+        robots=robots,
+        vehicle=vehicle,
+        tour=tour,
+        angle=rows,
     )
     episode = run(problem, seed=0)
     assert episode

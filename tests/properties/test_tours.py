@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shoal.search import components, hilbert_decode, hilbert_encode, make_tour, moore_decode, moore_encode
+from shoal.search import (
+    components,
+    hilbert_decode,
+    hilbert_encode,
+    make_tour,
+    moore_decode,
+    moore_encode,
+)
 from shoal.search.tours import TOURS
 
 
@@ -33,9 +40,14 @@ def test_every_cell_once(mask, name):
 
 @given(masks())
 def test_spanning_tree_costs_at_most_every_cell_twice(mask):
-    """In one component no tour need be longer than twice round a spanning tree of cells; ours is that short."""
+    """In one component no tour need be longer than twice round a spanning tree of cells; ours is
+    that short.
+    """
     largest = components(mask) == 1
-    assert make_tour("spanning-tree", largest).metrics().length <= max(2 * (np.count_nonzero(largest) - 1), 0) + 1e-9
+    assert (
+        make_tour("spanning-tree", largest).metrics().length
+        <= max(2 * (np.count_nonzero(largest) - 1), 0) + 1e-9
+    )
 
 
 @given(masks(most=9))
@@ -47,14 +59,20 @@ def test_full_blocks_are_toured_by_steps_to_neighbours(blocks):
 
 @given(masks(), st.sampled_from(["hilbert", "open-hilbert", "moore", "hilbert-rectangle"]))
 def test_restricting_commutes(mask, name):
-    """In one component of full extent the tour is that of the rectangle without the cells left out."""
+    """In one component of full extent the tour is that of the rectangle without the
+    cells left out.
+    """
     mask[0, :] = mask[:, 0] = mask[-1, :] = mask[:, -1] = True
     mask = components(mask) == 1
     whole = make_tour(name, mask.shape).cells
     assert np.array_equal(make_tour(name, mask).cells, whole[mask[tuple(whole.T)]])
 
 
-@given(st.tuples(st.integers(1, 4), st.integers(1, 6), st.integers(1, 6)), st.integers(0, 2**32), st.sampled_from(list(TOURS)))
+@given(
+    st.tuples(st.integers(1, 4), st.integers(1, 6), st.integers(1, 6)),
+    st.integers(0, 2**32),
+    st.sampled_from(list(TOURS)),
+)
 def test_every_cell_of_all_layers_once(shape, seed, name):
     mask = np.random.default_rng(seed).random(shape) < 0.7
     mask.flat[0] = True
@@ -84,7 +102,13 @@ def test_every_cell_of_a_box_once(shape, seed):
 @given(st.data(), st.sampled_from([2, 3]))
 def test_decode_undoes_encode(data, dimensions):
     order = data.draw(st.integers(0, 31 if dimensions == 2 else 20))
-    cells = np.array(data.draw(st.lists(st.tuples(*[st.integers(0, 2**order - 1)] * dimensions), min_size=1, max_size=20)))
+    cells = np.array(
+        data.draw(
+            st.lists(
+                st.tuples(*[st.integers(0, 2**order - 1)] * dimensions), min_size=1, max_size=20
+            )
+        )
+    )
     indices = hilbert_encode(cells, order=order)
     assert np.array_equal(hilbert_decode(indices, order=order, dimensions=dimensions), cells)
     assert indices.min() >= 0
@@ -120,4 +144,6 @@ def test_tours_do_not_depend_on_the_margin_round_the_region(name):
         mask = rng.random((13, 9)) < 0.8
         mask[[0, -1], :] = mask[:, [0, -1]] = True
         padded = np.pad(mask, ((2, 5), (3, 1)))
-        assert np.array_equal(make_tour(name, padded).cells, make_tour(name, mask).cells + np.array([2, 3]))
+        assert np.array_equal(
+            make_tour(name, padded).cells, make_tour(name, mask).cells + np.array([2, 3])
+        )

@@ -10,7 +10,9 @@ from tests.swarm_runs import run
 
 from shoal.swarm import Board, GridLayout, GridWorkspace, GridWorld, Mapping, SwarmEpisode
 
-TURNED = dict(zip("lurd", "dlur", strict=True))  # a quarter turn to the left takes left to down, up to left, ...
+TURNED = dict(
+    zip("lurd", "dlur", strict=True)
+)  # a quarter turn to the left takes left to down, up to left, ...
 
 
 @given(swarms(), st.sampled_from(RULES), st.data())
@@ -59,7 +61,12 @@ def test_belief_never_contradicts_the_truth(swarm, rule, data):
 @given(workspaces(), st.data())
 def test_packed_is_unpacked(workspace, data):
     layout = GridLayout(workspace.shape)
-    one, other = (Board.of_mask(workspace.free & (np.arange(workspace.free.size).reshape(workspace.shape) % k > 0)) for k in (2, 3))
+    one, other = (
+        Board.of_mask(
+            workspace.free & (np.arange(workspace.free.size).reshape(workspace.shape) % k > 0)
+        )
+        for k in (2, 3)
+    )
     np.testing.assert_array_equal(np.pad(one.inner, 1), one.mask)
     assert Board(layout, layout.pack(one.mask)) == one
     for packed, plain in (
@@ -71,7 +78,14 @@ def test_packed_is_unpacked(workspace, data):
         np.testing.assert_array_equal(packed.mask, plain)
     assert len(one) == one.mask.sum() == len(list(one))
     command = data.draw(st.sampled_from("lurdio"[: 2 * workspace.ndim]))
-    axis, shift = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}[command]
+    axis, shift = {
+        "l": (-1, -1),
+        "r": (-1, 1),
+        "u": (-2, -1),
+        "d": (-2, 1),
+        "i": (-3, -1),
+        "o": (-3, 1),
+    }[command]
     np.testing.assert_array_equal(one.shifted(command).mask, np.roll(one.mask, shift, axis=axis))
 
 
@@ -91,8 +105,10 @@ def test_closest_frontier_finds_all_that_can_be_reached(swarm, rule, seed):
 
 @given(swarms(), st.data())
 def test_a_path_always_settles_its_target(swarm, data):
-    """Playing a whole path of closest-frontier classifies the frontier cell at its end, under every rule."""
-    from shoal.swarm.policies.paths import path_to_frontier
+    """Playing a whole path of closest-frontier classifies the frontier cell at its end, under every
+    rule.
+    """
+    from shoal.swarm.policies.protocol import path_to_frontier
 
     workspace, start = swarm
     rule = data.draw(st.sampled_from(RULES))
@@ -111,7 +127,11 @@ def test_a_path_always_settles_its_target(swarm, data):
         assert len(belief.known) > known
 
 
-@given(swarms(), st.sampled_from(("closest-frontier", "elect-particle", "random-moves", "depth-first")), st.integers(1, 40))
+@given(
+    swarms(),
+    st.sampled_from(("closest-frontier", "elect-particle", "random-moves", "depth-first")),
+    st.integers(1, 40),
+)
 def test_cut_anywhere_is_uninterrupted(swarm, policy, cut):
     """An episode stopped at a limit is the beginning of the one that goes on."""
     workspace, start = swarm
@@ -134,7 +154,11 @@ def test_episode_files_come_back_the_same(swarm, rule, data):
         episode.save(path)
         again = SwarmEpisode.load(path)
     assert again.verify()
-    assert (again.commands, again.status, again.policy) == (episode.commands, episode.status, episode.policy)
+    assert (again.commands, again.status, again.policy) == (
+        episode.commands,
+        episode.status,
+        episode.policy,
+    )
     assert again.workspace == episode.workspace
     np.testing.assert_array_equal(again.start, episode.start)
     np.testing.assert_array_equal(again.trace.travelled, episode.trace.travelled)

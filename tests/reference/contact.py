@@ -1,7 +1,8 @@
-"""Two particles and walls, slow and obvious: one particle, one move, one wall at a time, in plain numbers.
+"""Two particles and walls, slow and obvious: one particle, one move, one wall at a time, in plain
+numbers.
 
-Written apart from src/shoal/steering, which it checks. A space is a list of walls: ("line", nx, ny, offset) with inside where
-nx x + ny y >= offset, or ("circle", cx, cy, r).
+Written apart from src/shoal/steering, which it checks. A space is a list of walls: ("line", nx, ny,
+offset) with inside where nx x + ny y >= offset, or ("circle", cx, cy, r).
 """
 
 from __future__ import annotations
@@ -53,7 +54,11 @@ def share_until(wall, point, move):
         speed = wall[1] * move[0] + wall[2] * move[1]
         return max(distance(wall, point), 0.0) / -speed if speed < -NEAR * hypot(*move) else 2.0
     x, y, r = point[0] - wall[1], point[1] - wall[2], wall[3]
-    a, b, c = move[0] ** 2 + move[1] ** 2, x * move[0] + y * move[1], min(x * x + y * y - r * r, 0.0)
+    a, b, c = (
+        move[0] ** 2 + move[1] ** 2,
+        x * move[0] + y * move[1],
+        min(x * x + y * y - r * r, 0.0),
+    )
     return (-b + sqrt(b * b - a * c)) / a
 
 
@@ -70,10 +75,14 @@ def step(walls, points, move, size):
 
 
 def velocity_with_friction(walls, point, move, size, friction):
-    """How a particle follows a move where a push into a wall slides, and the wall it slides along, if any."""
+    """How a particle follows a move where a push into a wall slides, and the wall it slides along,
+    if any.
+    """
     length = hypot(*move)
     on = [(wall, normal(wall, point)) for wall in walls if distance(wall, point) <= NEAR * size]
-    pushed = [(wall, (nx, ny)) for wall, (nx, ny) in on if nx * move[0] + ny * move[1] <= NEAR * length]
+    pushed = [
+        (wall, (nx, ny)) for wall, (nx, ny) in on if nx * move[0] + ny * move[1] <= NEAR * length
+    ]
     if not pushed:
         return tuple(move), None
     for wall, (nx, ny) in pushed:
@@ -83,13 +92,19 @@ def velocity_with_friction(walls, point, move, size, friction):
         left = speed - friction * max(push, 0.0)
         if left > NEAR * length:
             velocity = (along[0] * left / speed, along[1] * left / speed)
-            if all(ox * velocity[0] + oy * velocity[1] >= -NEAR * length for other, (ox, oy) in on if other is not wall):
+            if all(
+                ox * velocity[0] + oy * velocity[1] >= -NEAR * length
+                for other, (ox, oy) in on
+                if other is not wall
+            ):
                 return velocity, wall
     return (0.0, 0.0), None
 
 
 def step_with_friction(walls, points, move, size, friction):
-    """Where the particles are after one move, between walls with friction; along a circle by short chords."""
+    """Where the particles are after one move, between walls with friction; along a circle by short
+    chords.
+    """
     after = []
     for start in points:
         point = start
@@ -98,7 +113,11 @@ def step_with_friction(walls, points, move, size, friction):
             velocity, sliding = velocity_with_friction(walls, point, move, size, friction)
             if not any(velocity):
                 break
-            share = min(left, *(share_until(wall, point, velocity) for wall in walls if wall is not sliding), left)
+            share = min(
+                left,
+                *(share_until(wall, point, velocity) for wall in walls if wall is not sliding),
+                left,
+            )
             if sliding and sliding[0] == "circle":
                 share = min(share, 1e-3 * size / hypot(*velocity))
             point = point[0] + share * velocity[0], point[1] + share * velocity[1]

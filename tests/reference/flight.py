@@ -1,4 +1,5 @@
-"""Mission files flown by other code: what lies in the .plan alone, leg by leg, on the ellipsoid, with plain numbers.
+"""Mission files flown by other code: what lies in the .plan alone, leg by leg, on the ellipsoid,
+with plain numbers.
 
 Nothing of the library is asked. A vehicle is a dict of the fields of its file.
 """
@@ -15,7 +16,9 @@ EARTH = Geod(ellps="WGS84")
 
 
 def way_of_plan(path):
-    """Return (longitude, latitude, metres above home) from the ground at home along all waypoints to the ground where it ends."""
+    """Return (longitude, latitude, metres above home) from the ground at home along all waypoints
+    to the ground where it ends.
+    """
     mission = json.loads(path.read_text())["mission"]
     south, west, base = mission["plannedHomePosition"]
     relative = {1: True, 2: False}[mission["globalPlanAltitudeMode"]]
@@ -27,20 +30,26 @@ def way_of_plan(path):
     last = mission["items"][-1]
     assert last["command"] in (20, 21)
     end = (west, south) if last["command"] == 20 else (last["params"][5], last["params"][4])
-    up = [(west, south, points[0][2])] if mission["vehicleType"] == 2 else []  # a fixed wing climbs on its way to the first one
+    up = (
+        [(west, south, points[0][2])] if mission["vehicleType"] == 2 else []
+    )  # a fixed wing climbs on its way to the first one
     down = [] if mission["vehicleType"] == 10 else [(*end, points[-1][2])]
     return [(west, south, 0.0), *up, *points, *down, (*end, 0.0)]
 
 
 def legs_of(way):
-    """Yield (bearing at its begin and at its end in degrees, metres along the ground, metres up) of each leg."""
+    """Yield (bearing at its begin and at its end in degrees, metres along the ground, metres up) of
+    each leg.
+    """
     for (x, y, z), (east, north, top) in pairwise(way):
         bearing, back, length = EARTH.inv(x, y, east, north)
         yield bearing, back + 180, (length if length > 0.005 else 0.0), top - z
 
 
 def ground_speed(bearing, speed, wind, wind_from):
-    """Return the speed over ground: the heading is sought for which air and wind together go along the bearing."""
+    """Return the speed over ground: the heading is sought for which air and wind together go along
+    the bearing.
+    """
     towards = math.radians(wind_from + 180 - bearing)
     drift = math.asin(wind * math.sin(towards) / speed)
     return speed * math.cos(drift) + wind * math.cos(towards)
@@ -55,7 +64,11 @@ def seconds_of(way, vehicle):
     total, before = turn, None  # half for starting, half for stopping
     flat, cut = [], vehicle.get("acceptance_radius", 1.0)  # the bends and legs since the last stop
     for bearing, end, length, up in legs_of(way):
-        along = length / ground_speed(bearing, speed, wind, vehicle.get("wind_from", 0.0)) if length else 0.0
+        along = (
+            length / ground_speed(bearing, speed, wind, vehicle.get("wind_from", 0.0))
+            if length
+            else 0.0
+        )
         rate = vehicle.get("climb_speed" if up > 0 else "sink_speed")
         total += max(along, abs(up) / rate if rate else 0.0)
         if not length and not up:
@@ -76,8 +89,9 @@ def seconds_of(way, vehicle):
 def lost_in_curves(pieces, speed, turn, cut):
     """Return the time lost in gentle bends between two stops, by small steps along the way.
 
-    The pieces of the way are bends (degrees, 0) and straight legs (0, metres). Around each bend, the speed is at most that of the
-    arc that touches both legs. Elsewhere it changes by at most the acceleration.
+    The pieces of the way are bends (degrees, 0) and straight legs (0, metres). Around each bend,
+    the speed is at most that of the arc that touches both legs. Elsewhere it changes by at most the
+    acceleration.
     """
     if not turn or not any(bend for bend, _ in pieces):
         return 0.0
@@ -89,12 +103,18 @@ def lost_in_curves(pieces, speed, turn, cut):
         number += bool(length)
         if bend and 0 < number < len(lengths):
             half = math.radians(bend) / 2
-            touch = min(lengths[number - 1] / 2, lengths[number] / 2, cut * math.tan(half) / (1 / math.cos(half) - 1))
+            touch = min(
+                lengths[number - 1] / 2,
+                lengths[number] / 2,
+                cut * math.tan(half) / (1 / math.cos(half) - 1),
+            )
             ends.append((at - touch, at + touch, min(1.0, touch / math.tan(half) / reach)))
     step = min(0.2, at / 50)
     squares = [1.0] * (math.ceil(at / step) + 1)
     for begin, end, square in ends:
-        for k in range(max(math.ceil(begin / step), 0), min(math.floor(end / step), len(squares) - 1) + 1):
+        for k in range(
+            max(math.ceil(begin / step), 0), min(math.floor(end / step), len(squares) - 1) + 1
+        ):
             squares[k] = min(squares[k], square)
     for order in (range(1, len(squares)), range(len(squares) - 2, -1, -1)):
         for k in order:
@@ -112,24 +132,35 @@ ROUNDING = 0.0016  # metres: of coordinates with 8 decimals, both axes together
 def narrow_turns(way, radius):
     """Return the legs of a way that are too short for turns of a radius at both of their ends.
 
-    A circle that touches both legs of a bend begins R tan(bend / 2) before it: two bends share the leg between them. Rounding moves
-    both ends of a leg, and so turns short legs.
+    A circle that touches both legs of a bend begins R tan(bend / 2) before it: two bends share the
+    leg between them. Rounding moves both ends of a leg, and so turns short legs.
     """
     legs = [(bearing, end, length) for bearing, end, length, _ in legs_of(way) if length]
     bends = [abs((two[0] - one[1] + 180) % 360 - 180) for one, two in pairwise(legs)]
     for bend, (one, two) in zip(bends, pairwise(legs), strict=True):
-        assert bend <= 30.1 + math.degrees(ROUNDING / one[2] + ROUNDING / two[2]), "no bend is a corner"
+        assert bend <= 30.1 + math.degrees(ROUNDING / one[2] + ROUNDING / two[2]), (
+            "no bend is a corner"
+        )
     needs = [0.0, *(radius * math.tan(math.radians(bend) / 2) for bend in bends), 0.0]
-    turned = [0.0, *(radius * ROUNDING / length for _, _, length in legs), 0.0]  # what rounding may turn each leg by, as a need
+    turned = [
+        0.0,
+        *(radius * ROUNDING / length for _, _, length in legs),
+        0.0,
+    ]  # what rounding may turn each leg by, as a need
     return [
         (bearing, length, one + two)
-        for number, ((bearing, _, length), one, two) in enumerate(zip(legs, needs[:-1], needs[1:], strict=True), start=1)
-        if one + two > length + ROUNDING + turned[number] + (turned[number - 1] + turned[number + 1]) / 2
+        for number, ((bearing, _, length), one, two) in enumerate(
+            zip(legs, needs[:-1], needs[1:], strict=True), start=1
+        )
+        if one + two
+        > length + ROUNDING + turned[number] + (turned[number - 1] + turned[number + 1]) / 2
     ]
 
 
 def bilinear(grid, x, y):
-    """Return the height at a place of a grid whose first row is the southernmost, at whole numbers."""
+    """Return the height at a place of a grid whose first row is the southernmost, at
+    whole numbers.
+    """
     column, row = min(max(int(x), 0), len(grid[0]) - 2), min(max(int(y), 0), len(grid) - 2)
     right, up = x - column, y - row
     low = grid[row][column] * (1 - right) + grid[row][column + 1] * right

@@ -6,7 +6,9 @@ import numpy as np
 
 
 def step(positions: list[int], cells: int, direction: int) -> tuple[list[int], bool]:
-    """Return where the particles are after one command, and whether one of them ran into the end of the line."""
+    """Return where the particles are after one command, and whether one of them ran into the end of
+    the line.
+    """
     after: list[int] = []
     met_wall = False
     for position in sorted(positions, reverse=direction > 0):
@@ -40,7 +42,9 @@ def left_then_right(positions: list[int], cells: int) -> tuple[int, int]:
 
 
 def printed_coverage_moves(positions, *, cells):
-    """Return the papers' formula for coverage_moves (paper M, section III.A.2); positions of shape (..., n) are ascending."""
+    """Return the papers' formula for coverage_moves (paper M, section III.A.2); positions of shape
+    (..., n) are ascending.
+    """
     p = np.asarray(positions)
     ends = p[..., 0] + cells - p[..., -1]
     inner = (np.diff(p) - 1).max(axis=-1) if p.shape[-1] > 1 else np.zeros_like(ends)

@@ -11,8 +11,14 @@ from numpy.typing import ArrayLike
 from shoal.core.checks import check_number
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.theory.bounds import check_case, flat_cells, flat_mask
-from shoal.swarm.theory.optima import MOST_STATES, SmallWorld, set_bits
+from shoal.swarm.theory.bounds import (
+    MOST_STATES,
+    SmallWorld,
+    check_case,
+    flat_cells,
+    flat_mask,
+    set_bits,
+)
 
 
 @dataclass(frozen=True)
@@ -35,12 +41,19 @@ class MappingOptimum:
 
 
 def mapping_optimum(
-    shape: tuple[int, ...], start: ArrayLike, *, chance_free: float = 0.5, rule: str = "block", most_states: int = MOST_STATES
+    shape: tuple[int, ...],
+    start: ArrayLike,
+    *,
+    chance_free: float = 0.5,
+    rule: str = "block",
+    most_states: int = MOST_STATES,
 ) -> MappingOptimum:
-    """Return what the best strategies of mapping need, in the worst case and on average, by search over states of knowledge.
+    """Return what the best strategies of mapping need, in the worst case and on average, by search
+    over states of knowledge.
 
-    The prior: in a window of the given shape each cell without a particle is free with ``chance_free``, independently; outside are
-    walls, and those beside free cells have to be probed as all others.
+    The prior: in a window of the given shape each cell without a particle is free with
+    ``chance_free``, independently; outside are walls, and those beside free cells have to be probed
+    as all others.
 
     Parameters
     ----------
@@ -77,16 +90,28 @@ def mapping_optimum(
 class _Game:
     """Mapping against chance or against an adversary."""
 
-    def __init__(self, world: SmallWorld, chance_free: float, worst: bool, most_states: int) -> None:
-        self.world, self.chance, self.worst, self.most_states = world, chance_free, worst, most_states
+    def __init__(
+        self, world: SmallWorld, chance_free: float, worst: bool, most_states: int
+    ) -> None:
+        self.world, self.chance, self.worst, self.most_states = (
+            world,
+            chance_free,
+            worst,
+            most_states,
+        )
         self.values: dict[tuple[int, int, int], float] = {}
 
     def value(self, opened: int, known: int, particles: int) -> float:
-        """Return the moves still needed when ``opened`` cells are known to be free and ``known`` ones are known."""
+        """Return the moves still needed when ``opened`` cells are known to be free and ``known``
+        ones are known.
+        """
         key = opened, known, particles
         if key not in self.values:
             if len(self.values) >= self.most_states:
-                raise InvalidInputError(f"mapping_optimum: expected a case with at most {self.most_states} states, this has more")
+                raise InvalidInputError(
+                    f"mapping_optimum: expected a case with at most {self.most_states} states, this"
+                    " has more"
+                )
             self.values[key] = self._best(opened, known, particles)
         return self.values[key]
 
@@ -107,7 +132,12 @@ class _Game:
                 for command, offset in enumerate(self.world.offsets):
                     tried = self.world.shifted(here, offset) & ~known
                     if tried:
-                        best = min(best, moves + 1 + self._learn(opened, known, here, command, tried, best - moves - 1))
+                        best = min(
+                            best,
+                            moves
+                            + 1
+                            + self._learn(opened, known, here, command, tried, best - moves - 1),
+                        )
                     else:
                         following.add(self.world.push(here, command, opened))
             wave = following - seen
@@ -115,8 +145,12 @@ class _Game:
             moves += 1
         return best
 
-    def _learn(self, opened: int, known: int, here: int, command: int, tried: int, bound: float) -> float:
-        """Return the moves needed after a command that settles the cells ``tried``: the worst outcome, or the mean."""
+    def _learn(
+        self, opened: int, known: int, here: int, command: int, tried: int, bound: float
+    ) -> float:
+        """Return the moves needed after a command that settles the cells ``tried``: the worst
+        outcome, or the mean.
+        """
         uncertain = [1 << bit for bit in set_bits(tried & self.world.free)]
         mean = most = 0.0
         for outcome in product((False, True), repeat=len(uncertain)):

@@ -1,4 +1,5 @@
-"""Mission files read by other programs: pymavlink, gpxpy, pyogrio, and a reader of .plan written from its description alone.
+"""Mission files read by other programs: pymavlink, gpxpy, pyogrio, and a reader of .plan written
+from its description alone.
 
 Each returns (home, waypoints) as (longitude, latitude); what it expects beside that it asserts.
 """
@@ -19,8 +20,19 @@ from pymavlink import mavwp
 def read_plan(path):
     """Read a .plan as the ground station's loader does: every key there, every type right."""
     data = json.loads(path.read_text(), parse_constant=lambda name: 1 / 0)
-    assert set(data) == {"fileType", "version", "groundStation", "mission", "geoFence", "rallyPoints"}
-    assert (data["fileType"], data["version"], data["groundStation"]) == ("Plan", 1, "QGroundControl")
+    assert set(data) == {
+        "fileType",
+        "version",
+        "groundStation",
+        "mission",
+        "geoFence",
+        "rallyPoints",
+    }
+    assert (data["fileType"], data["version"], data["groundStation"]) == (
+        "Plan",
+        1,
+        "QGroundControl",
+    )
     assert data["geoFence"].keys() == {"version", "circles", "polygons"}
     assert (data["geoFence"]["version"], data["geoFence"]["circles"]) == (2, [])
     for polygon in data["geoFence"]["polygons"]:
@@ -51,20 +63,32 @@ def read_plan(path):
         assert item["autoContinue"] is True
         assert item["doJumpId"] == number
         assert len(item["params"]) == 7
-        assert item["frame"] == ({1: 3, 2: 0}[mission["globalPlanAltitudeMode"]] if item["command"] in (16, 21, 22) else 2)
+        assert item["frame"] == (
+            {1: 3, 2: 0}[mission["globalPlanAltitudeMode"]]
+            if item["command"] in (16, 21, 22)
+            else 2
+        )
         assert all(value is None or type(value) in (int, float) for value in item["params"])
     commands = [item["command"] for item in mission["items"]]
     camera = [command for command in commands if command in (205, 206)]
     assert camera in ([], [205], [206, 206], [205, 206, 206])
     begin = [93] * commands.count(93) + ([178] if mission["vehicleType"] == 10 else [22, 178])
     assert commands[-1] in (20, 21)
-    assert [command for command in commands if command not in camera] == [*begin, *[16] * commands.count(16), commands[-1]]
+    assert [command for command in commands if command not in camera] == [
+        *begin,
+        *[16] * commands.count(16),
+        commands[-1],
+    ]
     home = mission["plannedHomePosition"]
-    return (home[1], home[0]), [(item["params"][5], item["params"][4]) for item in mission["items"] if item["command"] == 16]
+    return (home[1], home[0]), [
+        (item["params"][5], item["params"][4]) for item in mission["items"] if item["command"] == 16
+    ]
 
 
 def read_beside(path, loader):
-    """Read the fence or the rally points beside a .waypoints file with pymavlink: (command, count, longitude, latitude) each."""
+    """Read the fence or the rally points beside a .waypoints file with pymavlink: (command, count,
+    longitude, latitude) each.
+    """
     from pymavlink import mavutil
 
     mavutil.set_dialect("ardupilotmega")
@@ -105,7 +129,9 @@ def read_gpx(path):
     (home,), (route,) = found.waypoints, found.routes
     assert home.name == "home"
     assert route.name == path.stem
-    return (home.longitude, home.latitude), [(point.longitude, point.latitude) for point in route.points]
+    return (home.longitude, home.latitude), [
+        (point.longitude, point.latitude) for point in route.points
+    ]
 
 
 def read_csv(path):

@@ -1,6 +1,8 @@
-"""Reference of the noisy world and of what a scan tells: sets and dictionaries of cells, and Bayes' rule by listing every case.
+"""Reference of the noisy world and of what a scan tells: sets and dictionaries of cells, and Bayes'
+rule by listing every case.
 
-Written from docs/concepts/noise.md. A cell is a tuple; the rim around the workspace is part of the belief.
+Written from docs/concepts/noise.md. A cell is a tuple; the rim around the workspace is part of the
+belief.
 """
 
 from __future__ import annotations
@@ -8,7 +10,14 @@ from __future__ import annotations
 import itertools
 import math
 
-STEPS = {"l": (0, 0, -1), "u": (0, -1, 0), "r": (0, 0, 1), "d": (0, 1, 0), "i": (-1, 0, 0), "o": (1, 0, 0)}
+STEPS = {
+    "l": (0, 0, -1),
+    "u": (0, -1, 0),
+    "r": (0, 0, 1),
+    "d": (0, 1, 0),
+    "i": (-1, 0, 0),
+    "o": (1, 0, 0),
+}
 PRIOR, LOST, CLUTTER, FAINT, SURE, LEAP = 0.25, 1e-4, 1e-6, 1e-5, 14.0, 8.0
 
 
@@ -21,7 +30,9 @@ def plus(cell, step, times=1):
 
 
 def move(free, particles, step, slip, rng):
-    """Return the particles after a command; a number is drawn for each, those ahead first and else in order of the array."""
+    """Return the particles after a command; a number is drawn for each, those ahead first and else
+    in order of the array.
+    """
     towards = sum(step)
     left = sorted(particles, reverse=towards > 0)
     now = set(particles)
@@ -76,7 +87,9 @@ class Belief:
         if cell not in known:
             ahead = plus(cell, step)
             taken = self.held(ahead)
-            room = max(self.free(ahead), taken) - (taken * self.stays(ahead, step, known) if taken else 0.0)
+            room = max(self.free(ahead), taken) - (
+                taken * self.stays(ahead, step, known) if taken else 0.0
+            )
             known[cell] = 1 - (1 - self.slip) * room
         return known[cell]
 
@@ -93,7 +106,9 @@ class Belief:
 
     def spread(self, step):
         """A command that no scan follows."""
-        self.inside = {cell: held if held > FAINT else 0.0 for cell, held in self.foreseen(step)[1].items()}
+        self.inside = {
+            cell: held if held > FAINT else 0.0 for cell, held in self.foreseen(step)[1].items()
+        }
 
     def update(self, step, seen):
         staying, moved = self.foreseen(step)
@@ -102,7 +117,9 @@ class Belief:
             behind = plus(cell, step, -1)
             if not (self.held(behind) or moved[cell] or cell in seen):
                 continue
-            gained, held = self.weighed(cell, behind, plus(cell, step, -2), staying.get(cell, 0.0), moved, seen)
+            gained, held = self.weighed(
+                cell, behind, plus(cell, step, -2), staying.get(cell, 0.0), moved, seen
+            )
             logit[cell] = max(-SURE, min(SURE, logit[cell] + max(-LEAP, min(LEAP, gained))))
             inside[cell] = held if held > FAINT else 0.0
         self.logit, self.inside = logit, inside
@@ -124,12 +141,17 @@ class Belief:
             coming = max(coming, LOST)
         strays = self.strays(behind, cell, moved), self.strays(cell, behind, moved)
         wall = room = particle = 0.0
-        for is_behind, slips, follows, occupant, leaves in itertools.product((True, False), repeat=5):
+        for is_behind, slips, follows, occupant, leaves in itertools.product(
+            (True, False), repeat=5
+        ):
             chance = (coming if is_behind else 1 - coming) * (self.slip if slips else 1 - self.slip)
             chance *= following if follows else 1 - following
             chance *= (taken if occupant else 1 - taken) * (1 - stay if leaves else stay)
-            # If it is a wall there is no occupant, and who is behind stays; else it enters unless it slips or is not let in.
-            wall += chance * self.seen_so(is_behind or follows, False, behind in seen, cell in seen, strays)
+            # If it is a wall there is no occupant, and who is behind stays; else it enters unless
+            # it slips or is not let in.
+            wall += chance * self.seen_so(
+                is_behind or follows, False, behind in seen, cell in seen, strays
+            )
             blocked = occupant and not leaves
             enters = is_behind and not slips and not blocked
             here = enters or blocked
@@ -141,7 +163,9 @@ class Belief:
         return math.log((room + 1e-300) / (wall + 1e-300)), free * particle / (total + 1e-300)
 
     def seen_so(self, behind, here, seen_behind, seen_here, strays):
-        """Return the probability of two detections: each source shows up behind, here, or in neither."""
+        """Return the probability of two detections: each source shows up behind, here, or in
+        neither.
+        """
         sources = [((True, False), strays[0], None), ((False, True), strays[1], None)]
         if behind:
             sources.append(((True, False), self.hit, self.share))

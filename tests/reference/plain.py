@@ -1,18 +1,21 @@
-"""Plain-array reference of the swarm: one array entry per cell, loops over the whole grid, no bit packing.
+"""Plain-array reference of the swarm: one array entry per cell, loops over the whole grid, no bit
+packing.
 
-Written from the specification alone, so that it can be compared with the packed implementation. The inner
-functions are compiled by numba; with ``NUMBA_DISABLE_JIT=1`` the same code runs as ordinary Python.
+Written from the specification alone, so that it can be compared with the packed implementation. The
+inner functions are compiled by numba; with ``NUMBA_DISABLE_JIT=1`` the same code runs as ordinary
+Python.
 
-Arrays inside are padded by one obstacle cell on each side: shape ``(L, H + 2, W + 2)`` with ``L = 1`` for a
-2-D workspace and ``L = D + 2`` for a 3-D one. Four of them describe an episode:
+Arrays inside are padded by one obstacle cell on each side: shape ``(L, H + 2, W + 2)`` with ``L =
+1`` for a 2-D workspace and ``L = D + 2`` for a 3-D one. Four of them describe an episode:
 
 - ``counts``   int32, particles in each cell;
 - ``free``     bool, the true map;
 - ``state``    uint8, what is known: UNKNOWN, FREE or OBSTACLE (coverage: all is known from the start);
-- ``frontier`` bool, the cells still to be dealt with. Mapping: unknown cells next to a known-free cell.
-  Coverage: wanted cells where no particle has stood.
+- ``frontier`` bool, the cells still to be dealt with. Mapping: unknown cells next to a known-free
+  cell. Coverage: wanted cells where no particle has stood.
 
-With these, both tasks look alike to a policy: travel through cells in state FREE to a frontier cell.
+With these, both tasks look alike to a policy: travel through cells in state FREE to a frontier
+cell.
 """
 
 from __future__ import annotations
@@ -50,7 +53,8 @@ POLICIES = ("closest-frontier", "elect-particle", "random-moves", "depth-first")
 COMMAND, TRAVELLED, CLASSIFIED, LEFT = 0, 1, 2, 3
 
 
-# ---------------------------------------------------------------------------------------------- moving
+# ----------------------------------------------------------------------------------------------
+# moving
 
 
 @njit(cache=True)
@@ -77,8 +81,8 @@ def sweep_order(size: int, step: int) -> tuple[int, int, int]:
 def move(counts: Grid, free: Grid, command: int) -> int:
     """Move every particle by the block rule, in place; return how many moved.
 
-    Cells ahead are dealt with first. So when a particle's turn comes, the next cell still holds a particle
-    only if that particle cannot move.
+    Cells ahead are dealt with first. So when a particle's turn comes, the next cell still holds a
+    particle only if that particle cannot move.
     """
     layers, rows, cols = counts.shape
     d_layer, d_row, d_col = D_LAYER[command], D_ROW[command], D_COL[command]
@@ -125,7 +129,8 @@ def move_merge(counts: Grid, free: Grid, command: int) -> int:
     return travelled
 
 
-# ------------------------------------------------------------------------------------------- observing
+# -------------------------------------------------------------------------------------------
+# observing
 
 
 @njit(cache=True)
@@ -142,8 +147,12 @@ def learn_free(state: Grid, frontier: Grid, layer: int, row: int, col: int) -> i
 
 
 @njit(cache=True)
-def classify(before: Grid, counts: Grid, state: Grid, frontier: Grid, command: int) -> tuple[int, int]:
-    """Classify the unknown cells attempted from `before`; return (classified, frontier cells gained)."""
+def classify(
+    before: Grid, counts: Grid, state: Grid, frontier: Grid, command: int
+) -> tuple[int, int]:
+    """Classify the unknown cells attempted from `before`; return (classified, frontier cells
+    gained).
+    """
     layers, rows, cols = counts.shape
     classified, gained = 0, 0
     for layer in range(layers):
@@ -179,8 +188,12 @@ def cover(counts: Grid, frontier: Grid) -> int:
 
 
 @njit(cache=True)
-def substep(counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int, rule: int, task: int) -> tuple[int, int, int]:
-    """Move by at most one cell and observe; return (travelled, classified or covered, frontier gained)."""
+def substep(
+    counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int, rule: int, task: int
+) -> tuple[int, int, int]:
+    """Move by at most one cell and observe; return (travelled, classified or covered, frontier
+    gained).
+    """
     before = counts.copy()
     travelled = move_merge(counts, free, command) if rule == MERGE else move(counts, free, command)
     if task == COVERAGE:
@@ -190,16 +203,20 @@ def substep(counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int,
 
 
 @njit(cache=True)
-def step(counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int, rule: int, task: int) -> tuple[int, int, int]:
+def step(
+    counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int, rule: int, task: int
+) -> tuple[int, int, int]:
     """Carry out one command; return (travelled, classified or covered, frontier gained).
 
-    A tilt is sub-steps until one in which nothing moves; that last one is observed too, because it shows what
-    stops the particles.
+    A tilt is sub-steps until one in which nothing moves; that last one is observed too, because it
+    shows what stops the particles.
     """
     travelled, classified, gained = substep(counts, free, state, frontier, command, rule, task)
     moved = travelled
     while rule == TILT and moved > 0:
-        moved, more_classified, more_gained = substep(counts, free, state, frontier, command, rule, task)
+        moved, more_classified, more_gained = substep(
+            counts, free, state, frontier, command, rule, task
+        )
         travelled += moved
         classified += more_classified
         gained += more_gained
@@ -265,7 +282,9 @@ def occupied_cells(counts: Grid, ties: int) -> Grid:
 
 
 @njit(cache=True)
-def advance(state: Grid, frontier: Grid, cell: Cell, command: int, slide: bool) -> tuple[bool, Cell]:
+def advance(
+    state: Grid, frontier: Grid, cell: Cell, command: int, slide: bool
+) -> tuple[bool, Cell]:
     """Follow `command` through known-free cells, one cell or (slide) to the end.
 
     Return whether it leads to a frontier cell, and the cell reached (before the frontier cell).
@@ -283,7 +302,9 @@ def advance(state: Grid, frontier: Grid, cell: Cell, command: int, slide: bool) 
 
 @njit(cache=True)
 def trace(queue: Grid, parent: Grid, came_by: Grid, cell: Cell, last: int) -> tuple[Grid, Cell]:
-    """Return the commands from a source to `cell`, followed by the command `last`; and the source."""
+    """Return the commands from a source to `cell`, followed by the command `last`; and
+    the source.
+    """
     length = 1
     at = cell
     while came_by[at] != SOURCE:
@@ -299,11 +320,14 @@ def trace(queue: Grid, parent: Grid, came_by: Grid, cell: Cell, last: int) -> tu
 
 
 @njit(cache=True)
-def find_path(sources: Grid, state: Grid, frontier: Grid, slide: bool, ties: int) -> tuple[Grid, Cell]:
-    """Return the commands from the nearest source to the nearest frontier cell, and that source; empty if there is no way.
+def find_path(
+    sources: Grid, state: Grid, frontier: Grid, slide: bool, ties: int
+) -> tuple[Grid, Cell]:
+    """Return the commands from the nearest source to the nearest frontier cell, and that source;
+    empty if there is no way.
 
-    A breadth-first search, level by level, each level sorted into the order of expansion (`sources` are so
-    already). With `slide` a step of the search is a tilt of a lone particle.
+    A breadth-first search, level by level, each level sorted into the order of expansion (`sources`
+    are so already). With `slide` a step of the search is a tilt of a lone particle.
     """
     shape = state.shape
     came_by = np.full(shape, UNSEEN, np.int8)
@@ -336,7 +360,8 @@ def find_path(sources: Grid, state: Grid, frontier: Grid, slide: bool, ties: int
     return np.empty(0, np.int64), get(sources, 0)
 
 
-# ------------------------------------------------------------------------------------------- episodes
+# -------------------------------------------------------------------------------------------
+# episodes
 
 
 @njit(cache=True)
@@ -368,7 +393,9 @@ def finish(log: Grid, moves: int) -> Grid:
 
 
 @njit(cache=True)
-def replay(counts: Grid, free: Grid, state: Grid, frontier: Grid, commands: Grid, rule: int, task: int) -> Grid:
+def replay(
+    counts: Grid, free: Grid, state: Grid, frontier: Grid, commands: Grid, rule: int, task: int
+) -> Grid:
     """Carry out all `commands`, in place; return the log."""
     left = np.count_nonzero(frontier)
     log = new_log()
@@ -383,7 +410,14 @@ def replay(counts: Grid, free: Grid, state: Grid, frontier: Grid, commands: Grid
 
 @njit(cache=True)
 def closest_frontier_episode(
-    counts: Grid, free: Grid, state: Grid, frontier: Grid, rule: int, task: int, ties: int, max_moves: int
+    counts: Grid,
+    free: Grid,
+    state: Grid,
+    frontier: Grid,
+    rule: int,
+    task: int,
+    ties: int,
+    max_moves: int,
 ) -> tuple[int, Grid]:
     """Run closest-frontier to its end, in place; return (status, log)."""
     left = np.count_nonzero(frontier)
@@ -431,7 +465,9 @@ def elect_particle_episode(
     while left > 0 and moves < max_moves:
         put(sources, 0, elected)
         path, _ = find_path(sources, state, frontier, False, ties)
-        if len(path) == 0:  # its part of the free space is done: elect the particle nearest to the frontier
+        if (
+            len(path) == 0
+        ):  # its part of the free space is done: elect the particle nearest to the frontier
             path, elected = find_path(occupied_cells(counts, ties), state, frontier, False, ties)
         if len(path) == 0:
             return STALLED, finish(log, moves)
@@ -441,7 +477,8 @@ def elect_particle_episode(
             left += gained - classified
             log = record(log, moves, command, travelled, classified, left)
             moves += 1
-            # Whether the elected particle moved there or was blocked by one there: that one is elected now.
+            # Whether the elected particle moved there or was blocked by one there: that one is
+            # elected now.
             there = neighbour(elected[0], elected[1], elected[2], command)
             if counts[there] > 0:
                 elected = there
@@ -453,7 +490,9 @@ def elect_particle_episode(
 
 @njit(cache=True)
 def forward_command(state: Grid, visited: Grid, token: Cell) -> int:
-    """Return the first command to a cell that is unknown, or known free and not visited; -1 if none."""
+    """Return the first command to a cell that is unknown, or known free and not visited; -1 if
+    none.
+    """
     for command in range(directions(state)):
         there = neighbour(token[0], token[1], token[2], command)
         if state[there] == UNKNOWN or (state[there] == FREE and not visited[there]):
@@ -463,9 +502,18 @@ def forward_command(state: Grid, visited: Grid, token: Cell) -> int:
 
 @njit(cache=True)
 def depth_first_episode(
-    counts: Grid, free: Grid, state: Grid, frontier: Grid, token: Cell, rule: int, task: int, max_moves: int
+    counts: Grid,
+    free: Grid,
+    state: Grid,
+    frontier: Grid,
+    token: Cell,
+    rule: int,
+    task: int,
+    max_moves: int,
 ) -> tuple[int, Grid]:
-    """Run depth-first with the token starting in the cell `token`, in place; return (status, log)."""
+    """Run depth-first with the token starting in the cell `token`, in place; return
+    (status, log).
+    """
     left = np.count_nonzero(frontier)
     log = new_log()
     moves = 0
@@ -496,19 +544,26 @@ def depth_first_episode(
     return (COMPLETE if left == 0 else LIMIT), finish(log, moves)
 
 
-def random_moves_episode(world: World, rule: int, task: int, rng: np.random.Generator, max_moves: int) -> tuple[int, Grid]:
-    """Run random-moves to its end, in place; return (status, log). Not compiled: it draws from `rng`."""
+def random_moves_episode(
+    world: World, rule: int, task: int, rng: np.random.Generator, max_moves: int
+) -> tuple[int, Grid]:
+    """Run random-moves to its end, in place; return (status, log). Not compiled: it draws from
+    `rng`.
+    """
     left = int(np.count_nonzero(world.frontier))
     rows: list[tuple[int, int, int, int]] = []
     while left > 0 and len(rows) < max_moves:
         command = int(rng.integers(0, directions(world.counts)))
-        travelled, classified, gained = step(world.counts, world.free, world.state, world.frontier, command, rule, task)
+        travelled, classified, gained = step(
+            world.counts, world.free, world.state, world.frontier, command, rule, task
+        )
         left += gained - classified
         rows.append((command, travelled, classified, left))
     return (COMPLETE if left == 0 else LIMIT), np.array(rows, np.int64).reshape(len(rows), 4)
 
 
-# ----------------------------------------------------------------------------------------- top level
+# ----------------------------------------------------------------------------------------- top
+# level
 
 
 class World(NamedTuple):
@@ -521,7 +576,9 @@ class World(NamedTuple):
 
 
 def pad(grid: Grid) -> Grid:
-    """Return `grid` with a layer axis and one cell of zeros around (no layers of zeros around a 2-D grid)."""
+    """Return `grid` with a layer axis and one cell of zeros around (no layers of zeros around a 2-D
+    grid).
+    """
     if grid.ndim == 2:
         return np.pad(grid[None], ((0, 0), (1, 1), (1, 1)))
     return np.pad(grid, 1)
@@ -545,7 +602,9 @@ def count_cells(cells: ArrayLike, shape: tuple[int, ...]) -> Grid:
 
 
 def wanted_cells(free: Grid, targets: ArrayLike | None) -> Grid:
-    """Return a mask of the cells to cover: all free cells, or `targets` (a mask or a list of cells)."""
+    """Return a mask of the cells to cover: all free cells, or `targets` (a mask or a list of
+    cells).
+    """
     if targets is None:
         return free.copy()
     given = np.asarray(targets)
@@ -619,9 +678,9 @@ def simulate(
 ) -> dict[str, Any]:
     """Carry out all `commands`, also those after the task is complete.
 
-    Returns `counts` (particles in each cell of the workspace at the end), per-move arrays `travelled`,
-    `classified` (or covered) and `frontier` (cells left), and the padded final arrays `state` and
-    `frontier_cells`.
+    Returns `counts` (particles in each cell of the workspace at the end), per-move arrays
+    `travelled`, `classified` (or covered) and `frontier` (cells left), and the padded final arrays
+    `state` and `frontier_cells`.
     """
     ndim = np.ndim(free)
     world = make_world(free, start, rule=rule, task=task, targets=targets)
@@ -653,7 +712,9 @@ def run(
     elif policy == "elect-particle":
         cells = single_step_cells(world, policy, rule)
         elected = cells[int(need_rng(rng).integers(0, len(cells)))]
-        status, log = elect_particle_episode(*world, elected, rule_code, task_code, ties_code, max_moves)
+        status, log = elect_particle_episode(
+            *world, elected, rule_code, task_code, ties_code, max_moves
+        )
     elif policy == "depth-first":
         token = single_step_cells(world, policy, rule)[0]
         status, log = depth_first_episode(*world, token, rule_code, task_code, max_moves)
@@ -671,7 +732,9 @@ def need_rng(rng: np.random.Generator | None) -> np.random.Generator:
 
 
 def single_step_cells(world: World, policy: str, rule: str) -> list[Cell]:
-    """Return the occupied padded cells in row-major order, for policies that follow one particle."""
+    """Return the occupied padded cells in row-major order, for policies that follow one
+    particle.
+    """
     if rule == "tilt":
         raise ValueError(f"{policy} is not defined under tilt")
     cells = [(int(layer), int(row), int(col)) for layer, row, col in np.argwhere(world.counts > 0)]

@@ -1,6 +1,8 @@
-"""How many configurations a swarm can be brought to, by sets and tuples, straight from the definitions.
+"""How many configurations a swarm can be brought to, by sets and tuples, straight from the
+definitions.
 
-A configuration is the sorted tuple of the particles' cells; a cell that holds several particles is repeated.
+A configuration is the sorted tuple of the particles' cells; a cell that holds several particles is
+repeated.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ def free_cells(free: Sequence[Any]) -> set[Cell]:
 
 
 def block_step(free: set[Cell], where: Configuration, step: Cell) -> Configuration:
-    """Move by the block rule: a run of adjacent particles moves if the cell ahead of all of it is free."""
+    """Move by the block rule: a run of adjacent particles moves if the cell ahead of all of it is
+    free.
+    """
     occupied = set(where)
 
     def moved(cell: Cell) -> Cell:
@@ -63,7 +67,9 @@ def tilt_step(free: set[Cell], where: Configuration, step: Cell) -> Configuratio
 RULES = {"block": block_step, "merge": merge_step, "tilt": tilt_step}
 
 
-def reach_counts(free: Sequence[Any], start: Iterable[Sequence[int]], depth: int, rule: str) -> list[int]:
+def reach_counts(
+    free: Sequence[Any], start: Iterable[Sequence[int]], depth: int, rule: str
+) -> list[int]:
     """Return the number of distinct configurations after exactly k commands, for k = 0 .. depth."""
     cells = free_cells(free)
     where: Configuration = tuple(sorted(tuple(int(index) for index in cell) for cell in start))

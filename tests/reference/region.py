@@ -1,7 +1,8 @@
-"""Particles in a region with obstacles, slow and obvious: exact fractions, one particle, one event at a time.
+"""Particles in a region with obstacles, slow and obvious: exact fractions, one particle, one event
+at a time.
 
-Written apart from src/shoal/steering, which it checks. A region is a list of rings of corners, the free side on the left. There are
-no tolerances: who is on an edge is exactly on it.
+Written apart from src/shoal/steering, which it checks. A region is a list of rings of corners, the
+free side on the left. There are no tolerances: who is on an edge is exactly on it.
 """
 
 from __future__ import annotations
@@ -76,7 +77,9 @@ def shares_met(rings, point, move):
             elif cross(gap, move) == 0:  # along the line of the edge: its ends
                 for end in (a, b):
                     there = minus(end, point)
-                    share = (there[0] * move[0] + there[1] * move[1]) / (move[0] ** 2 + move[1] ** 2)
+                    share = (there[0] * move[0] + there[1] * move[1]) / (
+                        move[0] ** 2 + move[1] ** 2
+                    )
                     if 0 < share <= 1:
                         shares.add(share)
     return sorted(shares)

@@ -1,8 +1,9 @@
 """Replay of steering plans in an arithmetic of its own, written from the rules of motion alone.
 
-Nothing of Shoal is used: a plan is judged by the JSON form of its workspace, its start and its inputs. The rules are those of
-paper W, section III, as corrected: a particle within the contact tolerance of a wall with the inward normal N is held while N·u <=
-1e-9 |u|, and otherwise moves until it meets a wall. The contact tolerance is a parameter, and the whole scene can be turned,
+Nothing of Shoal is used: a plan is judged by the JSON form of its workspace, its start and its
+inputs. The rules are those of paper W, section III, as corrected: a particle within the contact
+tolerance of a wall with the inward normal N is held while N·u <= 1e-9 |u|, and otherwise moves
+until it meets a wall. The contact tolerance is a parameter, and the whole scene can be turned,
 scaled and shifted before the replay, so that every number of it is another one.
 """
 
@@ -25,11 +26,14 @@ def length_of(vector):
     return sqrt(dot(vector, vector))
 
 
-# ------------------------------------------------------------------------------------------------- scene
+# -------------------------------------------------------------------------------------------------
+# scene
 
 
 class Turned:
-    """A turn about the origin, a scale and a shift of the first two coordinates; heights are only scaled."""
+    """A turn about the origin, a scale and a shift of the first two coordinates; heights are only
+    scaled.
+    """
 
     def __init__(self, turn=0.0, scale=1.0, shift=(0.0, 0.0)):
         self.cos, self.sin, self.scale, self.shift = cos(turn), sin(turn), scale, shift
@@ -56,7 +60,9 @@ def corners_of(workspace):
 
 
 def with_free_side_left(ring, *, counter_clockwise):
-    twice = sum(ax * by - bx * ay for (ax, ay), (bx, by) in zip(ring, [*ring[1:], ring[0]], strict=True))
+    twice = sum(
+        ax * by - bx * ay for (ax, ay), (bx, by) in zip(ring, [*ring[1:], ring[0]], strict=True)
+    )
     return ring if (twice > 0) == counter_clockwise else ring[::-1]
 
 
@@ -68,9 +74,14 @@ class Scene:
         base = workspace.get("base", workspace) if workspace["type"] == "prism" else workspace
         radius *= turned.scale
         if workspace["type"] == "region":
-            rings = [with_free_side_left([tuple(p) for p in workspace["outline"]], counter_clockwise=True)]
+            rings = [
+                with_free_side_left(
+                    [tuple(p) for p in workspace["outline"]], counter_clockwise=True
+                )
+            ]
             rings += [
-                with_free_side_left([tuple(p) for p in ring], counter_clockwise=False) for ring in workspace.get("obstacles", [])
+                with_free_side_left([tuple(p) for p in ring], counter_clockwise=False)
+                for ring in workspace.get("obstacles", [])
             ]
             for ring in rings:
                 self.add_ring([turned.point(corner) for corner in ring])
@@ -90,19 +101,33 @@ class Scene:
         if "height" in workspace:
             self.planes = [((nx, ny, 0.0), offset) for (nx, ny), offset in self.planes]
             if not workspace.get("open_ends", False):
-                self.planes += [((0.0, 0.0, 1.0), 0.0), ((0.0, 0.0, -1.0), -turned.scale * workspace["height"])]
-        self.size = turned.scale * (max(max(xs) - min(xs), max(ys) - min(ys)) - 2 * radius / turned.scale)
+                self.planes += [
+                    ((0.0, 0.0, 1.0), 0.0),
+                    ((0.0, 0.0, -1.0), -turned.scale * workspace["height"]),
+                ]
+        self.size = turned.scale * (
+            max(max(xs) - min(xs), max(ys) - min(ys)) - 2 * radius / turned.scale
+        )
 
     def add_ring(self, ring):
         first, count = len(self.segments), len(ring)
         for k in range(count):
             (ax, ay), (bx, by) = ring[k], ring[(k + 1) % count]
             long = hypot(bx - ax, by - ay)
-            self.segments.append(((ax, ay), ((bx - ax) / long, (by - ay) / long), ((ay - by) / long, (bx - ax) / long), long))
+            self.segments.append(
+                (
+                    (ax, ay),
+                    ((bx - ax) / long, (by - ay) / long),
+                    ((ay - by) / long, (bx - ax) / long),
+                    long,
+                )
+            )
         for k in range(count):
             before, after = first + (k - 1) % count, first + k
             (ux, uy), (vx, vy) = self.segments[before][1], self.segments[after][1]
-            if ux * vy - uy * vx < 0:  # more than half a turn of free space at the beginning of ``after``
+            if (
+                ux * vy - uy * vx < 0
+            ):  # more than half a turn of free space at the beginning of ``after``
                 self.reflex[after] = before
 
     def touching(self, place, near):
@@ -112,11 +137,15 @@ class Scene:
             (cx, cy), radius = self.circle
             away = hypot(place[0] - cx, place[1] - cy)
             if radius - away <= near:
-                normals.append(((cx - place[0]) / away, (cy - place[1]) / away, *[0.0] * (len(place) - 2)))
+                normals.append(
+                    ((cx - place[0]) / away, (cy - place[1]) / away, *[0.0] * (len(place) - 2))
+                )
         return normals
 
     def meeting(self, place, way):
-        """The share of ``way`` after which a place inside meets a half space or the circle, or infinity."""
+        """The share of ``way`` after which a place inside meets a half space or the circle, or
+        infinity.
+        """
         first = inf
         for normal, offset in self.planes:
             speed = dot(normal, way)
@@ -131,7 +160,8 @@ class Scene:
                 first = min(first, (-half + sqrt(under)) / a)
         return first
 
-    # ------------------------------------------------------------------------------ around obstacles
+    # ------------------------------------------------------------------------------ around
+    # obstacles
 
     def pushes(self, segment, way):
         return dot(self.segments[segment][2], way) <= LEAVING * length_of(way)
@@ -143,11 +173,17 @@ class Scene:
         return hypot(away, max(-on, on - long, 0.0)) <= near
 
     def holds(self, place, way, near):
-        """Whether segments hold a particle: one alone, or at a corner that sticks out both together."""
+        """Whether segments hold a particle: one alone, or at a corner that sticks out both
+        together.
+        """
         touched = {k for k in range(len(self.segments)) if self.near_segment(k, place, near)}
         released = set()
         for after, before in self.reflex.items():
-            if after in touched and before in touched and not (self.pushes(after, way) and self.pushes(before, way)):
+            if (
+                after in touched
+                and before in touched
+                and not (self.pushes(after, way) and self.pushes(before, way))
+            ):
                 released |= {after, before}
         return any(self.pushes(k, way) for k in touched - released)
 
@@ -166,11 +202,14 @@ class Scene:
         return first
 
 
-# ------------------------------------------------------------------------------------------------ motion
+# ------------------------------------------------------------------------------------------------
+# motion
 
 
 def moved(scene, place, move, near, friction=inf):
-    """Where one particle is after a move, and the share of the move after which a wall stopped it first."""
+    """Where one particle is after a move, and the share of the move after which a wall stopped it
+    first.
+    """
     if not any(move):
         return place, 1.0
     if scene.segments:
@@ -180,7 +219,9 @@ def moved(scene, place, move, near, friction=inf):
         return plus(place, share, move), share
     if friction < inf:
         return slid(scene, place, move, near, friction), 1.0
-    if any(dot(normal, move) <= LEAVING * length_of(move) for normal in scene.touching(place, near)):
+    if any(
+        dot(normal, move) <= LEAVING * length_of(move) for normal in scene.touching(place, near)
+    ):
         return place, 0.0
     share = min(1.0, scene.meeting(place, move))
     return plus(place, share, move), share
@@ -205,8 +246,17 @@ def slid(scene, place, move, near, friction):
                 break
         if velocity is None:
             return place
-        share = min(left, scene.meeting_but(place, velocity, along) if along is not None else scene.meeting(place, velocity))
-        on_circle = along is not None and scene.circle is not None and all(normal != along for normal, _ in scene.planes)
+        share = min(
+            left,
+            scene.meeting_but(place, velocity, along)
+            if along is not None
+            else scene.meeting(place, velocity),
+        )
+        on_circle = (
+            along is not None
+            and scene.circle is not None
+            and all(normal != along for normal, _ in scene.planes)
+        )
         if on_circle:
             share = min(share, scene.circle[1] / 2000 / length_of(velocity))
         place = plus(place, share, velocity)
@@ -232,7 +282,9 @@ Scene.meeting_but = _meeting_but
 
 
 def collided(before, move, shares, apart):
-    """The shares of a move after which balls stop that may also meet balls that have stopped; walls alone give ``shares``."""
+    """The shares of a move after which balls stop that may also meet balls that have stopped; walls
+    alone give ``shares``.
+    """
     shares = list(shares)
     while True:
         earliest, who = inf, None
@@ -254,7 +306,9 @@ def collided(before, move, shares, apart):
 
 
 def end_of(workspace, start, moves, *, touch=1e-9, turned=None, friction=inf, radius=0.0):
-    """Return where the particles are after a plan, in the turned scene; ``touch`` is relative to the size of the workspace."""
+    """Return where the particles are after a plan, in the turned scene; ``touch`` is relative to
+    the size of the workspace.
+    """
     turned = Turned() if turned is None else turned
     scene = Scene(workspace, turned, radius)
     places = [turned.point(place) for place in start]
@@ -262,14 +316,24 @@ def end_of(workspace, start, moves, *, touch=1e-9, turned=None, friction=inf, ra
         move = turned.move(vector)
         after = [moved(scene, place, move, touch * scene.size, friction) for place in places]
         if radius and any(move):
-            shares = collided(places, move, [share for _, share in after], 2 * radius * turned.scale)
-            after = [(plus(place, share, move), share) for place, share in zip(places, shares, strict=True)]
+            shares = collided(
+                places, move, [share for _, share in after], 2 * radius * turned.scale
+            )
+            after = [
+                (plus(place, share, move), share)
+                for place, share in zip(places, shares, strict=True)
+            ]
         places = [place for place, _ in after]
     return places
 
 
 def error_of(workspace, start, goal, moves, *, turned=None, **rules):
-    """Return how far from its goal the farther particle is after a plan, in the unit of the workspace itself."""
+    """Return how far from its goal the farther particle is after a plan, in the unit of the
+    workspace itself.
+    """
     turned = Turned() if turned is None else turned
     ends = end_of(workspace, start, moves, turned=turned, **rules)
-    return max(length_of(plus(end, -1, turned.point(place))) / turned.scale for end, place in zip(ends, goal, strict=True))
+    return max(
+        length_of(plus(end, -1, turned.point(place))) / turned.scale
+        for end, place in zip(ends, goal, strict=True)
+    )

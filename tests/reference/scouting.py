@@ -1,8 +1,9 @@
-"""The adaptive scan rule a second time: sets of cells and dicts, a loop for everything, written to be read.
+"""The adaptive scan rule a second time: sets of cells and dicts, a loop for everything, written to
+be read.
 
-A cell is (layer, row, column) in the padded arrays of `tests.reference.plain`, which also moves the world and finds the nearest
-frontier cell; a 2-D workspace has the one layer 0. Sums and products of floats are in the order of the kernels, so that equal
-rates are equal here, too.
+A cell is (layer, row, column) in the padded arrays of `tests.reference.plain`, which also moves the
+world and finds the nearest frontier cell; a 2-D workspace has the one layer 0. Sums and products of
+floats are in the order of the kernels, so that equal rates are equal here, too.
 """
 
 from __future__ import annotations
@@ -26,7 +27,14 @@ LEFT, UP, RIGHT, DOWN, IN, OUT = range(6)
 STEPS = tuple(zip(plain.D_LAYER.tolist(), plain.D_ROW.tolist(), plain.D_COL.tolist(), strict=True))
 BACK = plain.REVERSE.tolist()
 AXIS = (2, 1, 2, 1, 0, 0)
-ACROSS = ((UP, DOWN), (LEFT, RIGHT), (UP, DOWN), (LEFT, RIGHT), (LEFT, RIGHT), (LEFT, RIGHT))  # the sides of a way
+ACROSS = (
+    (UP, DOWN),
+    (LEFT, RIGHT),
+    (UP, DOWN),
+    (LEFT, RIGHT),
+    (LEFT, RIGHT),
+    (LEFT, RIGHT),
+)  # the sides of a way
 
 LONGEST_RUN = 500
 FIRST_STEPS, SECOND_STEPS = 12, 8
@@ -48,7 +56,9 @@ def all_ahead(cells: set[Cell], command: int) -> set[Cell]:
 
 @dataclass
 class View:
-    """What is known: where particles are, and which cells are free or walls; all others are unknown."""
+    """What is known: where particles are, and which cells are free or walls; all others are
+    unknown.
+    """
 
     shape: Cell  # of the padded arrays
     particles: set[Cell]
@@ -58,7 +68,12 @@ class View:
     @classmethod
     def of(cls, world: plain.World) -> View:
         """Return what is known in a plain world."""
-        return cls(world.state.shape, cells_of(world.counts > 0), cells_of(world.state == FREE), cells_of(world.state == WALL))
+        return cls(
+            world.state.shape,
+            cells_of(world.counts > 0),
+            cells_of(world.state == FREE),
+            cells_of(world.state == WALL),
+        )
 
     @property
     def directions(self) -> range:
@@ -79,7 +94,11 @@ class View:
         """Tell whether nobody looks beyond a cell: it is on the rim."""
         layer, row, column = cell
         layers, rows, columns = self.shape
-        return row in {0, rows - 1} or column in {0, columns - 1} or (layers > 1 and layer in {0, layers - 1})
+        return (
+            row in {0, rows - 1}
+            or column in {0, columns - 1}
+            or (layers > 1 and layer in {0, layers - 1})
+        )
 
 
 def cells_of(mask: NDArray[np.bool_]) -> set[Cell]:
@@ -87,17 +106,24 @@ def cells_of(mask: NDArray[np.bool_]) -> set[Cell]:
     return {(layer, row, column) for layer, row, column in np.argwhere(mask).tolist()}
 
 
-# ------------------------------------------------------------------------------------ what is likely free
+# ------------------------------------------------------------------------------------ what is
+# likely free
 
 
 def beside(view: View, cell: Cell, command: int) -> Pair:
-    """Return the states of the two cells beside one, across the direction of a command; which is which does not matter."""
+    """Return the states of the two cells beside one, across the direction of a command; which is
+    which does not matter.
+    """
     one, other = sorted(view.state(ahead(cell, side)) for side in ACROSS[command])
     return one, other
 
 
-def surroundings(view: View, cell: Cell, command: int, run_through: set[Cell] | frozenset[Cell] = frozenset()) -> Fine:
-    """Return what is around a cell entered by a command; cells that the run found free count so if they are behind."""
+def surroundings(
+    view: View, cell: Cell, command: int, run_through: set[Cell] | frozenset[Cell] = frozenset()
+) -> Fine:
+    """Return what is around a cell entered by a command; cells that the run found free count so if
+    they are behind.
+    """
     before = ahead(cell, BACK[command])
     behind = ahead(before, BACK[command])
     state = FREE if behind in run_through else view.state(behind)
@@ -118,7 +144,9 @@ class Tallies:
             self.free[key] += is_free
 
     def chance(self, around: Fine) -> float:
-        """Return how likely a cell is free: the coarser share counts like two more cells; at first it is one half."""
+        """Return how likely a cell is free: the coarser share counts like two more cells; at first
+        it is one half.
+        """
         likely = (self.free[ALL] + 1.0) / (self.cells[ALL] + 2.0)
         for key in (around[:2], around):
             likely = (self.free[key] + 2.0 * likely) / (self.cells[key] + 2.0)
@@ -131,7 +159,8 @@ def learn_from_run(tallies: Tallies, before: View, after: View, command: int) ->
         tallies.add(surroundings(before, cell, command, after.free), cell in after.free)
 
 
-# ----------------------------------------------------------------------------------------- straight runs
+# ----------------------------------------------------------------------------------------- straight
+# runs
 
 
 def expected_gains(view: View, tallies: Tallies, command: int) -> list[float]:
@@ -143,8 +172,12 @@ def expected_gains(view: View, tallies: Tallies, command: int) -> list[float]:
     return gains
 
 
-def gains_of_one(view: View, tallies: Tallies, cell: Cell, command: int) -> Iterator[tuple[int, float]]:
-    """Yield (step, chance to settle a cell there) of one particle, until something known or too unlikely is in its way."""
+def gains_of_one(
+    view: View, tallies: Tallies, cell: Cell, command: int
+) -> Iterator[tuple[int, float]]:
+    """Yield (step, chance to settle a cell there) of one particle, until something known or too
+    unlikely is in its way.
+    """
     likely, walked = 1.0, set()
     for step in range(1, view.longest + 1):
         cell = ahead(cell, command)
@@ -162,7 +195,9 @@ def gains_of_one(view: View, tallies: Tallies, cell: Cell, command: int) -> Iter
 
 
 def best_length(gains: list[float], prices: Prices, least: int) -> tuple[int, float]:
-    """Return (steps, cells for their price) of the best run of ``least`` steps or more; the shortest of equals."""
+    """Return (steps, cells for their price) of the best run of ``least`` steps or more; the
+    shortest of equals.
+    """
     settled, best = 0.0, (least, 0.0)
     for step in range(1, len(gains)):
         settled += gains[step]
@@ -184,7 +219,8 @@ class Prices:
         return self.scan + self.move * moves
 
 
-# ------------------------------------------------------------------------------------------------ walks
+# ------------------------------------------------------------------------------------------------
+# walks
 
 
 def tried(view: View, particles: set[Cell], command: int) -> int:
@@ -193,7 +229,9 @@ def tried(view: View, particles: set[Cell], command: int) -> int:
 
 
 def moved(view: View, particles: set[Cell], command: int, rule: str) -> set[Cell]:
-    """Return where particles would be after a command that none of them tries an unknown cell with."""
+    """Return where particles would be after a command that none of them tries an
+    unknown cell with.
+    """
     stuck = all_ahead(all_ahead(particles, command) - view.free, BACK[command])
     if rule == "block":  # whoever queues behind one that is stuck is stuck, too
         for first in tuple(stuck):
@@ -204,8 +242,12 @@ def moved(view: View, particles: set[Cell], command: int, rule: str) -> set[Cell
     return stuck | all_ahead(particles - stuck, command)
 
 
-def shifts(view: View, particles: set[Cell], command: int, rule: str, most: int) -> Iterator[set[Cell]]:
-    """Yield where particles are after 1, 2, ... equal commands, as long as that is certain and any of them moves."""
+def shifts(
+    view: View, particles: set[Cell], command: int, rule: str, most: int
+) -> Iterator[set[Cell]]:
+    """Yield where particles are after 1, 2, ... equal commands, as long as that is certain and any
+    of them moves.
+    """
     for _ in range(most):
         if tried(view, particles, command) > 0:
             return
@@ -217,18 +259,26 @@ def shifts(view: View, particles: set[Cell], command: int, rule: str, most: int)
 
 
 def walks(view: View, rule: str) -> Iterator[tuple[list[int], set[Cell]]]:
-    """Yield each walk that is looked at, one leg or two legs across each other, and where particles are after it."""
+    """Yield each walk that is looked at, one leg or two legs across each other, and where particles
+    are after it.
+    """
     for first in view.directions:
-        for length, once in enumerate(shifts(view, view.particles, first, rule, FIRST_STEPS), start=1):
+        for length, once in enumerate(
+            shifts(view, view.particles, first, rule, FIRST_STEPS), start=1
+        ):
             yield [first] * length, once
             for second in view.directions:
                 if AXIS[second] != AXIS[first]:
-                    for further, twice in enumerate(shifts(view, once, second, rule, SECOND_STEPS), start=1):
+                    for further, twice in enumerate(
+                        shifts(view, once, second, rule, SECOND_STEPS), start=1
+                    ):
                         yield [first] * length + [second] * further, twice
 
 
 def explore(view: View, rule: str, prices: Prices, rate: float) -> tuple[list[int], float]:
-    """Return the first of the best walks with a last command, none if not better than ``rate``, and the rate that is best now."""
+    """Return the first of the best walks with a last command, none if not better than ``rate``, and
+    the rate that is best now.
+    """
     plan: list[int] = []
     for walk, particles in walks(view, rule):
         price = prices.of(len(walk) + 1)
@@ -239,7 +289,8 @@ def explore(view: View, rule: str, prices: Prices, rate: float) -> tuple[list[in
     return plan, rate
 
 
-# --------------------------------------------------------------------------------------------- episodes
+# ---------------------------------------------------------------------------------------------
+# episodes
 
 
 @dataclass
@@ -262,24 +313,32 @@ class Scout:
     def path(self) -> list[int]:
         """Return the commands to the nearest frontier cell."""
         sources = plain.occupied_cells(self.world.counts, plain.COLUMN_MAJOR)
-        return plain.find_path(sources, self.world.state, self.world.frontier, False, plain.COLUMN_MAJOR)[0].tolist()
+        return plain.find_path(
+            sources, self.world.state, self.world.frontier, False, plain.COLUMN_MAJOR
+        )[0].tolist()
 
     def decide(self) -> tuple[list[int], int]:
-        """Return a plan, empty if there is none, and the steps of its last run, 0 if those are chosen when it comes."""
+        """Return a plan, empty if there is none, and the steps of its last run, 0 if those are
+        chosen when it comes.
+        """
         view, prices = View.of(self.world), self.prices
         plan, steps, rate = [], 0, 0.0
         for direction in view.directions:
             length, reached = best_length(expected_gains(view, self.tallies, direction), prices, 1)
             if reached > rate:
                 plan, steps, rate = [direction], length, reached
-        if rate * (prices.scan + 2 * prices.move) < 1:  # a path of one step is a run that was looked at; one of two may be better
+        if (
+            rate * (prices.scan + 2 * prices.move) < 1
+        ):  # a path of one step is a run that was looked at; one of two may be better
             path = self.path()
             if not path:
                 return [], 0
             if rate * (prices.scan + len(path) * prices.move) < 1:
                 plan, steps, rate = path, 0, 1 / (prices.scan + len(path) * prices.move)
         walk, found = explore(view, self.rule, prices, rate)
-        return (walk, 0) if found > rate else (plan, steps)  # a walk as good as the plan may have been found by rounding
+        return (
+            (walk, 0) if found > rate else (plan, steps)
+        )  # a walk as good as the plan may have been found by rounding
 
     def last_run(self, command: int, planned: int) -> int:
         """Return how often to send the last command of a plan."""
@@ -287,10 +346,14 @@ class Scout:
         return best_length(gains, self.prices, planned)[0]
 
     def run(self, command: int, steps: int) -> bool:
-        """Send equal commands, scan if anything was learnt, and tell so. The limit of moves may cut the run, not its scan."""
+        """Send equal commands, scan if anything was learnt, and tell so. The limit of moves may cut
+        the run, not its scan.
+        """
         before, learnt = View.of(self.world), 0
         for _ in range(min(steps, self.max_moves - len(self.commands))):
-            learnt += plain.step(*self.world, command, plain.RULES.index(self.rule), plain.MAPPING)[1]
+            learnt += plain.step(*self.world, command, plain.RULES.index(self.rule), plain.MAPPING)[
+                1
+            ]
             self.commands.append(command)
             self.scanned.append(False)
         if learnt:
@@ -310,9 +373,15 @@ class Scout:
                 return
 
 
-def scout(free: Any, start: Any, *, rule: str, scan_cost: float, move_cost: float, max_moves: int) -> tuple[str, list[bool], Scout]:
-    """Play a whole adaptive mapping; return its commands, which of them were followed by a scan, and the end."""
-    state = Scout(plain.make_world(free, start, rule=rule), rule, Prices(scan_cost, move_cost), max_moves)
+def scout(
+    free: Any, start: Any, *, rule: str, scan_cost: float, move_cost: float, max_moves: int
+) -> tuple[str, list[bool], Scout]:
+    """Play a whole adaptive mapping; return its commands, which of them were followed by a scan,
+    and the end.
+    """
+    state = Scout(
+        plain.make_world(free, start, rule=rule), rule, Prices(scan_cost, move_cost), max_moves
+    )
     while state.running:
         plan, steps = state.decide()
         if not plan:

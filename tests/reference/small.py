@@ -10,7 +10,9 @@ from shoal.swarm import GridWorkspace
 
 
 def small_cases(count: int, seed: int) -> Iterator[tuple[GridWorkspace, np.ndarray]]:
-    """Yield workspaces of at most 4 x 5 cells, each with the cells where one to four particles start."""
+    """Yield workspaces of at most 4 x 5 cells, each with the cells where one to four particles
+    start.
+    """
     rng = np.random.default_rng(seed)
     while count:
         free = rng.random((rng.integers(1, 5), rng.integers(2, 6))) < 0.8

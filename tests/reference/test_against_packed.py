@@ -1,4 +1,6 @@
-"""The packed kernels do what the plain-array reference does, on random input: every rule, task, policy and dimension."""
+"""The packed kernels do what the plain-array reference does, on random input: every rule, task,
+policy and dimension.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from tests.reference import plain
 from tests.swarm_runs import run
 
 from shoal.swarm import Coverage, GridWorkspace, SwarmEpisode, make_policy
-from shoal.swarm.grid.randomness import trial_rng
+from shoal.swarm.grid.board import trial_rng
 
 WIDTHS = (1, 2, 3, 61, 62, 63, 64, 65, 126, 127, 128)
 
@@ -28,11 +30,19 @@ def random_case(rng, *, shape=None):
     if shape is None:
         shape = (int(rng.integers(1, 9)), int(rng.choice(WIDTHS)))
         if rng.random() < 0.25:
-            shape = (int(rng.integers(1, 4)), int(rng.choice((1, 2, 3, 4, 20))), int(rng.choice(WIDTHS[:7])))
+            shape = (
+                int(rng.integers(1, 4)),
+                int(rng.choice((1, 2, 3, 4, 20))),
+                int(rng.choice(WIDTHS[:7])),
+            )
     free = rng.random(shape) < rng.choice([0.5, 0.7, 0.9, 1.0])
     free.flat[rng.integers(free.size)] = True
     cells = np.argwhere(free)
-    n = int(rng.integers(1, len(cells) + 1)) if rng.random() < 0.5 else int(rng.integers(1, min(len(cells), 6) + 1))
+    n = (
+        int(rng.integers(1, len(cells) + 1))
+        if rng.random() < 0.5
+        else int(rng.integers(1, min(len(cells), 6) + 1))
+    )
     return free, cells[np.sort(rng.choice(len(cells), size=n, replace=False))]
 
 
@@ -59,7 +69,9 @@ def same_log(episode: SwarmEpisode, reference: dict) -> None:
     np.testing.assert_array_equal(counts, reference["counts"])
     if episode.task == "mapping":
         window = belief.open.layout.window
-        known = np.where(belief.open.mask, plain.FREE, np.where(belief.known.mask, plain.OBSTACLE, plain.UNKNOWN))
+        known = np.where(
+            belief.open.mask, plain.FREE, np.where(belief.known.mask, plain.OBSTACLE, plain.UNKNOWN)
+        )
         np.testing.assert_array_equal(known, reference["state"].reshape(window))
 
 
@@ -69,15 +81,24 @@ def test_random_commands(rule, task):
     rng = np.random.default_rng(11)
     for _ in range(60):
         free, start = random_case(rng)
-        targets = reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
+        targets = (
+            reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
+        )
         commands = "".join(rng.choice(list("lurdio"[: 2 * free.ndim]), size=60))
         todo = "mapping" if targets is None else Targets(targets)
-        episode = run(GridWorkspace(free), task=todo, start=start, rule=rule, policy=f"manual:{commands}")
+        episode = run(
+            GridWorkspace(free), task=todo, start=start, rule=rule, policy=f"manual:{commands}"
+        )
         reference = plain.simulate(free, start, commands, rule=rule, task=task, targets=targets)
-        cut = {k: v[: episode.moves] if k in {"classified", "frontier", "travelled"} else v for k, v in reference.items()}
+        cut = {
+            k: v[: episode.moves] if k in {"classified", "frontier", "travelled"} else v
+            for k, v in reference.items()
+        }
         if episode.moves < len(commands):  # ours stops when the task is complete
             assert episode.status == "complete"
-            cut |= plain.simulate(free, start, episode.commands, rule=rule, task=task, targets=targets)
+            cut |= plain.simulate(
+                free, start, episode.commands, rule=rule, task=task, targets=targets
+            )
         same_log(episode, cut)
 
 
@@ -92,9 +113,19 @@ def test_policies(policy, rule, task):
     rng = np.random.default_rng(12)
     for seed in range(40):
         free, start = random_case(rng)
-        targets = reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
+        targets = (
+            reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
+        )
         todo = "mapping" if targets is None else Targets(targets)
-        episode = run(GridWorkspace(free), task=todo, start=start, rule=rule, policy=policy, seed=seed, max_moves=3000)
+        episode = run(
+            GridWorkspace(free),
+            task=todo,
+            start=start,
+            rule=rule,
+            policy=policy,
+            seed=seed,
+            max_moves=3000,
+        )
         reference = plain.run(
             free,
             start,
@@ -114,8 +145,20 @@ def test_random_moves(rule):
     rng = np.random.default_rng(13)
     for seed in range(25):
         free, start = random_case(rng)
-        reference = plain.run(free, start, policy="random-moves", rule=rule, rng=trial_rng(seed), max_moves=300)
-        same(run(GridWorkspace(free), start=start, rule=rule, policy="random-moves", seed=seed, max_moves=300), reference)
+        reference = plain.run(
+            free, start, policy="random-moves", rule=rule, rng=trial_rng(seed), max_moves=300
+        )
+        same(
+            run(
+                GridWorkspace(free),
+                start=start,
+                rule=rule,
+                policy="random-moves",
+                seed=seed,
+                max_moves=300,
+            ),
+            reference,
+        )
 
 
 def test_larger_maps():
@@ -127,16 +170,29 @@ def test_larger_maps():
             same(run(GridWorkspace(free), start=start, policy=policy, seed=seed), reference)
 
 
-@pytest.mark.parametrize(("policy", "rule"), [*PLAYED, *(("random-moves", rule) for rule in ("block", "merge", "tilt"))])
+@pytest.mark.parametrize(
+    ("policy", "rule"), [*PLAYED, *(("random-moves", rule) for rule in ("block", "merge", "tilt"))]
+)
 @pytest.mark.parametrize("task", ["mapping", "coverage"])
 def test_compiled_is_stepwise(policy, rule, task):
-    """A built-in policy played whole in a kernel and step by step through the public world gives the same episode."""
+    """A built-in policy played whole in a kernel and step by step through the public world gives
+    the same episode.
+    """
     rng = np.random.default_rng(15)
     for seed in range(8):
         free, start = random_case(rng)
         todo = "mapping" if task == "mapping" else Targets(reachable(free, start))
         whole, steps = (
-            run(GridWorkspace(free), task=todo, start=start, rule=rule, policy=policy, seed=seed, max_moves=400, stepwise=s)
+            run(
+                GridWorkspace(free),
+                task=todo,
+                start=start,
+                rule=rule,
+                policy=policy,
+                seed=seed,
+                max_moves=400,
+                stepwise=s,
+            )
             for s in (False, True)
         )
         assert (whole.commands, whole.status) == (steps.commands, steps.status)

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from shoal.search import Arc, TourCost, allocate, make_tour
-from shoal.search.allocation.arcs import work_time
+from shoal.search.allocation.allocate import work_time
 
 
 def all_borders(n, m):
-    """Yield the borders of all ways to cut a tour of n cells into m arcs, from any cell on; m + 1 numbers."""
+    """Yield the borders of all ways to cut a tour of n cells into m arcs, from any cell on; m + 1
+    numbers.
+    """
     for first in range(n):
         for inner in combinations_with_replacement(range(n + 1), m - 1):
             yield (first, *(first + cut for cut in inner), first + n)
@@ -27,7 +29,9 @@ def instances(seed, count):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         shape = [(2, 4), (2, 3), (2, 5), (4, 2)][rng.integers(4)]
-        tour_cost = TourCost(make_tour("hilbert-rectangle", shape))  # every step is one cell, the closing one, too
+        tour_cost = TourCost(
+            make_tour("hilbert-rectangle", shape)
+        )  # every step is one cell, the closing one, too
         m = int(rng.integers(1, 4))
         starts = np.sort(rng.integers(0, len(tour_cost), size=m))
         yield tour_cost, starts, m
@@ -41,7 +45,11 @@ def turned_to(borders, turn, m):
 def test_stay_is_what_the_paper_says():
     for tour_cost, starts, m in instances(1, 60):
         n = len(tour_cost)
-        gaps = [(starts[(k + 1) % m] - starts[k]) % n or (n if len(set(starts)) == 1 and k == m - 1 else 0) for k in range(m)]
+        gaps = [
+            (starts[(k + 1) % m] - starts[k]) % n
+            or (n if len(set(starts)) == 1 and k == m - 1 else 0)
+            for k in range(m)
+        ]
         assert allocate(tour_cost, starts, allocator="stay").makespan == max(gaps)
 
 
@@ -53,7 +61,8 @@ def test_individual_shift_is_the_best_of_all():
             for turn in range(m):
                 arcs = turned_to(borders, turn, m)
                 times = [
-                    along(start, low, n) + high - low if high > low else 0 for start, (low, high) in zip(starts, arcs, strict=True)
+                    along(start, low, n) + high - low if high > low else 0
+                    for start, (low, high) in zip(starts, arcs, strict=True)
                 ]
                 best = min(best, max(times))
         found = allocate(tour_cost, starts, allocator="individual-shift")
@@ -80,7 +89,9 @@ def test_hop_and_two_way_come_near_the_best_of_all(allocator, slack):
 
 
 def least(tour_cost, start, low, high, allocator):
-    """Return how soon a robot can have searched an arc: straight to its beginning, or both ways from inside."""
+    """Return how soon a robot can have searched an arc: straight to its beginning, or both ways
+    from inside.
+    """
     n, place = len(tour_cost), tour_cost.points[start]
     works = [[Arc(low % n, high - low)]]
     at = start if low <= start else start + n

@@ -25,7 +25,9 @@ def course_of(planner, plan):
 
 
 def plain_moves(frame, planner, plan, rule):
-    """Return after how many commands of a plan all is covered, by a loop over cells; None if it is not."""
+    """Return after how many commands of a plan all is covered, by a loop over cells; None if it is
+    not.
+    """
     counts, ground, state, frontier = plain_copy(frame, planner, "coverage")
     code = plain.BLOCK if rule == "block" else plain.MERGE
     for moves, one in enumerate(plan):
@@ -44,12 +46,19 @@ def test_plans_are_played_to_their_end(shape, rule):
         plan = np.zeros(4000, dtype=np.int8)
         plan[: len(given)] = given
         forward_model.copy_state(planner.root, planner.state)
-        moves, _ = anneal.finish(planner, planner.state, plan, np.int64(0), np.int64(len(given)), np.int64(3000))
+        moves, _ = anneal.finish(
+            planner, planner.state, plan, np.int64(0), np.int64(len(given)), np.int64(3000)
+        )
         assert moves == plain_moves(frame, planner, plan[:moves], rule) <= 3000
         assert (plan[: min(moves, len(given))] == given[:moves]).all()
         if moves > 0:
             forward_model.copy_state(planner.root, planner.state)
-            assert anneal.finish(planner, planner.state, plan, np.int64(0), np.int64(moves), np.int64(moves - 1))[0] == moves
+            assert (
+                anneal.finish(
+                    planner, planner.state, plan, np.int64(0), np.int64(moves), np.int64(moves - 1)
+                )[0]
+                == moves
+            )
 
 
 @pytest.mark.parametrize("shape", [(1, 9), (7, 6), (3, 65), (3, 4, 5)])

@@ -1,4 +1,6 @@
-"""The kernels that keep the clearance, against the plain simulation of `tests.reference.replay` with each contact tolerance."""
+"""The kernels that keep the clearance, against the plain simulation of `tests.reference.replay`
+with each contact tolerance.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,11 @@ from tests.reference.test_steering import random_polygon
 
 from shoal.steering import ContactWorld, cylinder, disk, polygon, prism, region, regular_polygon
 from shoal.steering.contact.clearance import PLANNED
-from shoal.steering.contact.region_world import RegionWorld
-from shoal.steering.kernels import sampling, shooting, shortening
+from shoal.steering.contact.world import RegionWorld
+from shoal.steering.kernels import roadmap as sampling
+from shoal.steering.kernels import shooting, shortening
 from shoal.steering.planners.sampling import world_of
-from shoal.steering.planners.shooting import directions
+from shoal.steering.planners.shortest import directions
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.formats import describe
 
@@ -30,7 +33,10 @@ ROOMS = {
     "a U": lambda _rng: U_SHAPE,
     "a yard": lambda _rng: YARD,
 }
-SOLIDS = {"prism": lambda _rng: prism(regular_polygon(5), 1.0), "cylinder": lambda _rng: cylinder(0.5, 0.8)}
+SOLIDS = {
+    "prism": lambda _rng: prism(regular_polygon(5), 1.0),
+    "cylinder": lambda _rng: cylinder(0.5, 0.8),
+}
 
 
 def inside(rng, room):
@@ -46,7 +52,9 @@ def inside(rng, room):
             return point
         if room.round:
             off = point - room.center
-            return room.center + off / np.hypot(*off) * (room.radius - 2 * CLEARANCE * room.size * rng.random())
+            return room.center + off / np.hypot(*off) * (
+                room.radius - 2 * CLEARANCE * room.size * rng.random()
+            )
         edge = room.edges[int(rng.integers(len(room.edges)))]
         along = edge[2:] - edge[:2]
         inward = np.array([-along[1], along[0]]) / np.hypot(*along)
@@ -64,11 +72,21 @@ def way(rng, room):
 
 
 def simulated(room, touch=1e-9, friction=inf):
-    return RegionWorld(room, touch=touch) if room in (U_SHAPE, YARD) else ContactWorld(room, friction=friction, touch=touch)
+    return (
+        RegionWorld(room, touch=touch)
+        if room in (U_SHAPE, YARD)
+        else ContactWorld(room, friction=friction, touch=touch)
+    )
 
 
 def played(room, points, moves, touch=1e-9, friction=inf):
-    ends = replay.end_of(describe(room), np.asarray(points).tolist(), np.asarray(moves).tolist(), touch=touch, friction=friction)
+    ends = replay.end_of(
+        describe(room),
+        np.asarray(points).tolist(),
+        np.asarray(moves).tolist(),
+        touch=touch,
+        friction=friction,
+    )
     return np.array(ends)
 
 
@@ -78,8 +96,11 @@ def test_whole_plans_are_those_of_the_plain_simulation(name, friction):
     if friction < inf and name in ("a U", "a yard"):
         pytest.skip("no friction coefficient around obstacles")
     rng = np.random.default_rng(51)
-    # The plain simulation slides along short chords of circles, and at the distance from a flat wall at which it touched the wall.
-    rough, close = (4e-3 if name in ("disk", "cylinder") else 0.0, 5.0) if friction < inf else (0.0, 0.0)
+    # The plain simulation slides along short chords of circles, and at the distance from a flat
+    # wall at which it touched the wall.
+    rough, close = (
+        (4e-3 if name in ("disk", "cylinder") else 0.0, 5.0) if friction < inf else (0.0, 0.0)
+    )
     for _ in range(6):
         room = (ROOMS | SOLIDS)[name](rng)
         start = np.array([inside(rng, room) for _ in range(3)])
@@ -91,12 +112,21 @@ def test_whole_plans_are_those_of_the_plain_simulation(name, friction):
 
 
 def scenes(name, count, seed):
-    """Random tasks, their worlds for the compiled functions, the random state of each, and the scene of the replay."""
+    """Random tasks, their worlds for the compiled functions, the random state of each, and the
+    scene of the replay.
+    """
     rng = np.random.default_rng(seed)
     for _ in range(count):
         room = ROOMS[name](rng)
         points = np.array([inside(rng, room) for _ in range(4)])
-        task = SteeringTask(simulated(room), points[:2], points[2:], 1e-6 * room.size, clearance=CLEARANCE, margin=CLEARANCE)
+        task = SteeringTask(
+            simulated(room),
+            points[:2],
+            points[2:],
+            1e-6 * room.size,
+            clearance=CLEARANCE,
+            margin=CLEARANCE,
+        )
         scene = replay.Scene(describe(room), replay.Turned())
         yield rng, room, task, world_of(task.world, task), scene
 
@@ -105,7 +135,9 @@ def corners_to_avoid(scene, task):
     """The corners that stick out and are no start or goal themselves."""
     ends = [*task.start.tolist(), *task.goal.tolist()]
     places = [scene.segments[k][0] for k in scene.reflex]
-    return [place for place in places if all(dist(place, end) > CLEARANCE * scene.size for end in ends)]
+    return [
+        place for place in places if all(dist(place, end) > CLEARANCE * scene.size for end in ends)
+    ]
 
 
 def nearest(place, after, corner):
@@ -131,7 +163,10 @@ def test_paths_near_corners(name):
         one, other = rng.normal(size=(2, 2))
         place = corner + rng.choice([1, 2, 4]) * CLEARANCE * scene.size * one - rng.random() * other
         after = place + rng.choice([0.0, 1.0, 0.5]) * other
-        plain = min(nearest(place.tolist(), after.tolist(), corner) for corner in corners) < 1.5 * CLEARANCE * scene.size
+        plain = (
+            min(nearest(place.tolist(), after.tolist(), corner) for corner in corners)
+            < 1.5 * CLEARANCE * scene.size
+        )
         assert sampling.passes_corner(*place, *after, world) == plain
         found[plain] += 1
     assert min(found) > 5
@@ -147,7 +182,10 @@ def test_moves_that_keep_the_clearance(name):
             after = played(room, states, [move])
             wide = played(room, states, [move], 1.25 * CLEARANCE)
             for p in range(2):
-                near = min((nearest(states[p].tolist(), after[p].tolist(), corner) for corner in corners), default=inf)
+                near = min(
+                    (nearest(states[p].tolist(), after[p].tolist(), corner) for corner in corners),
+                    default=inf,
+                )
                 plain = plain and near >= 1.5 * CLEARANCE * scene.size
             plain = plain and np.abs(after - wide).max() <= 1e-11 * scene.size
             states = after
@@ -170,7 +208,9 @@ def test_moves_that_a_wall_may_hold_begin_with_a_lift(name):
         assert sampling.is_blocked(task.start, *move, world) == plain
         moves, state = np.zeros((8, 2)), task.start.copy()
         count = sampling.translate(state, *move, world, float(room.size), moves, 0)
-        np.testing.assert_allclose(state, played(room, task.start, moves[:count]), atol=1e-10 * room.size)
+        np.testing.assert_allclose(
+            state, played(room, task.start, moves[:count]), atol=1e-10 * room.size
+        )
         np.testing.assert_allclose(moves[:count].sum(axis=0), move, atol=1e-12 * room.size)
         assert plain or count == 1
         if count == 2:
@@ -183,10 +223,14 @@ def test_moves_that_a_wall_may_hold_begin_with_a_lift(name):
 
 @pytest.mark.parametrize("name", ROOMS)
 def test_steps_of_plans_are_played_with_both_tolerances(name):
-    """A contact, an adjustment and a translation to where the plain simulation ends with one tolerance or the other."""
+    """A contact, an adjustment and a translation to where the plain simulation ends with one
+    tolerance or the other.
+    """
     found = [0, 0]
     for rng, room, task, world, scene in scenes(name, 40, 55):
-        steps = shortening.Steps(np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2)))
+        steps = shortening.Steps(
+            np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2))
+        )
         steps.targets[:2] = [inside(rng, room) for _ in range(2)]
         moves, state = [], task.start
         for k in range(2):
@@ -195,7 +239,8 @@ def test_steps_of_plans_are_played_with_both_tolerances(name):
         moves += [way(rng, room), way(rng, room)]
         middle = played(room, state, moves[2:3])
         end = played(room, middle, moves[3:])
-        # The last adjustment aims at the difference of the goals, and the translation at their middle.
+        # The last adjustment aims at the difference of the goals, and the translation at their
+        # middle.
         goal = end
         moves[2] = -((goal[1] - goal[0]) - (state[1] - state[0]))
         middle = played(room, state, moves[2:3])
@@ -205,30 +250,47 @@ def test_steps_of_plans_are_played_with_both_tolerances(name):
             path.append(played(room, path[-1], [move]))
         corners = corners_to_avoid(scene, task)
         near = min(
-            (nearest(a.tolist(), b.tolist(), corner) for before, after in pairwise(path)
-             for a, b in zip(before, after, strict=True) for corner in corners), default=inf,
-        )  # fmt: skip
+            (
+                nearest(a.tolist(), b.tolist(), corner)
+                for before, after in pairwise(path)
+                for a, b in zip(before, after, strict=True)
+                for corner in corners
+            ),
+            default=inf,
+        )
         wide = played(room, task.start, moves, 1.25 * CLEARANCE)
         limit = 1e-6 * room.size
-        arrives = all(max(dist(a, b) for a, b in zip(state, goal, strict=True)) <= limit for state in (path[-1], wide))
+        arrives = all(
+            max(dist(a, b) for a, b in zip(state, goal, strict=True)) <= limit
+            for state in (path[-1], wide)
+        )
         plain = arrives and near >= 1.5 * CLEARANCE * scene.size
         length = shortening.play(steps, 4, task.start, goal, limit, inf, world, task.start.copy())
         assert (length < inf) == plain
         if plain:
             assert np.isclose(length, sum(hypot(*move) for move in moves), rtol=1e-9)
-            assert shortening.play(steps, 4, task.start, goal, limit, 0.99 * length, world, task.start.copy()) == inf
+            assert (
+                shortening.play(
+                    steps, 4, task.start, goal, limit, 0.99 * length, world, task.start.copy()
+                )
+                == inf
+            )
         found[bool(plain)] += 1
     assert min(found) > 2
 
 
 def plain_shortage(scene, places, goal, toucher):
-    """The direction and the length of the second-last move, and by how much the way of the other particle is too short."""
+    """The direction and the length of the second-last move, and by how much the way of the other
+    particle is too short.
+    """
     sign = 1 if toucher == 0 else -1
     change = [sign * ((q - p) - (b - a)) for p, q, a, b in zip(*goal, *places, strict=True)]
     length = replay.length_of(change)
     unit = tuple(part / length for part in change)
     before, room = (
-        0.0 if replay.moved(scene, tuple(place), unit, 1e-9 * scene.size)[1] == 0.0 else scene.meeting(tuple(place), unit)
+        0.0
+        if replay.moved(scene, tuple(place), unit, 1e-9 * scene.size)[1] == 0.0
+        else scene.meeting(tuple(place), unit)
         for place in (places[toucher], places[1 - toucher])
     )
     return unit, before + length, before + length - room
@@ -245,10 +307,14 @@ def test_last_moves_leave_the_other_particle_its_clearance(name):
         for toucher in (0, 1):
             unit, length, short = plain_shortage(scene, places.tolist(), goal.tolist(), toucher)
             moves = np.zeros((2, 2))
-            error = shooting.finish(places, goal, toucher, simulated(room).walls, clear * room.size, moves)
+            error = shooting.finish(
+                places, goal, toucher, simulated(room).walls, clear * room.size, moves
+            )
             assert np.isfinite(error) == (short <= -clear * room.size)
             if np.isfinite(error):
-                np.testing.assert_allclose(moves[0], np.multiply(unit, length), atol=1e-12 * room.size)
+                np.testing.assert_allclose(
+                    moves[0], np.multiply(unit, length), atol=1e-12 * room.size
+                )
                 end = played(room, places, moves)
                 assert np.isclose(error, np.hypot(*(end - goal).T).max(), atol=1e-10 * room.size)
             found[bool(np.isfinite(error))] += 1
@@ -262,7 +328,12 @@ def test_plans_of_few_moves_keep_their_clearance(name):
     clear, shares, solved = 1e-3, np.linspace(0.05, 0.95, 4), 0
     for count in (3, 4, 4, 5):
         room = ROOMS[name](rng)
-        start, goal = (rng.permutation([room.middle + 0.3 * room.size * (rng.random(2) - 0.5) for _ in range(2)]) for _ in range(2))
+        start, goal = (
+            rng.permutation(
+                [room.middle + 0.3 * room.size * (rng.random(2) - 0.5) for _ in range(2)]
+            )
+            for _ in range(2)
+        )
         walls, scene = simulated(room).walls, replay.Scene(describe(room), replay.Turned())
         wide, few = clear * room.size, directions(2, 24)
         nudges = wide * np.vstack([np.eye(2), -np.eye(2)])
@@ -271,15 +342,26 @@ def test_plans_of_few_moves_keep_their_clearance(name):
             records = shooting.search(start, goal, few, shares, nudges, 100, walls, wide, plan)
         else:
             picks = rng.integers(0, 2**31, (60, 5, count - 2, 2))
-            records = shooting.search_guided(start, goal, few, shares, picks, nudges, 4, walls, wide, plan)
+            records = shooting.search_guided(
+                start, goal, few, shares, picks, nudges, 4, walls, wide, plan
+            )
         trial = rng.normal(size=(count, 2)) * 0.4 * room.size
         before = trial.copy()
         left = shooting.repair(start, goal, walls, wide, trial)
-        short = min(plain_shortage(scene, played(room, start, trial[:-2]).tolist(), goal.tolist(), t)[2] for t in (0, 1))
+        short = min(
+            plain_shortage(scene, played(room, start, trial[:-2]).tolist(), goal.tolist(), t)[2]
+            for t in (0, 1)
+        )
         assert np.isclose(left, short, atol=1e-9 * room.size)
         assert (
             left
-            <= min(plain_shortage(scene, played(room, start, before[:-2]).tolist(), goal.tolist(), t)[2] for t in (0, 1)) + 1e-9
+            <= min(
+                plain_shortage(scene, played(room, start, before[:-2]).tolist(), goal.tolist(), t)[
+                    2
+                ]
+                for t in (0, 1)
+            )
+            + 1e-9
         )
         if not records:
             continue
@@ -291,9 +373,13 @@ def test_plans_of_few_moves_keep_their_clearance(name):
                 assert np.isclose(length, sum(hypot(*move) for move in plan))
                 assert length <= longer + 1e-12
             for nudge in (np.zeros(2), *nudges):
-                # After a small change of the third-last move, other last two moves still lead to the goals.
+                # After a small change of the third-last move, other last two moves still lead to
+                # the goals.
                 first = plan[:-2] + nudge * (np.arange(count - 2) == count - 3)[:, None]
                 states = played(room, start, first)
-                assert min(plain_shortage(scene, states.tolist(), goal.tolist(), t)[2] for t in (0, 1)) <= -wide + 1e-10
+                assert (
+                    min(plain_shortage(scene, states.tolist(), goal.tolist(), t)[2] for t in (0, 1))
+                    <= -wide + 1e-10
+                )
             assert np.hypot(*(played(room, start, plan) - goal).T).max() <= 1e-6 * room.size
     assert solved >= 1

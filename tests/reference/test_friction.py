@@ -1,4 +1,6 @@
-"""Friction: steps against plain simulation, links and barriers against plain sampling and plain pushing, plans played again."""
+"""Friction: steps against plain simulation, links and barriers against plain sampling and plain
+pushing, plans played again.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,11 @@ from tests.reference.test_steering import random_point, random_polygon, walls_of
 from tests.steering import steer
 
 from shoal.steering import ContactWorld, disk
-from shoal.steering.contact.friction_limits import friction_limit
+from shoal.steering.contact.friction import friction_limit, turn_on_the_way
 from shoal.steering.kernels.cycles import CycleModel
 from shoal.steering.kernels.roadmap import fewest_cycles, linked
-from shoal.steering.planners.chains.friction_roadmap import backward_nodes, turn_on_the_way
-from shoal.steering.workspaces.normalized_walls import normalize_walls
+from shoal.steering.planners.chain_search import backward_nodes
+from shoal.steering.workspaces.region import normalize_walls
 
 
 @pytest.mark.parametrize("kind", ["polygon", "disk"])
@@ -28,18 +30,35 @@ def test_steps_with_friction_are_those_of_the_plain_simulation(kind):
         for _ in range(6):
             move = rng.normal(size=2) * space.size * rng.choice([0.05, 0.5])
             plain = contact.step_with_friction(
-                walls, [tuple(point) for point in points.tolist()], move.tolist(), space.size, friction
+                walls,
+                [tuple(point) for point in points.tolist()],
+                move.tolist(),
+                space.size,
+                friction,
             )
             points = world.step(points, move)
-            np.testing.assert_allclose(points, plain, atol=(1e-11 if kind == "polygon" else 4e-3) * space.size)
+            np.testing.assert_allclose(
+                points, plain, atol=(1e-11 if kind == "polygon" else 4e-3) * space.size
+            )
 
 
 def ground_of(walls, friction):
-    return CycleModel(walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, friction, 1e-9, 1e-9)
+    return CycleModel(
+        walls.frames,
+        walls.reaches,
+        walls.normals,
+        walls.offsets,
+        walls.circle,
+        friction,
+        1e-9,
+        1e-9,
+    )
 
 
 def best_room(walls, before, after, friction, count=600):
-    """The most that contacts among so many have left of all limits of a cycle; by what a finer grid could add, too."""
+    """The most that contacts among so many have left of all limits of a cycle; by what a finer grid
+    could add, too.
+    """
     best = -np.inf
     frames, radius = walls.frames, walls.circle[2]
     for wall in range(max(1, len(walls.normals))):
@@ -58,7 +77,11 @@ def best_room(walls, before, after, friction, count=600):
             room = np.minimum(push, friction * push - along)
             for delta in (before, after):
                 other = contacts + sign * delta
-                depth = radius - np.hypot(*other.T) if walls.round else (other @ walls.normals.T - walls.offsets).min(axis=1)
+                depth = (
+                    radius - np.hypot(*other.T)
+                    if walls.round
+                    else (other @ walls.normals.T - walls.offsets).min(axis=1)
+                )
                 room = np.minimum(room, depth)
             best = max(best, float(room.max()))
     return best
@@ -94,7 +117,12 @@ def test_fewest_cycles_are_those_of_plain_layers():
         reached = fewest_cycles(nodes, ground, parents, order)
         layer, seen, depth = {0}, {0}, 0
         while layer and 1 not in seen:
-            layer = {b for a in layer for b in range(40) if b not in seen and linked(nodes[a], nodes[b], ground, step)}
+            layer = {
+                b
+                for a in layer
+                for b in range(40)
+                if b not in seen and linked(nodes[a], nodes[b], ground, step)
+            }
             seen |= layer
             depth += 1
         assert reached == (1 in seen)
@@ -115,12 +143,21 @@ def test_no_pushing_crosses_a_barrier(friction):
         points = [tuple(random_point(rng, space).tolist()) for _ in range(2)]
         first = np.subtract(points[1], points[0])
         for count in range(16):
-            if rng.random() < 0.6:  # the outermost reactions: the walls' normals, turned by the angle of friction
+            if (
+                rng.random() < 0.6
+            ):  # the outermost reactions: the walls' normals, turned by the angle of friction
                 who, wall = rng.integers(2), walls[rng.integers(len(walls))]
                 nx, ny = contact.normal(wall, points[who])
                 turn = float(rng.choice([-1, 1])) * np.arctan(friction) * 0.999
                 move = (
-                    -rng.random() * 0.7 * np.array([nx * np.cos(turn) - ny * np.sin(turn), nx * np.sin(turn) + ny * np.cos(turn)])
+                    -rng.random()
+                    * 0.7
+                    * np.array(
+                        [
+                            nx * np.cos(turn) - ny * np.sin(turn),
+                            nx * np.sin(turn) + ny * np.cos(turn),
+                        ]
+                    )
                 )
             else:
                 move = rng.normal(size=2) * 0.4
@@ -132,18 +169,24 @@ def test_no_pushing_crosses_a_barrier(friction):
 
 
 def test_the_barrier_of_the_square_is_as_near_as_can_be():
-    """From (a, b), both positive: (0, b + friction a) and (a + friction b, 0), and that times the friction on the next axis."""
+    """From (a, b), both positive: (0, b + friction a) and (a + friction b, 0), and that times the
+    friction on the next axis.
+    """
     rng, friction = np.random.default_rng(45), 0.5
     for _ in range(20):
         a, b = rng.random(2) * 0.55 + 0.05
         x, y = rng.random(2) + 0.01
         top, right = b + friction * a, a + friction * b
         same = min(top / (y + friction * x), right / (x + friction * y))
-        after = friction * max(top, friction**2 * right) / (x + friction * y)  # or the other way around, through three quadrants
+        after = (
+            friction * max(top, friction**2 * right) / (x + friction * y)
+        )  # or the other way around, through three quadrants
         for goal, reach in (((x, y), same), ((-x, y), after)):
             for share, possible in ((0.98, True), (1.02, False)):
                 wanted = np.array(goal) * (reach * share)
-                assert (friction_limit(SQUARE, friction, np.array([a, b]), wanted) is None) == possible
+                assert (
+                    friction_limit(SQUARE, friction, np.array([a, b]), wanted) is None
+                ) == possible
 
 
 def test_turns_while_shrinking_are_those_of_small_steps():
@@ -154,7 +197,9 @@ def test_turns_while_shrinking_are_those_of_small_steps():
         size -= 1e-5 * np.cos(way)
     assert turn_on_the_way(0.9, size, radius, cone) == pytest.approx(turn, rel=1e-3)
     assert turn_on_the_way(0.9, 0.3, radius, cone) == np.inf
-    assert turn_on_the_way(0.9, 0.6, radius, 0.0) == pytest.approx(turn_on_the_way(0.9, 0.6, radius, 1e-5), rel=1e-3)
+    assert turn_on_the_way(0.9, 0.6, radius, 0.0) == pytest.approx(
+        turn_on_the_way(0.9, 0.6, radius, 1e-5), rel=1e-3
+    )
 
 
 def test_rungs_of_a_ladder_lead_up():

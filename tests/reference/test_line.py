@@ -1,4 +1,6 @@
-"""Formulas and kernels of one dimension against the step-by-step simulation, and exact means against enumeration."""
+"""Formulas and kernels of one dimension against the step-by-step simulation, and exact means
+against enumeration.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 from tests.reference.line import largest_gap, left_then_right, printed_coverage_moves
 
-from shoal.swarm.kernels.theory import line_samples as kernels
+from shoal.swarm.kernels import theory as kernels
 from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, sample
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +32,10 @@ def random_lines(count, seed):
 def test_formulas_are_the_simulation_on_ten_thousand_random_cases():
     for cells, positions in random_lines(10_000, seed=4):
         expected = left_then_right(positions.tolist(), cells)
-        assert (int(boundary_moves(positions, cells=cells)), int(coverage_moves(positions, cells=cells))) == expected
+        assert (
+            int(boundary_moves(positions, cells=cells)),
+            int(coverage_moves(positions, cells=cells)),
+        ) == expected
 
 
 def test_kernel_measures_what_the_formulas_say():
@@ -41,8 +46,16 @@ def test_kernel_measures_what_the_formulas_say():
         row = np.zeros(kernels.COLUMNS, dtype=np.int32)
         kernels.measure(words, cells, row)
         formulas = (boundary_moves, coverage_moves, printed_coverage_moves)
-        expected = [positions[0], cells + 1 - positions[-1], largest_gap(positions, cells=cells), positions[-1] - positions[0]]
-        assert row.tolist() == [*expected, *(formula(positions, cells=cells) for formula in formulas)]
+        expected = [
+            positions[0],
+            cells + 1 - positions[-1],
+            largest_gap(positions, cells=cells),
+            positions[-1] - positions[0],
+        ]
+        assert row.tolist() == [
+            *expected,
+            *(formula(positions, cells=cells) for formula in formulas),
+        ]
 
 
 @pytest.mark.parametrize("cells", range(1, 11))
@@ -56,7 +69,9 @@ def test_exact_means_are_those_of_all_placements(cells):
 
         simulated = np.array([left_then_right(positions, cells) for positions in every.tolist()])
         gaps = largest_gap(every, cells=cells)
-        inner = (np.diff(every) - 1).max(axis=1) if particles > 1 else np.zeros(len(every), dtype=int)
+        inner = (
+            (np.diff(every) - 1).max(axis=1) if particles > 1 else np.zeros(len(every), dtype=int)
+        )
         ends = every[:, 0] + cells - every[:, -1]
         assert line.placements == len(every)
         assert line.boundary.exact == mean(simulated[:, 0])
@@ -72,11 +87,15 @@ def test_exact_means_are_those_of_all_placements(cells):
             (line.boundary_distribution, simulated[:, 0]),
         ):
             low, high = distribution.first, distribution.first + len(distribution.counts)
-            assert [int(np.sum(values == value)) for value in range(low, high)] == list(distribution.counts)
+            assert [int(np.sum(values == value)) for value in range(low, high)] == list(
+                distribution.counts
+            )
             assert distribution.total == len(every)
 
 
-@pytest.mark.parametrize(("cells", "particles"), [(63, 20), (64, 64), (65, 50), (128, 3), (200, 150)])
+@pytest.mark.parametrize(
+    ("cells", "particles"), [(63, 20), (64, 64), (65, 50), (128, 3), (200, 150)]
+)
 def test_placements_are_drawn_evenly(cells, particles):
     """Each mean lies within five standard errors of the exact one; the seed is fixed."""
     line = Line(cells, particles)
@@ -103,14 +122,24 @@ def test_all_small_placements_are_equally_likely():
 
 def test_same_sample_for_any_workers_and_with_the_compiler_off():
     script = (
-        "import numpy as np; np.seterr(over='ignore')\n"
-        "from shoal.swarm.theory.one_dimension import Line, sample\n"
-        "for n in (1, 9, 60, 70): print(sample(Line(70, n), 50, seed=3, workers=1).coverage.tolist())"
+        "import numpy as np; np.seterr(over='ignore')\nfrom shoal.swarm.theory.one_dimension import"
+        " Line, sample\nfor n in (1, 9, 60, 70): print(sample(Line(70, n), 50, seed=3,"
+        " workers=1).coverage.tolist())"
     )
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1")
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, env=environment, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     for workers in (1, 3):
-        compiled = "".join(f"{sample(Line(70, n), 50, seed=3, workers=workers).coverage.tolist()}\n" for n in (1, 9, 60, 70))
+        compiled = "".join(
+            f"{sample(Line(70, n), 50, seed=3, workers=workers).coverage.tolist()}\n"
+            for n in (1, 9, 60, 70)
+        )
         assert done.stdout == compiled
 
 

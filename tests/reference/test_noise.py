@@ -1,4 +1,6 @@
-"""The kernels of the noisy world against sets, dictionaries and a list of all cases, on random input."""
+"""The kernels of the noisy world against sets, dictionaries and a list of all cases, on random
+input.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +10,11 @@ import numpy as np
 import pytest
 from tests.reference import noise as plain
 
-from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import encode, letters_of
-from shoal.swarm.kernels.noise import noisy_state as kernels
+from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
+from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import Noise, NoisyBelief
-from shoal.swarm.noise.belief import inner_of
-from shoal.swarm.noise.simulated import truth_of
+from shoal.swarm.noise.belief import inner_of, truth_of
 
 
 def tuples(cells):
@@ -58,7 +58,9 @@ def test_moves_looks_and_belief(seed):
         particles = plain.move(free, particles, step, about.slip, same_luck)
         travelled = kernels.move_noisy(noisy, encode(command, ndim=layout.ndim)[0], luck)
         assert tuples(np.argwhere(inner_of(noisy.there, shape))) == particles
-        assert travelled == sum(sum(cell) for cell in particles) * sum(step) - sum(sum(cell) for cell in before) * sum(step)
+        assert travelled == sum(sum(cell) for cell in particles) * sum(step) - sum(
+            sum(cell) for cell in before
+        ) * sum(step)
         if often == 1.0 or rng.random() < often:
             seen = scan()
             belief.update(command, Board.of_cells(layout, sorted(seen)))
@@ -68,6 +70,12 @@ def test_moves_looks_and_belief(seed):
             reference.spread(step)
         for cell in window:
             at = tuple(i + 1 for i in cell)
-            assert belief.logit[at] == pytest.approx(reference.logit[cell], rel=1e-6, abs=1e-6), (command, cell)
+            assert belief.logit[at] == pytest.approx(reference.logit[cell], rel=1e-6, abs=1e-6), (
+                command,
+                cell,
+            )
             inside = inner_of(belief.state.inside, shape, rim=1)[at]
-            assert inside == pytest.approx(reference.inside[cell], rel=1e-6, abs=1e-9), (command, cell)
+            assert inside == pytest.approx(reference.inside[cell], rel=1e-6, abs=1e-9), (
+                command,
+                cell,
+            )

@@ -85,7 +85,11 @@ def test_every_direction(command: str) -> None:
 
 def test_obstacle_holds_back_one_row_only() -> None:
     free = np.array([[1, 1, 1], [1, 1, 0], [1, 1, 1]], bool)
-    assert counts_after(free, [(0, 1), (1, 0), (1, 1), (2, 0)], "r") == [[0, 0, 1], [1, 1, 0], [0, 1, 0]]
+    assert counts_after(free, [(0, 1), (1, 0), (1, 1), (2, 0)], "r") == [
+        [0, 0, 1],
+        [1, 1, 0],
+        [0, 1, 0],
+    ]
 
 
 # ---- merge, tilt
@@ -147,7 +151,9 @@ def test_positions_agree_with_sets(shape: tuple[int, ...], rule: str, seed: int)
     commands = random_commands(rng, len(shape), 12)
     where = tuple(sorted(map(tuple, start.tolist())))
     for command in commands:
-        where = reach.RULES[rule](reach.free_cells(free), where, steps[plain.LETTERS.index(command)])
+        where = reach.RULES[rule](
+            reach.free_cells(free), where, steps[plain.LETTERS.index(command)]
+        )
     result = plain.simulate(free, start, commands, rule=rule)
     expected = plain.count_cells(where, shape)
     np.testing.assert_array_equal(result["counts"], expected)
@@ -179,7 +185,8 @@ def test_lone_cell_needs_each_command_once() -> None:
 
 
 def test_line_of_three_by_hand() -> None:
-    # l to cell 0; wall; above and below 0; then back to cell 1, whose lower and upper neighbours are unknown.
+    # l to cell 0; wall; above and below 0; then back to cell 1, whose lower and upper neighbours
+    # are unknown.
     assert plain.run(line(3), on_line(1))["commands"] == "llud" + "ru" + "r" + "urd" + "ld"
 
 
@@ -200,10 +207,15 @@ def test_tie_rules() -> None:
 
 
 def test_each_level_is_sorted_before_it_is_expanded() -> None:
-    # From (1, 1) the cells at distance 1 are found in the order l, u, r, d. The target (2, 0) is next to
-    # (1, 0) and (2, 1): the leftmost of them comes first. The target (0, 2) is next to (0, 1) and (1, 2).
+    # From (1, 1) the cells at distance 1 are found in the order l, u, r, d. The target (2, 0) is
+    # next to (1, 0) and (2, 1): the leftmost of them comes first. The target (0, 2) is next to (0,
+    # 1) and (1, 2).
     free = np.ones((3, 3), bool)
-    for target, by_column, by_row in [((2, 0), "ld", "ld"), ((0, 2), "ur", "ur"), ((2, 2), "dr", "rd")]:
+    for target, by_column, by_row in [
+        ((2, 0), "ld", "ld"),
+        ((0, 2), "ur", "ur"),
+        ((2, 2), "dr", "rd"),
+    ]:
         for ties, expected in [("column-major", by_column), ("row-major", by_row)]:
             result = plain.run(free, [(1, 1)], task="coverage", targets=[target], ties=ties)
             assert result["commands"] == expected
@@ -242,7 +254,9 @@ def test_a_closest_frontier_path_classifies_its_target(rule: str, seed: int) -> 
 
 
 def nearest_frontier(world: plain.World) -> tuple[int, set]:
-    """Return the distance of the nearest frontier cells from all particles, and those cells, by sets."""
+    """Return the distance of the nearest frontier cells from all particles, and those cells, by
+    sets.
+    """
     seen = {tuple(cell) for cell in np.argwhere(world.counts).tolist()}
     ring, distance = set(seen), 1
     while True:
@@ -266,7 +280,9 @@ def test_limit_stops_in_the_middle_of_a_path() -> None:
     result = plain.run(line(9), on_line(0), task="coverage", targets=on_line(8), max_moves=3)
     assert (result["status"], result["commands"]) == ("limit", "rrr")
     assert plain.run(line(9), on_line(0), max_moves=0)["status"] == "limit"
-    assert plain.run(line(9), on_line(8), task="coverage", targets=on_line(8), max_moves=0)["status"] == ("complete")
+    assert plain.run(line(9), on_line(8), task="coverage", targets=on_line(8), max_moves=0)[
+        "status"
+    ] == ("complete")
 
 
 def test_log_grows() -> None:
@@ -277,18 +293,25 @@ def test_log_grows() -> None:
 
 
 def test_elected_particle_hands_over_when_blocked() -> None:
-    # E at (0, 0) and P at (0, 1), a wall right of P, the target below P. E's path is r d. P blocks E, takes
-    # over, and d brings P to the target.
+    # E at (0, 0) and P at (0, 1), a wall right of P, the target below P. E's path is r d. P blocks
+    # E, takes over, and d brings P to the target.
     free = np.array([[1, 1], [0, 1]], bool)
     start, targets = [(0, 0), (0, 1)], [(1, 1)]
     for draw, commands in [(0, "rd"), (1, "d")]:
-        result = plain.run(free, start, policy="elect-particle", task="coverage", targets=targets, rng=FixedDraws(draw))
+        result = plain.run(
+            free,
+            start,
+            policy="elect-particle",
+            task="coverage",
+            targets=targets,
+            rng=FixedDraws(draw),
+        )
         assert result["commands"] == commands
 
 
 def test_elected_particle_replans_when_another_covers_its_target() -> None:
-    # E at 0 goes for 5, but F, who starts at 3, covers it after two moves. E, by then at the head of a side
-    # corridor, turns into it: its end, at distance 6 before, is the only target left.
+    # E at 0 goes for 5, but F, who starts at 3, covers it after two moves. E, by then at the head
+    # of a side corridor, turns into it: its end, at distance 6 before, is the only target left.
     free = np.zeros((5, 8), bool)
     free[0, :] = free[:, 2] = True
     result = plain.run(
@@ -311,7 +334,9 @@ def test_lone_elected_particle_is_closest_frontier() -> None:
 
 
 def test_random_moves_follow_the_draws() -> None:
-    result = plain.run(line(2), on_line(0), policy="random-moves", rng=FixedDraws(2, 0, 3), max_moves=3)
+    result = plain.run(
+        line(2), on_line(0), policy="random-moves", rng=FixedDraws(2, 0, 3), max_moves=3
+    )
     assert (result["commands"], result["status"]) == ("rld", "limit")
 
 
@@ -348,7 +373,9 @@ def test_lone_depth_first_maps_within_its_bound(seed: int) -> None:
 
 
 def one_dimension(seed: int) -> tuple[int, np.ndarray, int, int]:
-    """Return m, sorted positions from 1, and the right moves that touch the wall and that close the gaps."""
+    """Return m, sorted positions from 1, and the right moves that touch the wall and that close the
+    gaps.
+    """
     rng = np.random.default_rng(seed)
     m = int(rng.integers(2, 25))
     n = int(rng.integers(1, m + 1))

@@ -11,30 +11,49 @@ from tests.swarm_runs import run
 
 from shoal import open_map
 from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task
-from shoal.swarm.grid.fields import field_of
-from shoal.swarm.grid.trace import Trace
-from shoal.swarm.kernels.dynamics import steps
-from shoal.swarm.kernels.dynamics.bits import has
-from shoal.swarm.kernels.dynamics.moves import LEFT, RIGHT, UP
+from shoal.swarm.grid.scans import Trace
+from shoal.swarm.grid.state import field_of
+from shoal.swarm.kernels import moves as steps
+from shoal.swarm.kernels.moves import LEFT, RIGHT, UP, has
 from shoal.swarm.kernels.planning import completion, frontier_paths
 from shoal.swarm.kernels.planning.rollout import prepare
-from shoal.swarm.kernels.prediction import forward_model, learned_prior, occupancy_prediction, occupancy_prior
-from shoal.swarm.kernels.search.frontier_search import ahead, opposite
+from shoal.swarm.kernels.prediction import (
+    forward_model,
+    learned_prior,
+    occupancy_prediction,
+    occupancy_prior,
+)
+from shoal.swarm.kernels.search import ahead, opposite
 from shoal.swarm.policies import BeamRollout
 from shoal.swarm.policies.planners import learned_weights, state
 from shoal.swarm.policies.planners.state import planner_of
 from shoal.swarm.simulation.compiled import PlannerGame
 
-SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65), (3, 16, 3))
+SHAPES = (
+    (1, 9),
+    (7, 6),
+    (5, 62),
+    (4, 63),
+    (3, 64),
+    (3, 65),
+    (2, 127),
+    (3, 4, 5),
+    (2, 3, 65),
+    (3, 16, 3),
+)
 
 
 def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
-    """A running episode, its planner with the scene filled, and the world as the plain reference has it."""
+    """A running episode, its planner with the scene filled, and the world as the plain reference
+    has it.
+    """
     rng = np.random.default_rng(seed)
     free = rng.random(shape) < rng.choice([0.6, 0.8, 1.0])
     free.flat[rng.integers(free.size)] = True
     workspace = GridWorkspace(free).largest_component()
-    start = workspace.cells[rng.choice(workspace.n_free, size=max(1, workspace.n_free // 4), replace=False)]
+    start = workspace.cells[
+        rng.choice(workspace.n_free, size=max(1, workspace.n_free // 4), replace=False)
+    ]
     world, todo = GridWorld(workspace, rule), make_task(task)
     state = world.initial(start)
     belief = todo.begin(world, state, workspace.free if task == "coverage" else None)
@@ -44,11 +63,20 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
         belief = todo.update(belief, "lurdio"[command], state.occupied, after.occupied)
         state = after
     policy = make_policy("best")
-    planner = planner_of(world.layout, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start)))
+    planner = planner_of(
+        world.layout,
+        belief,
+        rule=rule,
+        mapping=task == "mapping",
+        seed=1,
+        options=policy.settings(len(start)),
+    )
     tallies = planner.prior.tallies
     tallies[:, 0] = rng.integers(0, 6, len(tallies))
     tallies[:, 1] = rng.integers(0, 1 + tallies[:, 0])
-    weights = rng.random(occupancy_prior.EXPERTS) * rng.integers(0, 2, occupancy_prior.EXPERTS) + 1e-9
+    weights = (
+        rng.random(occupancy_prior.EXPERTS) * rng.integers(0, 2, occupancy_prior.EXPERTS) + 1e-9
+    )
     weights[occupancy_prior.LEARNED] *= len(shape) == 2  # it has seen maps of two dimensions only
     planner.prior.weights[:] = weights / weights.sum()
     field = field_of(world.free.words, state, belief)
@@ -61,7 +89,9 @@ def cells_of(layout, board):
 
 
 def plain_copy(layout, planner, task):
-    """Return counts, free, state and frontier of the simulated world; the rim is the reference's own."""
+    """Return counts, free, state and frontier of the simulated world; the rim is the reference's
+    own.
+    """
 
     def grid(board):
         mask = cells_of(layout, board).mask
@@ -71,7 +101,9 @@ def plain_copy(layout, planner, task):
     ground, frontier = grid(planner.scene.ground), grid(planner.root[forward_model.FRONTIER])
     unseen = grid(planner.root[forward_model.UNSEEN])
     known = ~(frontier | unseen) if task == "mapping" else np.ones_like(frontier)
-    state = np.where(known, np.where(ground, plain.FREE, plain.OBSTACLE), plain.UNKNOWN).astype(np.uint8)
+    state = np.where(known, np.where(ground, plain.FREE, plain.OBSTACLE), plain.UNKNOWN).astype(
+        np.uint8
+    )
     return counts, ground.copy(), state, frontier.copy()
 
 
@@ -86,18 +118,32 @@ def test_imagined_moves(shape, task, rule):
         for command in rng.integers(0, 2 * len(shape), 12):
             forward_model.immediate_gains(planner.scene, planner.root, planner.gains)
             expected = plain.step(
-                counts, ground, state, frontier, command, code, plain.MAPPING if task == "mapping" else plain.COVERAGE
+                counts,
+                ground,
+                state,
+                frontier,
+                command,
+                code,
+                plain.MAPPING if task == "mapping" else plain.COVERAGE,
             )
             settled = forward_model.advance(planner.scene, planner.root, np.int64(command))
             assert settled == expected[1] == planner.gains[command]
-            occupied = cells_of(layout, planner.root[forward_model.OCCUPIED]).mask.reshape(counts.shape)
+            occupied = cells_of(layout, planner.root[forward_model.OCCUPIED]).mask.reshape(
+                counts.shape
+            )
             assert (occupied == (counts > 0)).all()
-            assert (cells_of(layout, planner.root[forward_model.FRONTIER]).mask.reshape(counts.shape) == frontier).all()
+            assert (
+                cells_of(layout, planner.root[forward_model.FRONTIER]).mask.reshape(counts.shape)
+                == frontier
+            ).all()
 
 
 def distances_of(layout, planner):
     """Breadth-first search, cell by cell, over ground and frontier; stops at the frontier."""
-    ground, frontier = cells_of(layout, planner.scene.ground).mask, cells_of(layout, planner.root[forward_model.FRONTIER]).mask
+    ground, frontier = (
+        cells_of(layout, planner.scene.ground).mask,
+        cells_of(layout, planner.root[forward_model.FRONTIER]).mask,
+    )
     occupied = cells_of(layout, planner.root[forward_model.OCCUPIED]).mask
     distance = np.full(ground.shape, -1)
     queue = deque(tuple(cell) for cell in np.argwhere(occupied))
@@ -123,7 +169,9 @@ def test_way_to_the_frontier(shape):
     for seed in range(6):
         layout, planner, _, _, _, _ = scene_of(shape, seed, moves=seed)
         distances = distances_of(layout, planner)
-        length = frontier_paths.path_to_nearest(planner.scene, planner.root, planner.planes, planner.trial, np.int64(0), 500)
+        length = frontier_paths.path_to_nearest(
+            planner.scene, planner.root, planner.planes, planner.trial, np.int64(0), 500
+        )
         nearest = distances[distances > 0].min(initial=10**6)
         assert length == (0 if nearest == 10**6 else nearest)
         settled = 0
@@ -134,28 +182,47 @@ def test_way_to_the_frontier(shape):
 
 
 class Plain:
-    """What `experience` learns, by names instead of numbers: {(manner, place, surroundings): [cells, free ones]}."""
+    """What `experience` learns, by names instead of numbers: {(manner, place, surroundings):
+    [cells, free ones]}.
+    """
 
     def __init__(self, layout, weights):
         self.layout, self.tallies, self.weights = layout, {}, list(weights)
 
     def surroundings(self, state, row, column, command):
-        """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state` tells that of a cell."""
+        """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state`
+        tells that of a cell.
+        """
         rows = self.layout.rows
         sides = (LEFT, RIGHT) if command not in (LEFT, RIGHT) else (UP, opposite(UP))
         near = ahead(row, column, opposite(command), rows)
         behind = ahead(*near, opposite(command), rows)
-        pairs = [tuple(sorted(state(*ahead(*cell, way, rows)) for way in sides)) for cell in (near, (row, column))]
+        pairs = [
+            tuple(sorted(state(*ahead(*cell, way, rows)) for way in sides))
+            for cell in (near, (row, column))
+        ]
         return (state(*behind), *pairs)
 
     def chain(self, manner, around, row, column):
         """Return the names of the tallies that a manner asks, from coarse to fine."""
-        within, layer = row % self.layout.rows, row // self.layout.rows if self.layout.ndim == 3 else 0
-        places = [tuple(axis % 2**level for axis in (layer, within, column)) for level in range(manner + 1)]
-        return ["all", *((level, places[level], around[:2]) for level in range(manner + 1)), (manner, places[-1], around)]
+        within, layer = (
+            row % self.layout.rows,
+            row // self.layout.rows if self.layout.ndim == 3 else 0,
+        )
+        places = [
+            tuple(axis % 2**level for axis in (layer, within, column))
+            for level in range(manner + 1)
+        ]
+        return [
+            "all",
+            *((level, places[level], around[:2]) for level in range(manner + 1)),
+            (manner, places[-1], around),
+        ]
 
     def chance(self, manner, around, row, column):
-        """Return the share of free cells in the finest tally, each smoothed towards the coarser one."""
+        """Return the share of free cells in the finest tally, each smoothed towards the coarser
+        one.
+        """
         likely = 0.5
         for name in self.chain(manner, around, row, column):
             cells, free = self.tallies.get(name, (0, 0))
@@ -163,24 +230,40 @@ class Plain:
         return likely
 
     def learn(self, around, row, column, free, told):
-        """Ask all manners and the learned expert, weigh them, then count the cell once in every tally that any manner asks."""
-        chains = [self.chain(manner, around, row, column) for manner in range(occupancy_prior.MODELS)]
-        chances = [self.chance(manner, around, row, column) for manner in range(occupancy_prior.MODELS)] + [told]
-        weighed = [weight * (likely if free else 1 - likely) for weight, likely in zip(self.weights, chances, strict=True)]
+        """Ask all manners and the learned expert, weigh them, then count the cell once in every
+        tally that any manner asks.
+        """
+        chains = [
+            self.chain(manner, around, row, column) for manner in range(occupancy_prior.MODELS)
+        ]
+        chances = [
+            self.chance(manner, around, row, column) for manner in range(occupancy_prior.MODELS)
+        ] + [told]
+        weighed = [
+            weight * (likely if free else 1 - likely)
+            for weight, likely in zip(self.weights, chances, strict=True)
+        ]
         having = sum(weight > 0 for weight in weighed)
         share = occupancy_prior.DEALT
-        self.weights = [(1 - share) * weight / sum(weighed) + share / having if weight > 0 else 0.0 for weight in weighed]
+        self.weights = [
+            (1 - share) * weight / sum(weighed) + share / having if weight > 0 else 0.0
+            for weight in weighed
+        ]
         for name in {name for chain in chains for name in chain}:
             cells, opened = self.tallies.get(name, (0, 0))
             self.tallies[name] = (cells + 1, opened + free)
 
 
 def states(layout, known, opened):
-    """Return a function that tells the state of a cell: 0 unknown, as all beyond the board, 1 free, 2 obstacle."""
+    """Return a function that tells the state of a cell: 0 unknown, as all beyond the board, 1 free,
+    2 obstacle.
+    """
     width = layout.words[1]
 
     def state(row, column):
-        if not (0 <= row < layout.words[0] and 0 <= column < 64 * width) or not has(known, width, row, column):
+        if not (0 <= row < layout.words[0] and 0 <= column < 64 * width) or not has(
+            known, width, row, column
+        ):
             return 0
         return 1 if has(opened, width, row, column) else 2
 
@@ -189,7 +272,9 @@ def states(layout, known, opened):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_experience(shape):
-    """What is learnt from the moves of an episode is what the plain one learns from the same cells."""
+    """What is learnt from the moves of an episode is what the plain one learns from the
+    same cells.
+    """
     layout, planner, field, _, _, rng = scene_of(shape, 3, moves=0)
     learnt, network = planner.prior, planner.learned
     learnt.tallies[:], learnt.weights[:] = 0, (0.2, 0.1, 0.0, 0.3, 0.4)
@@ -210,7 +295,9 @@ def test_experience(shape):
                     around = plainly.surroundings(state, row, column, command)
                     told = 0.5
                     if len(shape) == 2:
-                        told = learned_prior.learned_chance(network, field.open, learnt.before, np.int64(64 * i + bit), command)
+                        told = learned_prior.learned_chance(
+                            network, field.open, learnt.before, np.int64(64 * i + bit), command
+                        )
                     free = bool(has(field.open, field.width, row, column))
                     plainly.learn(around, row, column, free, told)
                     network.bias[0] += free - told if len(shape) == 2 else 0
@@ -219,13 +306,18 @@ def test_experience(shape):
     assert learnt.weights == pytest.approx(plainly.weights)
     assert plainly.tallies["all"][0] > 0
     assert learnt.tallies[0].tolist() == list(plainly.tallies["all"])
-    assert sorted(map(tuple, learnt.tallies[learnt.tallies[:, 0] > 0].tolist())) == sorted(map(tuple, plainly.tallies.values()))
+    assert sorted(map(tuple, learnt.tallies[learnt.tallies[:, 0] > 0].tolist())) == sorted(
+        map(tuple, plainly.tallies.values())
+    )
 
 
 def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
     """The rule of `guess`, one cell after the other."""
     known, opened = field.known.copy(), field.open.copy()
-    layer = [tuple(cell) for cell in np.argwhere(cells_of(layout, field.frontier).mask.reshape(layout.words[0], -1))]
+    layer = [
+        tuple(cell)
+        for cell in np.argwhere(cells_of(layout, field.frontier).mask.reshape(layout.words[0], -1))
+    ]
 
     def inside(row, column):
         in_layer, within = divmod(row, layout.rows)
@@ -237,7 +329,11 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
         """Yield the commands that lead into a cell from one taken to be free."""
         for command in range(2 * layout.ndim):
             r, c = ahead(row, column, opposite(command), layout.rows)
-            if 0 <= r < layout.words[0] and 0 <= c < layout.columns and has(opened, field.width, r, c):
+            if (
+                0 <= r < layout.words[0]
+                and 0 <= c < layout.columns
+                and has(opened, field.width, r, c)
+            ):
                 yield command
 
     def number_of(row, column):
@@ -247,17 +343,34 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
         if learnt.weights[occupancy_prior.LEARNED] <= occupancy_prior.LEAST:
             return 0.5
         command = next(ways_in(row, column))
-        return learned_prior.learned_chance(network, opened, known, number_of(row, column), np.int64(command))
+        return learned_prior.learned_chance(
+            network, opened, known, number_of(row, column), np.int64(command)
+        )
 
     def chances(row, column, told):
-        """Yield, for each side from which a cell may be entered, how likely it is free and how often the like was seen."""
+        """Yield, for each side from which a cell may be entered, how likely it is free and how
+        often the like was seen.
+        """
         share = learnt.weights[occupancy_prior.LEARNED]
-        share = 0 if share <= occupancy_prior.LEAST else 1 if share >= 1 - occupancy_prior.LEAST else share
-        having = [m for m in range(occupancy_prior.MODELS) if learnt.weights[m] > occupancy_prior.LEAST]
+        share = (
+            0
+            if share <= occupancy_prior.LEAST
+            else 1
+            if share >= 1 - occupancy_prior.LEAST
+            else share
+        )
+        having = [
+            m for m in range(occupancy_prior.MODELS) if learnt.weights[m] > occupancy_prior.LEAST
+        ]
         for command in ways_in(row, column):
-            cell, steps = number_of(row, column), occupancy_prior.steps_of(layout.rows, layout.words[1], command)
+            cell, steps = (
+                number_of(row, column),
+                occupancy_prior.steps_of(layout.rows, layout.words[1], command),
+            )
             number = occupancy_prior.around(opened, known, cell, *steps)
-            parts = [learnt.weights[m] * occupancy_prior.chance(learnt, m, number, cell) for m in having]
+            parts = [
+                learnt.weights[m] * occupancy_prior.chance(learnt, m, number, cell) for m in having
+            ]
             counted = sum(parts) / sum(learnt.weights[m] for m in having) if having else 0.5
             yield share * told + (1 - share) * counted, learnt.tallies[1 + number // 6, 0]
 
@@ -274,7 +387,8 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
             cell
             for cell, first in asked.items()
             if any(
-                c < occupancy_prediction.UNLIKELY and (sure_of_walls or seen >= occupancy_prediction.FEWEST)
+                c < occupancy_prediction.UNLIKELY
+                and (sure_of_walls or seen >= occupancy_prediction.FEWEST)
                 for c, seen in chances(*cell, first)
             )
         ]
@@ -288,7 +402,11 @@ def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
             break
         put(opened, found)
         put(known, layer)
-        near = {ahead(row, column, command, layout.rows) for row, column in found for command in range(2 * layout.ndim)}
+        near = {
+            ahead(row, column, command, layout.rows)
+            for row, column in found
+            for command in range(2 * layout.ndim)
+        }
         layer = [(r, c) for r, c in near if not has(known, field.width, r, c)]
     return opened
 
@@ -298,15 +416,23 @@ def test_prediction(shape):
     for seed in range(5):
         layout, planner, field, _, _, _ = scene_of(shape, seed, moves=seed)
         for layers, likely, sure in ((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5)):
-            occupancy_prediction.predict(field, planner.prior, planner.learned, planner.prediction, layers, likely, sure)
-            expected = predicted_plainly(layout, field, planner.prior, planner.learned, layers, likely, sure)
+            occupancy_prediction.predict(
+                field, planner.prior, planner.learned, planner.prediction, layers, likely, sure
+            )
+            expected = predicted_plainly(
+                layout, field, planner.prior, planner.learned, layers, likely, sure
+            )
             assert (planner.prediction.open == expected).all()
-    assert {"prediction_layers", "free_threshold", "joint_chance"} < set(planner.options.dtype.names)
+    assert {"prediction_layers", "free_threshold", "joint_chance"} < set(
+        planner.options.dtype.names
+    )
 
 
 @pytest.mark.parametrize("shape", [shape for shape in SHAPES if len(shape) == 2])
 def test_network(shape):
-    """What is cut out of words of 64 cells and added up is what the same weights tell of a window that NumPy turns."""
+    """What is cut out of words of 64 cells and added up is what the same weights tell of a window
+    that NumPy turns.
+    """
     stored, span = np.load(learned_weights.WEIGHTS), learned_prior.SPAN
     for seed in range(3):
         layout, planner, field, _, _, _ = scene_of(shape, seed)
@@ -319,14 +445,24 @@ def test_network(shape):
                 window = np.rot90(states[row : row + span, column : column + span], turns).ravel()
                 seen = np.concatenate([window == 1, window == 2])
                 hidden = np.maximum(seen @ stored["first"].astype(int) + stored["first_bias"], 0)
-                hidden = np.maximum(stored["second"].astype(int) @ hidden + stored["second_bias"], 0) >> learned_prior.SHIFT
-                odds = (learned_prior.ODDS * int(stored["last"] @ hidden + stored["last_bias"][0])) >> (2 * learned_prior.SHIFT)
+                hidden = (
+                    np.maximum(stored["second"].astype(int) @ hidden + stored["second_bias"], 0)
+                    >> learned_prior.SHIFT
+                )
+                odds = (
+                    learned_prior.ODDS * int(stored["last"] @ hidden + stored["last_bias"][0])
+                ) >> (2 * learned_prior.SHIFT)
                 odds = int(np.clip(odds + learned_prior.ODDS * learned_prior.MOST_ODDS, 0, 255))
                 cell = np.int64(64 * layout.words[1] * row + column)
                 for bias in (0.0, 0.49, -20.6):  # from the second time on, the window is remembered
                     planner.learned.bias[0] = bias
                     likely = stored["chances"][np.clip(odds + round(bias), 0, 255)] / 65536
-                    assert learned_prior.learned_chance(planner.learned, field.open, field.known, cell, np.int64(command)) == likely
+                    assert (
+                        learned_prior.learned_chance(
+                            planner.learned, field.open, field.known, cell, np.int64(command)
+                        )
+                        == likely
+                    )
 
 
 def test_sums_of_the_network_fit_their_types():
@@ -337,12 +473,18 @@ def test_sums_of_the_network_fit_their_types():
     low = stored["first_bias"] + np.minimum(first.min(axis=0), 0).sum(axis=0)
     assert low.min() >= -(2**15)
     assert high.max() < 2**15
-    assert (abs(stored["second_bias"]) + abs(stored["second"].astype(int)) @ np.maximum(high, 0)).max() < 2**31
+    assert (
+        abs(stored["second_bias"]) + abs(stored["second"].astype(int)) @ np.maximum(high, 0)
+    ).max() < 2**31
 
 
 def test_a_lattice_is_found_out():
-    """Among the experts that count, the place of a cell tells more than what is around it in a maze; in a cave it does not."""
-    counting = type("Counting", (BeamRollout,), {"tuning": BeamRollout.tuning._replace(learned=0)})()
+    """Among the experts that count, the place of a cell tells more than what is around it in a
+    maze; in a cave it does not.
+    """
+    counting = type(
+        "Counting", (BeamRollout,), {"tuning": BeamRollout.tuning._replace(learned=0)}
+    )()
     for name, lattice in (("maze:41x31", True), ("cave:40x30", False)):
         workspace = open_map(name)
         start = run(workspace, particles=30).start
@@ -355,16 +497,22 @@ def test_a_lattice_is_found_out():
         assert (np.argmax(game.planner.prior.weights[: occupancy_prior.MODELS]) > 0) == lattice
 
 
-@pytest.mark.parametrize(("name", "particles"), [("vessels:200", 6), ("line:400", 8), ("rectangle:12x17", 9)])
+@pytest.mark.parametrize(
+    ("name", "particles"), [("vessels:200", 6), ("line:400", 8), ("rectangle:12x17", 9)]
+)
 def test_kept_states_change_no_command(name, particles, monkeypatch):
-    """A plan that is simulated from a kept state is valued like the same plan simulated from its beginning."""
+    """A plan that is simulated from a kept state is valued like the same plan simulated from its
+    beginning.
+    """
     kept = run(open_map(name), particles=particles, policy="best")
     monkeypatch.setattr(state, "KEPT_PLACES", 1)
     assert run(open_map(name), particles=particles, policy="best").commands == kept.commands
 
 
 def simulate_plan(planner, plan, discount):
-    """Return the number of classified cells and its discounted number after each move of a plan, both beginning with 0."""
+    """Return the number of classified cells and its discounted number after each move of a plan,
+    both beginning with 0.
+    """
     state, totals, values = planner.root.copy(), [0], [0.0]
     for move, command in enumerate(plan):
         classified = forward_model.advance(planner.scene, state, np.int64(command))
@@ -374,19 +522,36 @@ def simulate_plan(planner, plan, discount):
 
 
 def complete_plan(planner, command, ends):
-    """Complete a plan that begins with a command, or an empty plan for None; return the results of `complete`, and the plan."""
+    """Complete a plan that begins with a command, or an empty plan for None; return the results of
+    `complete`, and the plan.
+    """
     planner.state[:], planner.trial[:] = planner.root, 0
     if command is not None:
         planner.trial[0] = command
     results = completion.complete(
-        planner.scene, planner.state, planner, planner.trial, np.int64(0), np.int64(command is not None), 200, 0.99,
-        completion.GREEDY, 1.0, 3.0, 1e6, -1e18, np.int64(completion.LEAD), np.int64(ends),
-    )  # fmt: skip
+        planner.scene,
+        planner.state,
+        planner,
+        planner.trial,
+        np.int64(0),
+        np.int64(command is not None),
+        200,
+        0.99,
+        completion.GREEDY,
+        1.0,
+        3.0,
+        1e6,
+        -1e18,
+        np.int64(completion.LEAD),
+        np.int64(ends),
+    )
     return results, planner.trial[: results[2]].copy()
 
 
 def test_plans_behind_the_best_plan_are_dropped():
-    """A plan is dropped at the first kept state at which it is behind the best plan, and only then."""
+    """A plan is dropped at the first kept state at which it is behind the best plan,
+    and only then.
+    """
     outcomes = set()
     for seed in range(12):
         _, planner, _, _, _, _ = scene_of((24, 31), seed, moves=2)
@@ -399,7 +564,8 @@ def test_plans_behind_the_best_plan_are_dropped():
             behind = [
                 at
                 for at in range(completion.LEAD, min(ends, len(totals)), completion.EVERY)
-                if totals[at] < best_totals[at] - completion.BEHIND and values[at] < best_values[at] - 1e-9
+                if totals[at] < best_totals[at] - completion.BEHIND
+                and values[at] < best_values[at] - 1e-9
             ]
             dropped, _ = complete_plan(planner, command, ends)
             if behind:

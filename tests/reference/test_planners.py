@@ -23,17 +23,16 @@ from shoal.steering import (
     reached_in_two_moves,
     regular_polygon,
 )
-from shoal.steering.kernels.chain import chain_length
-from shoal.steering.kernels.chain_limits import Kind, new_work
-from shoal.steering.planners.chains.chain import ChainQuery
-from shoal.steering.planners.chains.cycles import nearest_cycles
-from shoal.steering.planners.chains.kinds import way_over_circle
-from shoal.steering.planners.chains.roadmap import roadmap_chain
-from shoal.steering.planners.chains.search import shortest_chain
-from shoal.steering.planners.shooting import shooting_plan
-from shoal.steering.planners.shortest import Shortest
-from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves
-from shoal.steering.workspaces.normalized_walls import normalize_walls
+from shoal.steering.kernels.chain import Kind, chain_length, new_work
+from shoal.steering.planners.chain_search import nearest_cycles, roadmap_chain, shortest_chain
+from shoal.steering.planners.chains import ChainQuery, way_over_circle
+from shoal.steering.planners.shortest import (
+    Shortest,
+    planar_task,
+    shooting_plan,
+    with_vertical_moves,
+)
+from shoal.steering.workspaces.region import normalize_walls
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 SHAPES = {
@@ -84,7 +83,9 @@ def test_plans_arrive_in_the_plain_simulation(shape):
 
 
 def test_plans_that_graze_walls_beside_corners_arrive_in_the_plain_simulation():
-    """Drawn with seed 1: their shortest chains graze two walls beside a corner, so roundings grew to 1e-4 and 1e-2."""
+    """Drawn with seed 1: their shortest chains graze two walls beside a corner, so roundings grew
+    to 1e-4 and 1e-2.
+    """
     rng = np.random.default_rng(1)
     problems = [instance(rng, SHAPES["7-gon"](rng)) for _ in range(306)]
     for number in (174, 305):
@@ -119,14 +120,19 @@ def adversarial(rng):
     """Corners, near walls, tiny separations."""
     kinds = [
         lambda: rng.choice([0.0, 1.0], size=2),
-        lambda: np.array([rng.choice([0.0, 1e-7, 1e-4, 1 - 1e-4, 1.0]), rng.random()])[:: rng.choice([-1, 1])],
+        lambda: np.array([rng.choice([0.0, 1e-7, 1e-4, 1 - 1e-4, 1.0]), rng.random()])[
+            :: rng.choice([-1, 1])
+        ],
         lambda: rng.random(2),
     ]
     while True:
         points = np.array([kinds[rng.integers(3)]() for _ in range(4)])
         if rng.random() < 0.3:
             points[1] = np.clip(points[0] + rng.normal(size=2) * 10.0 ** rng.integers(-5, -1), 0, 1)
-        if np.abs(points[0] - points[1]).max() > 1e-6 and np.abs(points[2] - points[3]).max() > 1e-6:
+        if (
+            np.abs(points[0] - points[1]).max() > 1e-6
+            and np.abs(points[2] - points[3]).max() > 1e-6
+        ):
             return points
 
 
@@ -135,7 +141,8 @@ def test_worst_cases_of_the_square():
     for _ in range(60):
         points = adversarial(rng)
         episode = steer(SteeringProblem(SQUARE, points[:2], points[2:]))
-        # Only where something is nearer to a wall or to the other particle than the clearance has room, a plan may be sensitive.
+        # Only where something is nearer to a wall or to the other particle than the clearance has
+        # room, a plan may be sensitive.
         apart = np.concatenate([points[[0, 2]] - points[[1, 3]], points, 1 - points])
         narrow = ((np.abs(apart) > 0) & (np.abs(apart) < 3e-6)).any()
         assert episode.status in ("solved", "approachable", *(["sensitive"] if narrow else []))
@@ -157,7 +164,9 @@ def plain_length(query, touchers, walls, x):
         limits += [-normals[wall] @ (sign * (deltas[m + 1] - deltas[m]))]
         for point in (spot, spot + sign * deltas[m], spot + sign * deltas[m + 1]):
             limits += list(normals @ point - offsets)
-        here = np.stack([spot, spot + deltas[m + 1]] if toucher == 0 else [spot - deltas[m + 1], spot])
+        here = np.stack(
+            [spot, spot + deltas[m + 1]] if toucher == 0 else [spot - deltas[m + 1], spot]
+        )
     return total + np.linalg.norm(query.goal[0] - here[0]), np.array(limits)
 
 
@@ -186,9 +195,14 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
         space = random_polygon(rng, sides=int(rng.integers(3, 7)))
         walls = normalize_walls(space)
         points = walls.normalized(np.array([random_point(rng, space) for _ in range(4)]))
-        query = ChainQuery(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
+        query = ChainQuery(
+            walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:])
+        )
         cycles = int(rng.integers(1, 4))
-        touchers, on = rng.integers(0, 2, size=cycles), rng.integers(0, len(walls.normals), size=cycles)
+        touchers, on = (
+            rng.integers(0, 2, size=cycles),
+            rng.integers(0, len(walls.normals), size=cycles),
+        )
         guess = query.guess(cycles)
         length = query.settle(guess, touchers, on)
         value = partial(plain_length, query, touchers, on)
@@ -205,7 +219,16 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
         )
         assert length == pytest.approx(value(guess)[0], abs=1e-9)
         assert value(guess)[1].min() >= -1e-12
-        kind = Kind(touchers, on, query.start, query.goal, walls.shape, query.friction, query.margin, query.push)
+        kind = Kind(
+            touchers,
+            on,
+            query.start,
+            query.goal,
+            walls.shape,
+            query.friction,
+            query.margin,
+            query.push,
+        )
         assert chain_length(guess, kind, new_work(cycles, 2)) == pytest.approx(length)
         assert length <= found.fun + 1e-5 or value(found.x)[1].min() < -1e-9
         compared += 1
@@ -222,11 +245,16 @@ def test_nearest_differences_are_members_and_none_is_nearer(shape):
         cycle = min(nearest_cycles(query, query.before, query.after), key=lambda one: one.distance)
         away, delta = cycle.distance, cycle.after
         assert away == pytest.approx(float(np.linalg.norm(delta - query.after)), abs=1e-9)
-        around = [delta * query.walls.scale + 2e-7 * np.array([np.cos(a), np.sin(a)]) for a in np.linspace(0, 6, 16)]
+        around = [
+            delta * query.walls.scale + 2e-7 * np.array([np.cos(a), np.sin(a)])
+            for a in np.linspace(0, 6, 16)
+        ]
         around = [point for point in around if space.differences.contains(point)]
         assert any(reached_in_two_moves(space, task.before, point) is not None for point in around)
         for angle in np.linspace(0, 2 * np.pi, 24, endpoint=False):
-            nearer = query.after + 0.98 * away * rng.random() * np.array([np.cos(angle), np.sin(angle)])
+            nearer = query.after + 0.98 * away * rng.random() * np.array(
+                [np.cos(angle), np.sin(angle)]
+            )
             if away > 1e-6 and space.differences.contains(nearer * query.walls.scale):
                 crossing = reached_in_two_moves(space, task.before, nearer * query.walls.scale)
                 assert crossing is None or crossing.slack < 1e-6
@@ -248,23 +276,33 @@ def test_grown_chains_obey_walls_and_friction(friction):
         _, limits = plain_length(query, chain.touchers, chain.walls, chain.unknowns)
         assert limits.min() >= -1e-9
         deltas = chain.differences(query.before, query.after)
-        for (before, after), wall, toucher in zip(pairwise(deltas), chain.walls, chain.touchers, strict=True):
+        for (before, after), wall, toucher in zip(
+            pairwise(deltas), chain.walls, chain.touchers, strict=True
+        ):
             push = (1 if toucher == 0 else -1) * (after - before)
             normal = query.walls.normals[wall]
             along = abs(push @ [-normal[1], normal[0]])
-            assert along <= friction * -(normal @ push) + 1e-9 if friction < np.inf else -(normal @ push) >= -1e-9
+            assert (
+                along <= friction * -(normal @ push) + 1e-9
+                if friction < np.inf
+                else -(normal @ push) >= -1e-9
+            )
         moves = task.moves_of(chain, query)
         assert moves is not None
         assert task.error(task.world.play(task.start, moves)[-1]) < 1e-6
     assert found >= 6
 
 
-@pytest.mark.parametrize("space", [prism(regular_polygon(5), 1.0), cylinder(0.5, 0.8)], ids=["prism", "cylinder"])
+@pytest.mark.parametrize(
+    "space", [prism(regular_polygon(5), 1.0), cylinder(0.5, 0.8)], ids=["prism", "cylinder"]
+)
 def test_plans_in_space(space):
     rng = np.random.default_rng(36)
     base, no_more = space.base, 0
     for _ in range(8):
-        points = np.array([[*random_point(rng, base), rng.random() * space.height] for _ in range(4)])
+        points = np.array(
+            [[*random_point(rng, base), rng.random() * space.height] for _ in range(4)]
+        )
         episode = steer(SteeringProblem(space, points[:2], points[2:]), planner="greedy")
         assert episode
         flat = steer(SteeringProblem(base, points[:2, :2], points[2:, :2]), planner="greedy")
@@ -296,14 +334,21 @@ def test_chains_over_a_circle_beat_random_ones():
     walls = normalize_walls(space)
     for _ in range(4):
         points = walls.normalized(np.array([random_point(rng, space) for _ in range(4)]))
-        query = ChainQuery(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
+        query = ChainQuery(
+            walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:])
+        )
         best = shortest_chain(query)
         length = np.inf if best is None else best.length
         for _ in range(60):
             cycles = int(rng.integers(1, 4))
             guess = query.guess(cycles)
             guess[:cycles] = rng.random(cycles) * 2 * np.pi * walls.circle[2]
-            tried = query.settle(guess, rng.integers(0, 2, size=cycles), np.zeros(cycles, dtype=np.int64), enough=1e-4)
+            tried = query.settle(
+                guess,
+                rng.integers(0, 2, size=cycles),
+                np.zeros(cycles, dtype=np.int64),
+                enough=1e-4,
+            )
             assert tried >= length - 1e-4
 
 
@@ -313,7 +358,9 @@ def test_no_way_over_a_circle_is_shorter():
     for number in range(300):
         near = 10.0 ** -rng.integers(1, 7) if number % 2 else 1.0
         radii = 0.5 - near * 0.5 * rng.random(2)
-        s, g = radii * np.exp(2j * np.pi * np.array([rng.random(), rng.random() * 10.0 ** -rng.integers(0, 4)]))
+        s, g = radii * np.exp(
+            2j * np.pi * np.array([rng.random(), rng.random() * 10.0 ** -rng.integers(0, 4)])
+        )
         best = np.inf
         for foot in (np.angle(s), np.angle(g), np.angle(s + g)):
             for width in 10.0 ** -np.arange(8):

@@ -1,4 +1,6 @@
-"""The adaptive scan rule in compiled kernels does what a slow and obvious one does: whole episodes, and parts on random boards."""
+"""The adaptive scan rule in compiled kernels does what a slow and obvious one does: whole episodes,
+and parts on random boards.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,10 @@ from tests.reference.scouting import (
 from tests.swarm_runs import run
 
 from shoal.swarm import GridWorkspace, GridWorld
-from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board
-from shoal.swarm.grid.fields import field_of
 from shoal.swarm.grid.scans import ScanRule
-from shoal.swarm.kernels.dynamics import moves
+from shoal.swarm.grid.state import Belief, field_of
+from shoal.swarm.kernels import moves
 from shoal.swarm.kernels.prediction import expected_gain, lookahead, occupancy_prior
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
@@ -43,12 +44,18 @@ PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # as the kernels numbe
 def random_case(rng, dimensions):
     """Return (free, start, prices) of a random map."""
     flat = (int(rng.integers(1, 9)), int(rng.choice(WIDTHS)))
-    shape = flat if dimensions == 2 else (*rng.integers(1, 5, size=2), int(rng.choice([1, 2, 3, 5, 8, 63])))
+    shape = (
+        flat
+        if dimensions == 2
+        else (*rng.integers(1, 5, size=2), int(rng.choice([1, 2, 3, 5, 8, 63])))
+    )
     free = rng.random(shape) < rng.choice([0.5, 0.7, 0.85, 0.95, 1.0])
     free.flat[rng.integers(free.size)] = True
     cells = np.argwhere(free)
     most = min(len(cells), 100 if rng.random() < 0.25 else 8)
-    start = cells[np.sort(rng.choice(len(cells), size=int(rng.integers(1, most + 1)), replace=False))]
+    start = cells[
+        np.sort(rng.choice(len(cells), size=int(rng.integers(1, most + 1)), replace=False))
+    ]
     return free, start, PRICES[rng.integers(len(PRICES))]
 
 
@@ -59,7 +66,14 @@ def test_episodes(dimensions, maps, rule):
     for _ in range(maps):
         free, start, (scan_cost, move_cost) = random_case(rng, dimensions)
         prices = {"scan_cost": scan_cost, "move_cost": move_cost}
-        episode = run(GridWorkspace(free), start=start, rule=rule, scan_every="adaptive", max_moves=200, **prices)
+        episode = run(
+            GridWorkspace(free),
+            start=start,
+            rule=rule,
+            scan_every="adaptive",
+            max_moves=200,
+            **prices,
+        )
         commands, scanned, end = scout(free, start, rule=rule, max_moves=200, **prices)
         assert episode.commands == commands
         np.testing.assert_array_equal(episode.trace.scanned, scanned)
@@ -71,12 +85,17 @@ def test_particles_that_share_cells():
     for _ in range(15):
         free, start, _ = random_case(rng, 2)
         shared = start[rng.integers(len(start), size=2 * len(start))]
-        episode = run(GridWorkspace(free), start=shared, rule="merge", scan_every="adaptive", max_moves=200)
-        commands, scanned, _ = scout(free, shared, rule="merge", scan_cost=10, move_cost=1, max_moves=200)
+        episode = run(
+            GridWorkspace(free), start=shared, rule="merge", scan_every="adaptive", max_moves=200
+        )
+        commands, scanned, _ = scout(
+            free, shared, rule="merge", scan_cost=10, move_cost=1, max_moves=200
+        )
         assert (episode.commands, episode.trace.scanned.tolist()) == (commands, scanned)
 
 
-# ------------------------------------------------------------------------------------------ single kernels
+# ------------------------------------------------------------------------------------------ single
+# kernels
 
 
 class Scene:
@@ -86,12 +105,19 @@ class Scene:
         free, start, prices = random_case(rng, dimensions)
         self.rule, self.prices = rule, Prices(*map(float, prices))
         self.world = plain.make_world(free, start, rule=rule)
-        reveal = (rng.random(self.world.state.shape) < rng.choice([0.2, 0.6, 0.9, 1.0])) & ~on_corner(self.world.state.shape)
+        reveal = (
+            rng.random(self.world.state.shape) < rng.choice([0.2, 0.6, 0.9, 1.0])
+        ) & ~on_corner(self.world.state.shape)
         self.world.state[reveal] = np.where(self.world.free, FREE, WALL)[reveal]
         self.view = View.of(self.world)
         world = GridWorld(GridWorkspace(free), rule)
         self.layout, state = world.layout, world.initial(start)
-        belief = Belief(*(self.board(mask) for mask in (self.world.state == FREE, self.world.state > 0, self.world.frontier)))
+        belief = Belief(
+            *(
+                self.board(mask)
+                for mask in (self.world.state == FREE, self.world.state > 0, self.world.frontier)
+            )
+        )
         self.field = field_of(world.free.words, state, belief)
         scanning = ScanRule("adaptive", scan_cost=prices[0], move_cost=prices[1])
         self.policy_state = policy_state_of(self.layout, free.size, belief, scanning=scanning)
@@ -104,13 +130,18 @@ class Scene:
 
     def cells(self, words):
         """Return the cells of a board of the kernels."""
-        return cells_of(self.layout.unpack(words.reshape(self.layout.words)).reshape(self.view.shape))
+        return cells_of(
+            self.layout.unpack(words.reshape(self.layout.words)).reshape(self.view.shape)
+        )
 
 
 def on_corner(shape):
     """Return a mask of the cells on two rims at once, which nobody can try."""
     layer, row, column = np.indices(shape)
-    rims = [(index == 0) | (index == size - 1) for index, size in zip((layer, row, column), shape, strict=True)]
+    rims = [
+        (index == 0) | (index == size - 1)
+        for index, size in zip((layer, row, column), shape, strict=True)
+    ]
     return sum(rim.astype(int) for rim in (rims if shape[0] > 1 else rims[1:])) > 1
 
 
@@ -144,11 +175,15 @@ def test_tried_and_shift():
     for scene, _ in scenes(81):
         view, field = scene.view, scene.field
         for command in view.directions:
-            assert lookahead.tried(field, field.occupied, command) == tried(view, view.particles, command)
+            assert lookahead.tried(field, field.occupied, command) == tried(
+                view, view.particles, command
+            )
             once = lookahead.predicted(field, scene.lookahead.shifted, scene.lookahead.counts)
             once.occupied[:] = field.occupied
             expected = list(shifts(view, view.particles, command, scene.rule, 1))
-            assert lookahead.shift(field, once, command, moves.MERGE if scene.rule == "merge" else moves.BLOCK) == bool(expected)
+            assert lookahead.shift(
+                field, once, command, moves.MERGE if scene.rule == "merge" else moves.BLOCK
+            ) == bool(expected)
             assert scene.cells(once.occupied) == (expected[0] if expected else view.particles)
 
 
@@ -157,8 +192,12 @@ def test_a_certain_shift_is_what_the_world_does():
         for command in scene.view.directions:
             if tried(scene.view, scene.view.particles, command) == 0:
                 counts = scene.world.counts.copy()
-                (plain.move_merge if scene.rule == "merge" else plain.move)(counts, scene.world.free, command)
-                assert moved(scene.view, scene.view.particles, command, scene.rule) == cells_of(counts > 0)
+                (plain.move_merge if scene.rule == "merge" else plain.move)(
+                    counts, scene.world.free, command
+                )
+                assert moved(scene.view, scene.view.particles, command, scene.rule) == cells_of(
+                    counts > 0
+                )
 
 
 def test_expected_gains_and_the_best_length():
@@ -169,12 +208,17 @@ def test_expected_gains_and_the_best_length():
             gains = expected_gains(scene.view, tallies, command)
             assert scene.gain.gains[command].tolist() == gains
             for least in (1, 2, 5, len(gains) - 1, len(gains) + 3):
-                assert expected_gain.best_length(scene.gain, command, least) == best_length(gains, scene.prices, least)
+                assert expected_gain.best_length(scene.gain, command, least) == best_length(
+                    gains, scene.prices, least
+                )
 
 
 def test_what_a_run_teaches():
     for scene, rng in scenes(84):
-        command, code = int(rng.choice(scene.view.directions)), moves.MERGE if scene.rule == "merge" else moves.BLOCK
+        command, code = (
+            int(rng.choice(scene.view.directions)),
+            moves.MERGE if scene.rule == "merge" else moves.BLOCK,
+        )
         scene.gain.prior.before[:] = scene.field.known
         for _ in range(int(rng.integers(1, 9))):
             moves.push(scene.field, command, code)
@@ -183,7 +227,10 @@ def test_what_a_run_teaches():
         tallies = Tallies()
         learn_from_run(tallies, scene.view, View.of(scene.world), command)
         for key, number in keys():
-            assert scene.gain.prior.tallies[number].tolist() == [tallies.cells[key], tallies.free[key]]
+            assert scene.gain.prior.tallies[number].tolist() == [
+                tallies.cells[key],
+                tallies.free[key],
+            ]
 
 
 def test_explore():
@@ -192,7 +239,9 @@ def test_explore():
         rate = float(rng.choice([0.0, 0.01, 0.05, 0.3]))
         plan, best = explore(scene.view, scene.rule, scene.prices, rate)
         code = moves.MERGE if scene.rule == "merge" else moves.BLOCK
-        assert lookahead.explore(scene.field, code, scene.lookahead, scene.gain.prices, rate) == best
+        assert (
+            lookahead.explore(scene.field, code, scene.lookahead, scene.gain.prices, rate) == best
+        )
         if plan:
             length = lookahead.write_plan(scene.lookahead, scene.policy_state.search.plan)
             assert scene.policy_state.search.plan[:length].tolist() == plan

@@ -1,4 +1,6 @@
-"""The contact world and two-move sets against brute force: plain simulation of every way that could matter."""
+"""The contact world and two-move sets against brute force: plain simulation of every way that could
+matter.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import pytest
 from tests.reference import contact
 
 from shoal.steering import ContactWorld, disk, polygon, reached_in_two_moves
-from shoal.steering.delta_space.two_moves import two_move_pieces
+from shoal.steering.delta_space import two_move_pieces
 
 PAIRS = 400  # of each kind; acceptance runs used 10,000
 BAND = 1e-9  # of the size: pairs so near to the border of a set are not compared
@@ -46,25 +48,37 @@ def random_pair(rng, space):
 def test_steps_are_those_of_the_plain_simulation(kind):
     rng = np.random.default_rng(1)
     for _ in range(100):
-        space = random_polygon(rng) if kind == "polygon" else disk(0.2 + rng.random(), center=rng.random(2))
+        space = (
+            random_polygon(rng)
+            if kind == "polygon"
+            else disk(0.2 + rng.random(), center=rng.random(2))
+        )
         world, walls = ContactWorld(space), walls_of(space)
         points = np.array([random_point(rng, space) for _ in range(3)])
         plain = [tuple(point) for point in points.tolist()]
         for _ in range(8):
             move = rng.normal(size=2) * space.size * rng.choice([0.05, 0.5, 2])
             if rng.random() < 0.3 and not space.round:  # along a wall, or straight into it
-                move = rng.choice([-1, 1]) * (space.normals[0] if rng.random() < 0.5 else space.normals[0][::-1] * [1, -1])
+                move = rng.choice([-1, 1]) * (
+                    space.normals[0] if rng.random() < 0.5 else space.normals[0][::-1] * [1, -1]
+                )
             held = world.held(points, move)
-            assert held.tolist() == [contact.is_held(walls, point, move, space.size) for point in plain]
+            assert held.tolist() == [
+                contact.is_held(walls, point, move, space.size) for point in plain
+            ]
             points = world.step(points, move)
             plain = contact.step(walls, plain, move.tolist(), space.size)
             np.testing.assert_allclose(points, plain, atol=1e-12 * space.size)
             assert space.contains(points).all()
-            plain = [tuple(point) for point in points.tolist()]  # snapped onto the wall, so that neither drifts
+            plain = [
+                tuple(point) for point in points.tolist()
+            ]  # snapped onto the wall, so that neither drifts
 
 
 def contacts_on_polygon(space, before, after, sign):
-    """Between any two of these the answer cannot change: ends of sides, and where a shifted outline crosses them."""
+    """Between any two of these the answer cannot change: ends of sides, and where a shifted outline
+    crosses them.
+    """
     found = []
     corners = space.vertices
     for side, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -81,16 +95,22 @@ def contacts_on_polygon(space, before, after, sign):
 
 
 def brute_polygon(space, before, after):
-    """The most room that any contact leaves: simulate the second move from the middle of every piece of every side."""
+    """The most room that any contact leaves: simulate the second move from the middle of every
+    piece of every side.
+    """
     best = -np.inf
     walls = walls_of(space)
     for sign in (1, -1):
         contacts = contacts_on_polygon(space, before, after, sign)
         move = sign * (after - before)
-        inside = np.minimum(space.depth(contacts + sign * before), space.depth(contacts + sign * after))
+        inside = np.minimum(
+            space.depth(contacts + sign * before), space.depth(contacts + sign * after)
+        )
         for touching, room in zip(contacts[inside > 0], inside[inside > 0], strict=True):
             other = touching + sign * before
-            (here, there) = contact.step(walls, [tuple(touching), tuple(other)], tuple(move), space.size)
+            (here, there) = contact.step(
+                walls, [tuple(touching), tuple(other)], tuple(move), space.size
+            )
             if np.allclose(np.subtract(there, here), sign * after, atol=1e-12):
                 best = max(best, room)
     return best
@@ -103,10 +123,17 @@ def test_membership_on_polygons_is_that_of_brute_force():
         space = random_polygon(rng)
         for _ in range(25):
             before = random_pair(rng, space) * rng.choice([0.05, 1.0])
-            after = random_pair(rng, space) if rng.random() < 0.5 else before * rng.random() + 0.2 * random_pair(rng, space)
+            after = (
+                random_pair(rng, space)
+                if rng.random() < 0.5
+                else before * rng.random() + 0.2 * random_pair(rng, space)
+            )
             if not space.differences.contains(after):
                 continue
-            crossing, room = reached_in_two_moves(space, before, after), brute_polygon(space, before, after)
+            crossing, room = (
+                reached_in_two_moves(space, before, after),
+                brute_polygon(space, before, after),
+            )
             if crossing is not None and crossing.slack <= BAND:
                 band += 1
             elif crossing is None:
@@ -134,7 +161,9 @@ def brute_disk(space, before, after):
         touching = space.center + radius * np.array([cos(angle), sin(angle)])
         other = touching + before
         room = float(min(space.depth(other), space.depth(touching + after)))
-        here, there = contact.step(walls_of(space), [tuple(touching), tuple(other)], tuple(after - before), space.size)
+        here, there = contact.step(
+            walls_of(space), [tuple(touching), tuple(other)], tuple(after - before), space.size
+        )
         if room > 0 and np.allclose(np.subtract(there, here), after, atol=1e-9):
             best = max(best, room)
     return best
@@ -147,7 +176,10 @@ def test_membership_on_disks_is_that_of_brute_force():
         space = disk(0.1 + rng.random(), center=rng.normal(size=2))
         before = random_pair(rng, space) * rng.choice([0.05, 1.0])
         after = random_pair(rng, space) * rng.choice([0.3, 1.0])
-        crossing, room = reached_in_two_moves(space, before, after), brute_disk(space, before, after)
+        crossing, room = (
+            reached_in_two_moves(space, before, after),
+            brute_disk(space, before, after),
+        )
         if crossing is not None and crossing.slack <= 1e-7:
             continue
         assert (crossing is not None) == (room > 0) or room <= BAND * space.size
@@ -190,7 +222,9 @@ def test_pieces_that_are_drawn_are_the_set():
         before = random_pair(rng, space)
         pieces = two_move_pieces(space, before)
         points = np.array([random_pair(rng, space) for _ in range(60)])
-        margin = np.max([inside_convex(piece, points) for piece in pieces if len(piece) > 2], axis=0)
+        margin = np.max(
+            [inside_convex(piece, points) for piece in pieces if len(piece) > 2], axis=0
+        )
         for point, most in zip(points, margin, strict=True):
             crossing = reached_in_two_moves(space, before, point)
             if most > 1e-9:

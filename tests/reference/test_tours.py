@@ -33,18 +33,27 @@ def test_hilbert_in_space_is_hamiltons(order):
     rng = np.random.default_rng(order)
     places = rng.integers(0, 2**order, (200, 3))
     cells = np.stack([places[:, 2], 2**order - 1 - places[:, 1], places[:, 0]], axis=1)
-    assert hilbert_encode(cells, order=order).tolist() == [reference.hilbert_in_space(order, place) for place in places.tolist()]
+    assert hilbert_encode(cells, order=order).tolist() == [
+        reference.hilbert_in_space(order, place) for place in places.tolist()
+    ]
 
 
 def test_metrics_are_their_definitions():
     rng = np.random.default_rng(5)
     for shape in ((1, 1), (1, 2), (1, 7), (5, 6), (8, 8), (9, 7), (3, 4, 5)):
         for closed in (True, False):
-            cells = rng.permutation(np.argwhere(np.ones(shape)))[: rng.integers(1, np.prod(shape) + 1)]
+            cells = rng.permutation(np.argwhere(np.ones(shape)))[
+                : rng.integers(1, np.prod(shape) + 1)
+            ]
             for way in (cells, np.argwhere(np.ones(shape))):
                 measured = Tour(way, shape, closed=closed, name="random").metrics()
                 expected = reference.metrics(way, closed=closed)
-                found = (measured.length, measured.turns, measured.neighbour_stretch, measured.dilation)
+                found = (
+                    measured.length,
+                    measured.turns,
+                    measured.neighbour_stretch,
+                    measured.dilation,
+                )
                 assert found == pytest.approx(expected), (shape, closed)
 
 

@@ -1,4 +1,6 @@
-"""The kernels give the same episodes with the compiler off, where a shift or an overflow might behave otherwise."""
+"""The kernels give the same episodes with the compiler off, where a shift or an overflow might
+behave otherwise.
+"""
 
 from __future__ import annotations
 
@@ -73,10 +75,10 @@ STEERING = """
 import numpy as np
 from shoal.steering import SteeringProblem, SteeringTask, cylinder, disk, polygon_reach, prism, regular_polygon
 from shoal.steering.run import run
-from shoal.steering.planners import shooting
-from shoal.steering.planners.chains import improvement
-from shoal.steering.contact import friction_limits
-from shoal.steering.planners.chains import roadmap
+from shoal.steering.planners import shortest as shooting
+from shoal.steering.planners import improvement
+from shoal.steering.contact import friction as friction_limits
+from shoal.steering.planners import chain_search as roadmap
 friction_limits._ANGLES = 30
 improvement.TRIES = 2
 roadmap.MAPS = ((8, 14, 1.05, 8),)
@@ -115,8 +117,9 @@ CLEARANCES = """
 from math import inf
 import numpy as np
 from shoal.steering import ContactWorld, disk, region, regular_polygon
-from shoal.steering.contact.region_world import RegionWorld
-from shoal.steering.kernels import sampling, shortening
+from shoal.steering.contact.world import RegionWorld
+from shoal.steering.kernels import shortening
+from shoal.steering.kernels import roadmap as sampling
 from shoal.steering.planners.sampling import world_of
 from shoal.steering.planners.task import SteeringTask
 rng = np.random.default_rng(9)
@@ -257,14 +260,26 @@ print(json.dumps(printed))
 
 @pytest.fixture(scope="module")
 def printed():
-    """What all scripts print, with the compiler and without it: one process each, as starting one takes longer than most."""
+    """What all scripts print, with the compiler and without it: one process each, as starting one
+    takes longer than most.
+    """
 
-    def run(**settings):  # what is not set is not in the environment: the cache of kernels knows each setting of Numba apart
-        environment = {name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"} | settings
+    def run(
+        **settings,
+    ):  # what is not set is not in the environment: the cache of kernels knows each setting of Numba apart
+        environment = {
+            name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"
+        } | settings
         done = subprocess.run(
-            [sys.executable, "-c", ALL], input=json.dumps(SCRIPTS), cwd=ROOT, env=environment,
-            check=True, capture_output=True, text=True, timeout=300,
-        )  # fmt: skip
+            [sys.executable, "-c", ALL],
+            input=json.dumps(SCRIPTS),
+            cwd=ROOT,
+            env=environment,
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
         return json.loads(done.stdout)
 
     return run(), run(NUMBA_DISABLE_JIT="1")

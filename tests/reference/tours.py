@@ -1,4 +1,6 @@
-"""Obvious tours: the Hilbert curve by its L-system, the walk round a spanning tree, metrics by their definitions."""
+"""Obvious tours: the Hilbert curve by its L-system, the walk round a spanning tree, metrics by
+their definitions.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ import numpy as np
 
 
 def hilbert_by_rewriting(order):
-    """Return the places (x, y) of the Hilbert curve from the lower left, first step up: A -> -BF+AFA+FB-, B -> +AF-BFB-FA+."""
+    """Return the places (x, y) of the Hilbert curve from the lower left, first step up: A ->
+    -BF+AFA+FB-, B -> +AF-BFB-FA+.
+    """
     text = "A"
     rules = {"A": "-BF+AFA+FB-", "B": "+AF-BFB-FA+"}
     for _ in range(order):
@@ -18,7 +22,9 @@ def hilbert_by_rewriting(order):
 
 
 def moore_by_rewriting(order):
-    """Return the places (x, y) of the Moore curve, first step up: axiom LFL+F+LFL, L -> -RF+LFL+FR-, R -> +LF-RFR-FL+."""
+    """Return the places (x, y) of the Moore curve, first step up: axiom LFL+F+LFL, L ->
+    -RF+LFL+FR-, R -> +LF-RFR-FL+.
+    """
     text = "LFL+F+LFL"
     rules = {"L": "-RF+LFL+FR-", "R": "+LF-RFR-FL+"}
     for _ in range(order - 1):
@@ -41,7 +47,9 @@ def walk(text, heading, place):
 
 
 def hilbert_in_space(order, place):
-    """Return the index of (x, y, z), bit by bit, with the states spelled out: C. Hamilton's algorithm as it is printed."""
+    """Return the index of (x, y, z), bit by bit, with the states spelled out: C. Hamilton's
+    algorithm as it is printed.
+    """
     index = entry = direction = 0
     for level in range(order - 1, -1, -1):
         part = sum((coordinate >> level & 1) << axis for axis, coordinate in enumerate(place))
@@ -78,7 +86,9 @@ def metrics(cells, *, closed):
             if other in number:
                 gap = abs(number[other] - k)
                 gaps.append(min(gap, n - gap) if closed else gap)
-    ladder = [d for d in range(1, n) if d & (d - 1) == 0 or (d % 3 == 0 and (d // 3) & (d // 3 - 1) == 0)]
+    ladder = [
+        d for d in range(1, n) if d & (d - 1) == 0 or (d % 3 == 0 and (d // 3) & (d // 3 - 1) == 0)
+    ]
     worst = 0.0
     for apart in ladder:
         if apart > (n // 2 if closed else n - 1):
@@ -89,9 +99,11 @@ def metrics(cells, *, closed):
 
 
 def round_a_tree(full):
-    """Return the cells round a spanning tree of full 2 x 2 blocks, as Gabriely and Rimon draw it: keep the tree at your right hand.
+    """Return the cells round a spanning tree of full 2 x 2 blocks, as Gabriely and Rimon draw it:
+    keep the tree at your right hand.
 
-    ``full`` is a connected boolean array of blocks; the tree is found depth first. The tour is not ours, but as long.
+    ``full`` is a connected boolean array of blocks; the tree is found depth first. The tour is not
+    ours, but as long.
     """
     root = tuple(int(i) for i in np.argwhere(full)[0])
     tree, stack = set(), [root]
@@ -136,23 +148,31 @@ def may_pass(cell, ahead, full, tree):
 
 
 def cost_of_round(points, order, turn):
-    """Return the length of a closed tour, and ``turn`` for each place where the direction changes by more than a degree."""
+    """Return the length of a closed tour, and ``turn`` for each place where the direction changes
+    by more than a degree.
+    """
     way = [points[k] for k in order]
     return cost_of_path([way[-1], *way, way[0]], turn) + math.dist(way[-1], way[0])
 
 
 def cost_of_path(path, turn):
-    """Return the length of a path without its first and last leg, and ``turn`` for each turn of more than a degree."""
+    """Return the length of a path without its first and last leg, and ``turn`` for each turn of
+    more than a degree.
+    """
     total = sum(math.dist(one, other) for one, other in itertools.pairwise(path[1:-1]))
     for before, here, after in zip(path, path[1:], path[2:], strict=False):
         (x, y), (u, v) = np.subtract(here, before), np.subtract(after, here)
-        if math.hypot(x, y) * math.hypot(u, v) > 1e-9 and abs(math.atan2(x * v - y * u, x * u + y * v)) > math.radians(1.0):
+        if math.hypot(x, y) * math.hypot(u, v) > 1e-9 and abs(
+            math.atan2(x * v - y * u, x * u + y * v)
+        ) > math.radians(1.0):
             total += turn
     return total
 
 
 def exchanges_of_cells(order, beside, straight):
-    """Yield each order after one exchange: two links replaced, or up to three cells moved beside another cell."""
+    """Yield each order after one exchange: two links replaced, or up to three cells moved beside
+    another cell.
+    """
     n = len(order)
     place = {cell: k for k, cell in enumerate(order)}
     for here in order:
@@ -162,7 +182,9 @@ def exchanges_of_cells(order, beside, straight):
                 first, last = (low + 1, high) if side > 0 else (low, high - 1)
                 new = [order[(place[cell] + side) % n] for cell in (here, other)]
                 if last > first and other != new[0] and here != new[1] and straight(*new):
-                    yield np.concatenate([order[:first], order[first : last + 1][::-1], order[last + 1 :]])
+                    yield np.concatenate(
+                        [order[:first], order[first : last + 1][::-1], order[last + 1 :]]
+                    )
     for first, count in itertools.product(range(n), (1, 2, 3)):
         turned = np.roll(order, -first)
         moved, rest = turned[:count], turned[count:]
@@ -177,13 +199,17 @@ def exchanges_of_cells(order, beside, straight):
 
 
 def shorter_paths(path, targets, half, turn, steps):
-    """Return all paths after one change that cost less and pass over all targets, as (cost, path), sorted by cost."""
+    """Return all paths after one change that cost less and pass over all targets, as (cost, path),
+    sorted by cost.
+    """
     most = cost_of_path(path, turn) - 1e-3 * turn
     found = []
     for changed in changed_paths([tuple(point) for point in path], steps):
         cost = cost_of_path(changed, turn)
         ways = [np.array(leg) for leg in itertools.pairwise(changed[1:-1])]
-        if cost < most and all(any(passes(one, other, target, half) for one, other in ways) for target in targets):
+        if cost < most and all(
+            any(passes(one, other, target, half) for one, other in ways) for target in targets
+        ):
             found.append((cost, changed))
     return sorted(found)
 
@@ -204,20 +230,32 @@ def changed_paths(path, steps):
                 if step < math.dist(here, other):
                     yield [*path[:v], towards(here, other, step), *path[v + 1 :]]
             if v < last and 0 < step < min(math.dist(here, before), math.dist(after, path[v + 2])):
-                yield [*path[:v], towards(here, before, step), towards(after, path[v + 2], step), *path[v + 2 :]]
+                yield [
+                    *path[:v],
+                    towards(here, before, step),
+                    towards(after, path[v + 2], step),
+                    *path[v + 2 :],
+                ]
         if v < last:
             ahead, back = np.subtract(here, before), np.subtract(after, path[v + 2])
             if abs(np.linalg.det(np.array([ahead, back]))) > 1e-9:
-                one, other = np.linalg.solve(np.array([ahead, -back]).T, np.subtract(path[v + 2], before))
+                one, other = np.linalg.solve(
+                    np.array([ahead, -back]).T, np.subtract(path[v + 2], before)
+                )
                 if one > 0 and other > 0:
                     yield [*path[:v], tuple(before + one * ahead), *path[v + 2 :]]
 
 
 def passes(one, other, target, half):
-    """Return whether a square passes over a target on the way from one point to another: where its sides reach the target."""
+    """Return whether a square passes over a target on the way from one point to another: where its
+    sides reach the target.
+    """
     shares = [0.0, 1.0]
     for axis in range(2):
         if other[axis] != one[axis]:
-            shares += [(target[axis] + sign * half - one[axis]) / (other[axis] - one[axis]) for sign in (-1, 1)]
+            shares += [
+                (target[axis] + sign * half - one[axis]) / (other[axis] - one[axis])
+                for sign in (-1, 1)
+            ]
     places = [one + min(max(share, 0.0), 1.0) * (other - one) for share in shares]
     return any(np.abs(place - target).max() <= half + 1e-6 for place in places)

@@ -40,9 +40,33 @@ def made_of(change):
     def changed(numbers):  # too long to be put into its caller
         for k in range(len(numbers)):
             one = numbers[k]
-            numbers[k] = sin(one) + cos(one) + tan(one) + sin(2 * one) + cos(3 * one) + tan(4 * one) + sin(5 * one) + cos(6 * one)
-            numbers[k] += sin(7 * one) + cos(8 * one) + tan(9 * one) + sin(10 * one) + cos(11 * one) + tan(12 * one) + sin(13 * one)
-            numbers[k] += sin(14 * one) + cos(15 * one) + tan(16 * one) + sin(17 * one) + cos(18 * one) + tan(19 * one)
+            numbers[k] = (
+                sin(one)
+                + cos(one)
+                + tan(one)
+                + sin(2 * one)
+                + cos(3 * one)
+                + tan(4 * one)
+                + sin(5 * one)
+                + cos(6 * one)
+            )
+            numbers[k] += (
+                sin(7 * one)
+                + cos(8 * one)
+                + tan(9 * one)
+                + sin(10 * one)
+                + cos(11 * one)
+                + tan(12 * one)
+                + sin(13 * one)
+            )
+            numbers[k] += (
+                sin(14 * one)
+                + cos(15 * one)
+                + tan(16 * one)
+                + sin(17 * one)
+                + cos(18 * one)
+                + tan(19 * one)
+            )
         return change(numbers[0])
 
     return changed

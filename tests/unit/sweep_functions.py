@@ -1,4 +1,6 @@
-"""Functions that sweeps of the tests play: quick ones, ones that fail, ones that kill the worker that plays them."""
+"""Functions that sweeps of the tests play: quick ones, ones that fail, ones that kill the worker
+that plays them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,11 @@ from pathlib import Path
 def number(*, seed: int, factor: int = 1, pause: float = 0.0) -> dict[str, object]:
     """Return something that depends on the seed and an argument."""
     time.sleep(pause)
-    return {"value": seed % 1000 * factor, "half": seed % 7 / 2, "word": "even" if seed % 2 == 0 else "odd"}
+    return {
+        "value": seed % 1000 * factor,
+        "half": seed % 7 / 2,
+        "word": "even" if seed % 2 == 0 else "odd",
+    }
 
 
 number.measures = ("value", "half", "word")
@@ -75,7 +81,15 @@ def strange(*, seed: int, kind: str) -> dict[str, object]:
     """Return or do what no store can take."""
     if kind == "exit":
         raise SystemExit(0)
-    return {"value": {"huge": 10**400, "list": [1, 2], "surrogate": "\ud800", "long": "x" * 10**6, "nan": float("nan")}[kind]}
+    return {
+        "value": {
+            "huge": 10**400,
+            "list": [1, 2],
+            "surrogate": "\ud800",
+            "long": "x" * 10**6,
+            "nan": float("nan"),
+        }[kind]
+    }
 
 
 strange.measures = ("value",)

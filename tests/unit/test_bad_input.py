@@ -1,7 +1,7 @@
 """Bad input on the command line: one clear sentence, exit code 2, and nothing half-written.
 
-Each case gives the words of a command, in which {bad} is a folder of damaged files and {out} an empty one, and words that the
-sentence must hold: what was expected, what came, and where.
+Each case gives the words of a command, in which {bad} is a folder of damaged files and {out} an
+empty one, and words that the sentence must hold: what was expected, what came, and where.
 """
 
 from __future__ import annotations
@@ -37,16 +37,28 @@ SHOAL = [sys.executable, "-c", "from shoal.__main__ import main; main()"]
 def png_header(width, height):
     """Return the first bytes of a PNG of that size, up to where its pixels should begin."""
     chunk = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I4s", zlib.crc32(chunk), bytes(4)) + b"IDAT"
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + struct.pack(">I", 13)
+        + chunk
+        + struct.pack(">I4s", zlib.crc32(chunk), bytes(4))
+        + b"IDAT"
+    )
 
 
 def bmp_header(width, height):
-    return b"BM" + struct.pack("<IHHI", 54, 0, 0, 54) + struct.pack("<IiiHHIIiiII", 40, width, height, 1, 24, 0, 0, 0, 0, 0, 0)
+    return (
+        b"BM"
+        + struct.pack("<IHHI", 54, 0, 0, 54)
+        + struct.pack("<IiiHHIIiiII", 40, width, height, 1, 24, 0, 0, 0, 0, 0, 0)
+    )
 
 
 def picture(kind, *, cut=None, **options):
     buffer = io.BytesIO()
-    Image.fromarray(np.random.default_rng(1).integers(0, 256, (40, 50), dtype=np.uint8)).save(buffer, format=kind, **options)
+    Image.fromarray(np.random.default_rng(1).integers(0, 256, (40, 50), dtype=np.uint8)).save(
+        buffer, format=kind, **options
+    )
     return buffer.getvalue()[:cut]
 
 
@@ -96,7 +108,9 @@ FILES = {
     "cut.jpg": picture("JPEG", cut=500),
     "cut.tif": picture("TIFF", cut=900),
     "cut.bmp": picture("BMP", cut=1500),
-    "zipped.tif": picture("TIFF", compression="tiff_adobe_deflate").replace(b"x\x9c", b"x\x00"),  # libtiff prints lines of its own
+    "zipped.tif": (
+        picture("TIFF", compression="tiff_adobe_deflate").replace(b"x\x9c", b"x\x00")
+    ),  # libtiff prints lines of its own
     "cells.webp": picture("WEBP"),
     "cut.gif": picture("GIF", cut=1500),
     "gif.png": picture("GIF"),
@@ -129,14 +143,25 @@ def bad(tmp_path_factory):
         (folder / name).write_bytes(content)
     Image.new("L", (9, 7)).save(folder / "walls.png")
     (folder / "folder.png").mkdir()
-    episode = play(GridWorkspace([[1, 1, 1, 0, 1, 1, 1]], name="seven"), start=[(0, 1), (0, 5)], policy="random-moves", seed=1)
+    episode = play(
+        GridWorkspace([[1, 1, 1, 0, 1, 1, 1]], name="seven"),
+        start=[(0, 1), (0, 5)],
+        policy="random-moves",
+        seed=1,
+    )
     assert episode.moves > 2
-    covered = play(episode.workspace, start=[(0, 1), (0, 5)], policy="random-moves", seed=1, task="coverage")
+    covered = play(
+        episode.workspace, start=[(0, 1), (0, 5)], policy="random-moves", seed=1, task="coverage"
+    )
     episode.save(folder / "good.npz")
     for name, change in EPISODES.items():
         damage(folder / "good.npz", folder / f"{name}.npz", change)
     covered.save(folder / "cover.npz")
-    damage(folder / "cover.npz", folder / "unreachable.npz", {"start": np.array([[0, 1], [0, 2]], np.int32)})
+    damage(
+        folder / "cover.npz",
+        folder / "unreachable.npz",
+        {"start": np.array([[0, 1], [0, 2]], np.int32)},
+    )
     whole = (folder / "good.npz").read_bytes()
     (folder / "cut.npz").write_bytes(whole[: len(whole) // 2])
     (folder / "flipped.npz").write_bytes(flipped_in_data(whole))
@@ -146,7 +171,8 @@ def bad(tmp_path_factory):
 
 
 EPISODES = {
-    # name: the arrays to put in place of the good ones; None takes one out, a dict changes fields of the header
+    # name: the arrays to put in place of the good ones; None takes one out, a dict changes fields
+    # of the header
     "no-header": {"header": None},
     "no-commands": {"commands": None},
     "no-start": {"start": None},
@@ -176,7 +202,10 @@ EPISODES = {
     "object-start": {"start": np.array([[None, 1]], dtype=object)},
     "all-walls": {"free": np.zeros(1, np.uint8)},
     "free-type": {"free": np.zeros(1, np.float32)},
-    "wall-targets": {"targets": np.packbits([0, 0, 0, 1, 0, 0, 0]), "header": {"problem": {"task": "coverage"}}},
+    "wall-targets": {
+        "targets": np.packbits([0, 0, 0, 1, 0, 0, 0]),
+        "header": {"problem": {"task": "coverage"}},
+    },
 }
 
 
@@ -222,23 +251,47 @@ NUMBERS = [
     (f"{LINE} --seed -1", "seed: expected a whole number, 0 or more | got -1"),
     ("tour hilbert 8 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
     ("line -n 3 --cells 9 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
-    ("schedule --scan-cost 2 --move-cost 1 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
+    (
+        "schedule --scan-cost 2 --move-cost 1 --seed -1",
+        "seed: expected a whole number, 0 or more, got -1",
+    ),
     ("missions check . square:9 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
     ("sweep check none --seed -1", "seed: expected a whole number, 0 or more, got -1"),
     (f"{LINE} --seed x", "--seed: expected a whole number | got 'x'"),
     (f"{LINE} --threshold bright", "--threshold: expected a number | got 'bright'"),
     (f"{LINE} --threshold 1.5", "threshold: expected a number from 0 to 1 | got 1.5"),
     (f"{LINE} --threshold nan", "threshold: expected a number from 0 to 1 | got nan"),
-    ("map {bad}/grey.png -n 2 --threshold -0.1", "threshold: expected a number from 0 to 1 | got -0.1"),
-    ("map {bad}/grey.png -n 2 --scale 0", "scale: expected a number, above 0 and at most 64 | got 0"),
+    (
+        "map {bad}/grey.png -n 2 --threshold -0.1",
+        "threshold: expected a number from 0 to 1 | got -0.1",
+    ),
+    (
+        "map {bad}/grey.png -n 2 --scale 0",
+        "scale: expected a number, above 0 and at most 64 | got 0",
+    ),
     ("map {bad}/grey.png -n 2 --scale -1", "scale: expected a number, above 0 | got -1"),
     ("map {bad}/grey.png -n 2 --scale 65", "at most 64 | got 65"),
     ("map {bad}/grey.png -n 2 --scale inf", "scale: | got inf"),
-    ("map maze:9x7 -n 2 --width 40", "width: expected no width for the generated map 'maze:9x7', got 40"),
-    ("map maze:9x7 -n 2 --join-diagonals", "join-diagonals: expected no join-diagonals for the generated map 'maze:9x7'"),
-    ("map {bad}/grey.png -n 2 --vessels --width 0", "width: expected a whole number, 1 or more, got 0"),
-    (f"map maze:9x7 -n {10**400}", "particles: expected a whole number from 1 to 268435456, got 1000"),
-    (f"map maze:9x7 -n 2 --trials {10**400}", "trials: expected a whole number from 1 to 1000000000, got 1000"),
+    (
+        "map maze:9x7 -n 2 --width 40",
+        "width: expected no width for the generated map 'maze:9x7', got 40",
+    ),
+    (
+        "map maze:9x7 -n 2 --join-diagonals",
+        "join-diagonals: expected no join-diagonals for the generated map 'maze:9x7'",
+    ),
+    (
+        "map {bad}/grey.png -n 2 --vessels --width 0",
+        "width: expected a whole number, 1 or more, got 0",
+    ),
+    (
+        f"map maze:9x7 -n {10**400}",
+        "particles: expected a whole number from 1 to 268435456, got 1000",
+    ),
+    (
+        f"map maze:9x7 -n 2 --trials {10**400}",
+        "trials: expected a whole number from 1 to 1000000000, got 1000",
+    ),
     (f"reach square --moves {10**400}", "moves: expected a whole number from 2 to 10000, got 1000"),
     ("cover line:5 -n 2 --subset 0", "subset: expected a number, above 0 and at most 1, got 0"),
     ("cover line:5 -n 2 --subset 1.5", "subset: expected a number, above 0 and at most 1, got 1.5"),
@@ -260,10 +313,22 @@ MAPS = [
     ("map {bad}/" + "x" * 400 + ".png", "cannot be read: File name too long"),
     ("map {bad}/empty.txt", "empty.txt: expected a map, got an empty file"),
     ("map {bad}/blank.txt", "blank.txt, line 1: expected a row of cells, got an empty line"),
-    ("map {bad}/walls.txt", "walls.txt: workspace: expected at least one free cell, got 8 obstacles only"),
-    ("map {bad}/walls.png", "walls.png: workspace: expected at least one free cell, got 63 obstacles only"),
-    ("map {bad}/walls.npy", "walls.npy: workspace: expected at least one free cell, got 9 obstacles only"),
-    ("map {bad}/parts.txt -n 5 --placement flood-fill", "flood-fill: expected 5 connected free cells around | parts | got only 4"),
+    (
+        "map {bad}/walls.txt",
+        "walls.txt: workspace: expected at least one free cell, got 8 obstacles only",
+    ),
+    (
+        "map {bad}/walls.png",
+        "walls.png: workspace: expected at least one free cell, got 63 obstacles only",
+    ),
+    (
+        "map {bad}/walls.npy",
+        "walls.npy: workspace: expected at least one free cell, got 9 obstacles only",
+    ),
+    (
+        "map {bad}/parts.txt -n 5 --placement flood-fill",
+        "flood-fill: expected 5 connected free cells around | parts | got only 4",
+    ),
     (
         "cover {bad}/parts.txt -n 1",
         "coverage: expected a particle in every connected part of parts | got none | 4 of them",
@@ -275,42 +340,96 @@ MAPS = [
     ("map {bad}/two.csv", "two.csv, line 2, column 2: expected 0 or 1, got '2'"),
     ("map {bad}/word.csv", "word.csv, line 2, column 1: expected 0 or 1, got 'free'"),
     ("map {bad}/ragged.csv", "ragged.csv, line 2: expected 3 cells as in the first row, got 2"),
-    ("map {bad}/semicolons.csv", "semicolons.csv, line 1, column 2: expected 0 or 1, got '0.5' (--level and --label take other"),
+    (
+        "map {bad}/semicolons.csv",
+        (
+            "semicolons.csv, line 1, column 2: expected 0 or 1, got '0.5' (--level and --label take"
+            " other"
+        ),
+    ),
     ("map {bad}/trailing.csv", "trailing.csv, line 1, column 3: expected 0 or 1, got ''"),
-    ("map {bad}/header.map", "header.map, line 2: expected 'type NAME', 'height N', 'width N' or 'map', got 'high 2'"),
+    (
+        "map {bad}/header.map",
+        "header.map, line 2: expected 'type NAME', 'height N', 'width N' or 'map', got 'high 2'",
+    ),
     ("map {bad}/height.map", "height.map: expected height 3 according to the header, got 2"),
     ("map {bad}/width.map", "width.map: expected width 5 according to the header, got 4"),
-    ("map {bad}/number.map", "number.map, line 1: expected 'type NAME', 'height N' | got 'height 999"),
-    ("map {bad}/nothing.map", "nothing.map: expected a line 'map' after the header, got none in 3 lines"),
-    ("map {bad}/cut.map", "cut.map, line 5: expected a row of cells after 'map', got the end of the file"),
+    (
+        "map {bad}/number.map",
+        "number.map, line 1: expected 'type NAME', 'height N' | got 'height 999",
+    ),
+    (
+        "map {bad}/nothing.map",
+        "nothing.map: expected a line 'map' after the header, got none in 3 lines",
+    ),
+    (
+        "map {bad}/cut.map",
+        "cut.map, line 5: expected a row of cells after 'map', got the end of the file",
+    ),
     ("map {bad}/letter.map", "letter.map, line 5, column 2: expected one of '.GS@OTW', got '#'"),
-    ("map {bad}/garbage.png", "garbage.png: expected a PNG, TIFF, BMP or JPEG picture | begins with b'\\x00\\x01"),
-    ("map {bad}/text.png", "text.png: expected a PNG, TIFF, BMP or JPEG picture | begins with b'....\\n...'"),
+    (
+        "map {bad}/garbage.png",
+        "garbage.png: expected a PNG, TIFF, BMP or JPEG picture | begins with b'\\x00\\x01",
+    ),
+    (
+        "map {bad}/text.png",
+        "text.png: expected a PNG, TIFF, BMP or JPEG picture | begins with b'....\\n...'",
+    ),
     ("map {bad}/gif.png", "gif.png: expected a PNG, TIFF, BMP or JPEG picture | begins with b'GIF"),
     ("map {bad}/huge.png", "huge.png: expected at most 268435456 cells, got 60000x60000"),
     ("map {bad}/huge.bmp", "huge.bmp: expected at most 268435456 cells, got 60000x60000"),
-    ("map {bad}/header.png", "header.png: expected a picture, got a damaged or truncated file: | truncated"),
-    ("map {bad}/cut.png", "cut.png: expected a picture, got a damaged or truncated file: | truncated"),
-    ("map {bad}/cut.jpg", "cut.jpg: expected a picture, got a damaged or truncated file: | truncated"),
+    (
+        "map {bad}/header.png",
+        "header.png: expected a picture, got a damaged or truncated file: | truncated",
+    ),
+    (
+        "map {bad}/cut.png",
+        "cut.png: expected a picture, got a damaged or truncated file: | truncated",
+    ),
+    (
+        "map {bad}/cut.jpg",
+        "cut.jpg: expected a picture, got a damaged or truncated file: | truncated",
+    ),
     ("map {bad}/cut.tif", "cut.tif: | damaged"),
-    ("map {bad}/zipped.tif", "zipped.tif: expected a picture, got a damaged or truncated file: decoder error"),
-    ("map {bad}/cut.bmp", "cut.bmp: expected a picture, got a damaged or truncated file: | truncated"),
-    ("map {bad}/cut.png --vessels", "cut.png: expected a picture, got a damaged or truncated file: | truncated"),
+    (
+        "map {bad}/zipped.tif",
+        "zipped.tif: expected a picture, got a damaged or truncated file: decoder error",
+    ),
+    (
+        "map {bad}/cut.bmp",
+        "cut.bmp: expected a picture, got a damaged or truncated file: | truncated",
+    ),
+    (
+        "map {bad}/cut.png --vessels",
+        "cut.png: expected a picture, got a damaged or truncated file: | truncated",
+    ),
     ("map {bad}/text.npy --vessels", "text.npy: expected a picture (.png | got '.npy'"),
     ("map {bad}/missing.png --vessels", "missing.png: expected a picture, got no such file"),
     ("map {bad}/empty.png --vessels", "empty.png: expected a picture"),
-    ("map {bad}/walls.png --vessels", "walls.png: expected a picture of at least 16x16 pixels, got shape (7, 9)"),
+    (
+        "map {bad}/walls.png --vessels",
+        "walls.png: expected a picture of at least 16x16 pixels, got shape (7, 9)",
+    ),
     ("map line:5 --vessels", "vessels: expected a photograph, got the generated map 'line:5'"),
     ("map {bad}/text.npy", "text.npy: expected a NumPy array file"),
     ("map {bad}/picture.npy", "picture.npy: expected a NumPy array file | PNG"),
-    ("map {bad}/object.npy", "object.npy: expected a NumPy array file (.npy), got a damaged | Python objects in dtype"),
+    (
+        "map {bad}/object.npy",
+        "object.npy: expected a NumPy array file (.npy), got a damaged | Python objects in dtype",
+    ),
     ("map {bad}/nan.npy", "nan.npy: expected finite numbers, got inf at cell (1, 2)"),
     ("map {bad}/line.npy", "line.npy: expected a 2-D or 3-D array | got int64 (3,)"),
     ("map {bad}/four.npy", "four.npy: expected a 2-D or 3-D array | got float64 (1, 2, 2, 2)"),
     ("map {bad}/complex.npy", "complex.npy: expected | booleans or numbers, got complex128 (1, 2)"),
     ("map {bad}/words.npy", "words.npy: expected | booleans or numbers, got <U4 (1, 2)"),
     ("map {bad}/none.npy", "none.npy: workspace: expected at least one cell, got shape (0, 5)"),
-    ("map {bad}/cut.npy", "cut.npy: expected a NumPy array file (.npy), got a damaged or truncated file: | greater than file size"),
+    (
+        "map {bad}/cut.npy",
+        (
+            "cut.npy: expected a NumPy array file (.npy), got a damaged or truncated file: |"
+            " greater than file size"
+        ),
+    ),
     ("map {bad}/header.npy", "header.npy: expected a NumPy array file"),
     ("map maez:9x9", "unknown map generator 'maez': did you mean 'maze'?"),
     ("map maze", "expected a size (WIDTHxHEIGHT) in the map name, got 'maze'"),
@@ -325,37 +444,88 @@ MAPS = [
     ("maps --out {out}/x.png", "--out: expected the name of a map beside this option | got none"),
 ]
 NAMES = [
-    (f"{LINE} --policy closest-fronteir", "unknown policy 'closest-fronteir': did you mean 'closest-frontier'? | sweep"),
+    (
+        f"{LINE} --policy closest-fronteir",
+        "unknown policy 'closest-fronteir': did you mean 'closest-frontier'? | sweep",
+    ),
     (f"{LINE} --policy ''", "unknown policy '': (known: closest-frontier"),
-    (f"{LINE} --policy math:nope", "cannot import the policy 'math:nope': AttributeError: module 'math' has no attribute 'nope'"),
+    (
+        f"{LINE} --policy math:nope",
+        (
+            "cannot import the policy 'math:nope': AttributeError: module 'math' has no attribute"
+            " 'nope'"
+        ),
+    ),
     (
         f"{LINE} --policy no_such_module:x",
-        "cannot import the policy 'no_such_module:x': ModuleNotFoundError: No module named 'no_such_module'",
+        (
+            "cannot import the policy 'no_such_module:x': ModuleNotFoundError: No module named"
+            " 'no_such_module'"
+        ),
     ),
-    (f"{LINE} --policy builtins:map", "the policy 'builtins:map': expected a class without arguments"),
-    (f"{LINE} --policy math:pi", "policy: expected a name, or an object with a name and a method decide, got 3.14"),
+    (
+        f"{LINE} --policy builtins:map",
+        "the policy 'builtins:map': expected a class without arguments",
+    ),
+    (
+        f"{LINE} --policy math:pi",
+        "policy: expected a name, or an object with a name and a method decide, got 3.14",
+    ),
     (
         f"{LINE} --policy closest-frontier:tie=row-major",
         "policy 'closest-frontier' has no option 'tie' (it has ties, neighbours)",
     ),
-    (f"{LINE} --policy closest-frontier:ties=any", "ties: expected column-major or row-major, got 'any'"),
-    (f"{LINE} --policy closest-frontier:neighbours=llll", "neighbours: expected an order of 'lurd', got 'llll'"),
-    (f"{LINE} --policy closest-frontier:ties=row-major,ties=row-major", "expected the option 'ties' once, got it again"),
-    (f"{LINE} --policy random-moves:fast", "the policy 'random-moves' has no option 'fast' (it has none)"),
-    (f"{LINE} --policy manual:llxr", "expected commands out of 'lurd' for a 2-D workspace, got 'x' at position 3"),
-    (f"{LINE} --policy manual:lr,rl", "the policy 'manual': expected the option 'commands' once, got it again in 'manual:lr,rl'"),
+    (
+        f"{LINE} --policy closest-frontier:ties=any",
+        "ties: expected column-major or row-major, got 'any'",
+    ),
+    (
+        f"{LINE} --policy closest-frontier:neighbours=llll",
+        "neighbours: expected an order of 'lurd', got 'llll'",
+    ),
+    (
+        f"{LINE} --policy closest-frontier:ties=row-major,ties=row-major",
+        "expected the option 'ties' once, got it again",
+    ),
+    (
+        f"{LINE} --policy random-moves:fast",
+        "the policy 'random-moves' has no option 'fast' (it has none)",
+    ),
+    (
+        f"{LINE} --policy manual:llxr",
+        "expected commands out of 'lurd' for a 2-D workspace, got 'x' at position 3",
+    ),
+    (
+        f"{LINE} --policy manual:lr,rl",
+        "the policy 'manual': expected the option 'commands' once, got it again in 'manual:lr,rl'",
+    ),
     (f"{LINE} --policy manual:lio", "for a 2-D workspace, got 'i' at position 2"),
     ("map {bad}/cube.npy -n 2 --policy sweep", "policy sweep: expected a 2-D workspace, got 3-D"),
-    (f"{LINE} --policy depth-first --rule tilt", "policy depth-first: expected rule block or merge, got tilt"),
-    (f"{LINE} --policy elect-particle --rule tilt", "policy elect-particle: expected rule block or merge, got tilt"),
-    (f"{LINE} --placement unifrom", "unknown placement 'unifrom': did you mean 'uniform'? | left-wall"),
+    (
+        f"{LINE} --policy depth-first --rule tilt",
+        "policy depth-first: expected rule block or merge, got tilt",
+    ),
+    (
+        f"{LINE} --policy elect-particle --rule tilt",
+        "policy elect-particle: expected rule block or merge, got tilt",
+    ),
+    (
+        f"{LINE} --placement unifrom",
+        "unknown placement 'unifrom': did you mean 'uniform'? | left-wall",
+    ),
     (f"{LINE} --placement math:nope", "cannot import the placement 'math:nope'"),
-    (f"{LINE} --placement math:pi", "placement: expected a name, or a function (workspace, n, rng) -> cells, got 3.14"),
+    (
+        f"{LINE} --placement math:pi",
+        "placement: expected a name, or a function (workspace, n, rng) -> cells, got 3.14",
+    ),
     (
         f"{LINE} --placement math:sqrt",
         "placement: expected a name, or a function (workspace, n, rng) -> cells, got",
     ),
-    (f"{LINE} --rule blok", "rule: expected one of block, merge, tilt, got 'blok' (did you mean 'block'?)"),
+    (
+        f"{LINE} --rule blok",
+        "rule: expected one of block, merge, tilt, got 'blok' (did you mean 'block'?)",
+    ),
     (f"{LINE} --rule math:pi", "rule: expected one of block, merge, tilt, got 'math:pi'"),
     ("mpa line:5", "No such command 'mpa' | Did you mean 'map'"),
     (f"{LINE} --particels 3", "No such option: --particels | --particles"),
@@ -365,30 +535,54 @@ NAMES = [
     ("map line:5 line:6", "unexpected extra argument | line:6"),
 ]
 OUTPUTS = [
-    (f"{LINE} --film {{out}}/x.avi", "x.avi: expected a film (.gif .mp4 .html), got the suffix '.avi'"),
+    (
+        f"{LINE} --film {{out}}/x.avi",
+        "x.avi: expected a film (.gif .mp4 .html), got the suffix '.avi'",
+    ),
     (f"{LINE} --film {{out}}/x", "x: expected a film (.gif .mp4 .html), got the suffix ''"),
     (f"{LINE} --film /proc/nowhere/x.gif", "cannot write into the folder /proc/nowhere"),
-    (f"{LINE} --film {{bad}}/letter.txt/x.gif", "cannot write into the folder {bad}/letter.txt: Not a directory"),
+    (
+        f"{LINE} --film {{bad}}/letter.txt/x.gif",
+        "cannot write into the folder {bad}/letter.txt: Not a directory",
+    ),
     (f"{LINE} --film {{out}}/folder.gif/", "folder.gif: it is a folder"),
-    ("map line:9 -n 2 --slip 0.1 --scan-every hyper", "noise: expected scan-every as a number of commands"),
+    (
+        "map line:9 -n 2 --slip 0.1 --scan-every hyper",
+        "noise: expected scan-every as a number of commands",
+    ),
     ("map line:9 -n 2 --slip 0.1 --confidence 0.7", "confidence: expected a number, above 0.75"),
-    (f"{LINE} --out {{bad}}/letter.txt", "cannot write into the folder {bad}/letter.txt: Not a directory"),
-    (f"{LINE} --out {{bad}}/letter.txt/below", "cannot write into the folder {bad}/letter.txt/below: Not a directory"),
+    (
+        f"{LINE} --out {{bad}}/letter.txt",
+        "cannot write into the folder {bad}/letter.txt: Not a directory",
+    ),
+    (
+        f"{LINE} --out {{bad}}/letter.txt/below",
+        "cannot write into the folder {bad}/letter.txt/below: Not a directory",
+    ),
     (f"{LINE} --out /proc/nowhere", "cannot write into the folder /proc/nowhere"),
     (f"{LINE} --out {{out}}/{'x' * 400}", "cannot write into the folder | File name too long"),
     ("maps line:5 --out {out}/x.gif", "x.gif: expected one of the suffixes .png .tif | got '.gif'"),
     ("maps line:5 --out {out}/x", "x: expected one of the suffixes | got ''"),
     ("maps line:5 --out {out}/folder.png", "cannot write | folder.png: it is a folder"),
     ("maps line:5 --out {bad}/letter.txt/x.png", "cannot write {bad}/letter.txt/x.png: | exists"),
-    ("maps line:5 --out /proc/nowhere/x.png", "cannot write /proc/nowhere/x.png: No such file or directory"),
-    ("demo --out {bad}/letter.txt", "cannot write into the folder {bad}/letter.txt: Not a directory"),
+    (
+        "maps line:5 --out /proc/nowhere/x.png",
+        "cannot write /proc/nowhere/x.png: No such file or directory",
+    ),
+    (
+        "demo --out {bad}/letter.txt",
+        "cannot write into the folder {bad}/letter.txt: Not a directory",
+    ),
 ]
 REPLAYS = [
     ("replay {bad}/missing.npz", "{bad}/missing.npz: expected an episode file, got no such file"),
     ("replay {bad}", "{bad}: expected an episode file, got a folder"),
     ("replay " + "x" * 400, "expected an episode file, got no such file"),
     ("replay {bad}/good.npz --seed 2", "good.npz: expected an episode of seed 2, got seed 1"),
-    ("replay {bad}/good.npz --film {out}/x.webm", "x.webm: expected a film | got the suffix '.webm'"),
+    (
+        "replay {bad}/good.npz --film {out}/x.webm",
+        "x.webm: expected a film | got the suffix '.webm'",
+    ),
     ("replay {bad}/notes.npz", "notes.npz: expected an episode file | expected a zip archive"),
     ("replay {bad}/array.npz", "array.npz: expected an episode file | expected a zip archive"),
     ("replay {bad}/cut.npz", "cut.npz: expected an episode file | truncated"),
@@ -397,46 +591,123 @@ REPLAYS = [
     ("replay {bad}/no-commands.npz", "no-commands.npz: | expected the arrays commands, got none"),
     ("replay {bad}/no-start.npz", "no-start.npz: | expected the arrays start, got none"),
     ("replay {bad}/bad-json.npz", "bad-json.npz: expected an episode file | header: expected JSON"),
-    ("replay {bad}/number-header.npz", "number-header.npz: expected an episode file | header: expected"),
-    ("replay {bad}/old-format.npz", "old-format.npz: expected an episode file | format: expected 1, got 7"),
-    ("replay {bad}/extra-field.npz", "extra-field.npz: expected an episode file | header: expected no such field, got 'colour'"),
-    ("replay {bad}/bad-seed.npz", "bad-seed.npz: | seed: expected a whole number, 0 or more, got -1"),
-    ("replay {bad}/bad-status.npz", "bad-status.npz: | status: expected one of complete | got 'bored'"),
-    ("replay {bad}/bad-rule.npz", "bad-rule.npz: | rule: expected one of block, merge, tilt, got 'bounce'"),
-    ("replay {bad}/bad-task.npz", "bad-task.npz: | unknown task 'mappping': did you mean 'mapping'?"),
+    (
+        "replay {bad}/number-header.npz",
+        "number-header.npz: expected an episode file | header: expected",
+    ),
+    (
+        "replay {bad}/old-format.npz",
+        "old-format.npz: expected an episode file | format: expected 1, got 7",
+    ),
+    (
+        "replay {bad}/extra-field.npz",
+        "extra-field.npz: expected an episode file | header: expected no such field, got 'colour'",
+    ),
+    (
+        "replay {bad}/bad-seed.npz",
+        "bad-seed.npz: | seed: expected a whole number, 0 or more, got -1",
+    ),
+    (
+        "replay {bad}/bad-status.npz",
+        "bad-status.npz: | status: expected one of complete | got 'bored'",
+    ),
+    (
+        "replay {bad}/bad-rule.npz",
+        "bad-rule.npz: | rule: expected one of block, merge, tilt, got 'bounce'",
+    ),
+    (
+        "replay {bad}/bad-task.npz",
+        "bad-task.npz: | unknown task 'mappping': did you mean 'mapping'?",
+    ),
     ("replay --trust {bad}/no-task.npz", "no-task.npz: task: expected an object with | got 3.14"),
     ("replay {bad}/bad-shape.npz", "bad-shape.npz: | shape: expected 2 or 3 lengths | got [7]"),
-    ("replay {bad}/zero-shape.npz", "zero-shape.npz: | shape: expected 2 or 3 lengths | got [0, 7]"),
-    ("replay {bad}/big-shape.npz", "big-shape.npz: | at most 268435456 cells in all, got [1000000000, 1000000000]"),
-    ("replay {bad}/other-shape.npz", "other-shape.npz: | free: expected 79 packed bytes for (90, 7), got uint8 (1,)"),
-    ("replay {bad}/commands-type.npz", "commands-type.npz: | commands: expected a column of int8, got float64 (2,)"),
-    ("replay {bad}/commands-range.npz", "commands-range.npz: | commands: expected codes 0 to 3, got 0 to 9"),
-    ("replay {bad}/commands-negative.npz", "commands-negative.npz: | commands: expected codes 0 to 3, got -1 to 0"),
-    ("replay {bad}/commands-3-d.npz", "commands-3-d.npz: | commands: expected codes 0 to 3, got 4 to 5"),
-    ("replay {bad}/short-column.npz", "short-column.npz: | frontier: expected | entries, one per command, got 1"),
-    ("replay {bad}/wall-start.npz", "wall-start.npz: | start: expected free cells, got the obstacle (0, 3)"),
-    ("replay {bad}/outside-start.npz", "outside-start.npz: | start: expected cells inside (1, 7), got (5, 5)"),
-    ("replay {bad}/twice-start.npz", "twice-start.npz: | start: expected at most one particle per cell | got two at (0, 1)"),
-    ("replay {bad}/empty-start.npz", "empty-start.npz: | start: expected at least one particle, got none"),
-    ("replay {bad}/float-start.npz", "float-start.npz: | start: expected integer cells of shape (n, 2), got float64"),
-    ("replay {bad}/object-start.npz", "object-start.npz: expected an episode file | Object arrays cannot be loaded"),
+    (
+        "replay {bad}/zero-shape.npz",
+        "zero-shape.npz: | shape: expected 2 or 3 lengths | got [0, 7]",
+    ),
+    (
+        "replay {bad}/big-shape.npz",
+        "big-shape.npz: | at most 268435456 cells in all, got [1000000000, 1000000000]",
+    ),
+    (
+        "replay {bad}/other-shape.npz",
+        "other-shape.npz: | free: expected 79 packed bytes for (90, 7), got uint8 (1,)",
+    ),
+    (
+        "replay {bad}/commands-type.npz",
+        "commands-type.npz: | commands: expected a column of int8, got float64 (2,)",
+    ),
+    (
+        "replay {bad}/commands-range.npz",
+        "commands-range.npz: | commands: expected codes 0 to 3, got 0 to 9",
+    ),
+    (
+        "replay {bad}/commands-negative.npz",
+        "commands-negative.npz: | commands: expected codes 0 to 3, got -1 to 0",
+    ),
+    (
+        "replay {bad}/commands-3-d.npz",
+        "commands-3-d.npz: | commands: expected codes 0 to 3, got 4 to 5",
+    ),
+    (
+        "replay {bad}/short-column.npz",
+        "short-column.npz: | frontier: expected | entries, one per command, got 1",
+    ),
+    (
+        "replay {bad}/wall-start.npz",
+        "wall-start.npz: | start: expected free cells, got the obstacle (0, 3)",
+    ),
+    (
+        "replay {bad}/outside-start.npz",
+        "outside-start.npz: | start: expected cells inside (1, 7), got (5, 5)",
+    ),
+    (
+        "replay {bad}/twice-start.npz",
+        "twice-start.npz: | start: expected at most one particle per cell | got two at (0, 1)",
+    ),
+    (
+        "replay {bad}/empty-start.npz",
+        "empty-start.npz: | start: expected at least one particle, got none",
+    ),
+    (
+        "replay {bad}/float-start.npz",
+        "float-start.npz: | start: expected integer cells of shape (n, 2), got float64",
+    ),
+    (
+        "replay {bad}/object-start.npz",
+        "object-start.npz: expected an episode file | Object arrays cannot be loaded",
+    ),
     ("replay {bad}/all-walls.npz", "all-walls.npz: | expected at least one free cell"),
-    ("replay {bad}/free-type.npz", "free-type.npz: | free: expected 1 packed bytes | got float32 (1,)"),
-    ("replay {bad}/wall-targets.npz", "wall-targets.npz: targets: expected free cells, got the obstacle (0, 3)"),
-    ("replay {bad}/unreachable.npz", "unreachable.npz: coverage: expected a particle in every connected part | at (0, 4)"),
+    (
+        "replay {bad}/free-type.npz",
+        "free-type.npz: | free: expected 1 packed bytes | got float32 (1,)",
+    ),
+    (
+        "replay {bad}/wall-targets.npz",
+        "wall-targets.npz: targets: expected free cells, got the obstacle (0, 3)",
+    ),
+    (
+        "replay {bad}/unreachable.npz",
+        "unreachable.npz: coverage: expected a particle in every connected part | at (0, 4)",
+    ),
 ]
 
 
 def files_below(*folders):
     return {
-        (path, path.stat().st_size, path.stat().st_mtime_ns) for folder in folders for path in folder.rglob("*") if path.is_file()
+        (path, path.stat().st_size, path.stat().st_mtime_ns)
+        for folder in folders
+        for path in folder.rglob("*")
+        if path.is_file()
     }
 
 
 def assert_sentence(text, words):
     """One line that says ``words``, which are separated by " | "."""
     about_kernels = (COMPILING, "compiled kernels cannot be kept")  # where none was compiled yet
-    text = "".join(line for line in text.splitlines(keepends=True) if not line.startswith(about_kernels))
+    text = "".join(
+        line for line in text.splitlines(keepends=True) if not line.startswith(about_kernels)
+    )
     assert text.startswith("shoal: ")
     assert text.endswith("\n")
     assert text.count("\n") == 1, f"more than one line: {text!r}"
@@ -464,7 +735,9 @@ def test_bad_input_gets_one_sentence(command, words, bad, tmp_path, monkeypatch,
 def test_there_are_enough_cases():
     cases = [*NUMBERS, *MAPS, *NAMES, *OUTPUTS, *REPLAYS]
     assert len({command for command, _ in cases}) == len(cases) >= 45
-    assert {f"{name}.npz" for name in EPISODES} <= {command.rpartition("/")[2] for command, _ in REPLAYS}
+    assert {f"{name}.npz" for name in EPISODES} <= {
+        command.rpartition("/")[2] for command, _ in REPLAYS
+    }
 
 
 def test_a_file_that_may_not_be_read_is_not_called_damaged(bad, monkeypatch, capfd):
@@ -482,9 +755,14 @@ def test_a_file_that_may_not_be_read_is_not_called_damaged(bad, monkeypatch, cap
 
 
 def test_an_episode_that_was_changed_is_told_from_one_that_is_damaged(bad, tmp_path, capfd):
-    """Exit code 1, and no output: the file can be read, but what it claims is not what its commands do."""
+    """Exit code 1, and no output: the file can be read, but what it claims is not what its commands
+    do.
+    """
     damage(bad / "good.npz", tmp_path / "changed.npz", {"header": {"first_frontier": 99}})
-    assert run(["replay", str(tmp_path / "changed.npz"), "--out", str(tmp_path / "out"), "--json"]) == 1
+    assert (
+        run(["replay", str(tmp_path / "changed.npz"), "--out", str(tmp_path / "out"), "--json"])
+        == 1
+    )
     printed, said = capfd.readouterr()
     assert_sentence(said, "changed.npz: first_frontier differs: 99 stored")
     assert json.loads(printed)["verified"] is False
@@ -501,12 +779,24 @@ def test_help_is_no_bad_input(capfd):
 @pytest.mark.parametrize(
     ("task", "error", "words"),
     [
-        ("subset-coverag", UnknownNameError, "unknown task 'subset-coverag': did you mean 'subset-coverage'"),
+        (
+            "subset-coverag",
+            UnknownNameError,
+            "unknown task 'subset-coverag': did you mean 'subset-coverage'",
+        ),
         ("math:nope", UnknownNameError, "cannot import the task 'math:nope'"),
         ("math:pi", InvalidInputError, "task: expected an object with name"),
         ("mapping:fast=1", InvalidInputError, "the task 'mapping' has no option 'fast'"),
-        ("subset-coverage:fraction=half", InvalidInputError, "the task 'subset-coverage': fraction: expected a number, got 'half'"),
-        ("subset-coverage:2", InvalidInputError, "subset: expected a number, above 0 and at most 1, got 2"),
+        (
+            "subset-coverage:fraction=half",
+            InvalidInputError,
+            "the task 'subset-coverage': fraction: expected a number, got 'half'",
+        ),
+        (
+            "subset-coverage:2",
+            InvalidInputError,
+            "subset: expected a number, above 0 and at most 1, got 2",
+        ),
     ],
 )
 def test_tasks_are_checked(task, error, words):
@@ -546,11 +836,27 @@ def test_what_a_placement_of_others_returns_is_checked(cells, words):
 # Names of files are of other people's making
 
 
-@pytest.mark.parametrize("name", ["$x^{$", "100 %", "[red]map", "血管", "a\nb", "caf\udce9", "<script>", "-n"])
+@pytest.mark.parametrize(
+    "name", ["$x^{$", "100 %", "[red]map", "血管", "a\nb", "caf\udce9", "<script>", "-n"]
+)
 def test_any_name_of_a_file_is_good(name, tmp_path, capfd):
     (tmp_path / f"{name}.txt").write_text("....\n")
     film = tmp_path / "film.html"
-    assert run(["map", f"{tmp_path}/{name}.txt", "-n", "2", "--out", f"{tmp_path}/out", "--film", str(film)]) == 0
+    assert (
+        run(
+            [
+                "map",
+                f"{tmp_path}/{name}.txt",
+                "-n",
+                "2",
+                "--out",
+                f"{tmp_path}/out",
+                "--film",
+                str(film),
+            ]
+        )
+        == 0
+    )
     printed, said = capfd.readouterr()
     assert said == ""
     assert "complete" in printed
@@ -566,9 +872,11 @@ ROOM = 4096  # bytes, less than any of the outputs takes
 def full_disk(request, tmp_path, monkeypatch):
     """A folder with room for a file of 4 kB, and a function that runs something in that room.
 
-    The first way is the true one but only root can mount; the second works for everyone and gives another error.
+    The first way is the true one but only root can mount; the second works for everyone and gives
+    another error.
     """
-    from matplotlib import font_manager  # noqa: F401  # it may write a cache, which is not what is tested
+    # it may write a cache, which is not what is tested
+    from matplotlib import font_manager  # noqa: F401
 
     folder = tmp_path / "disk"
     folder.mkdir()
@@ -576,7 +884,9 @@ def full_disk(request, tmp_path, monkeypatch):
 
         def limited(function):
             soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-            monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python would keep compiled modules that are cut off
+            monkeypatch.setattr(
+                sys, "dont_write_bytecode", True
+            )  # Python would keep compiled modules that are cut off
             resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, hard))
             try:
                 return function()
@@ -586,7 +896,10 @@ def full_disk(request, tmp_path, monkeypatch):
         yield folder, limited, "File too large"
         return
     mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", folder], capture_output=True, text=True, check=False
+        ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", folder],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if mounted.returncode:
         pytest.skip(f"only root can mount a file system: {mounted.stderr.strip()}")
@@ -637,7 +950,9 @@ def test_a_full_disk_leaves_nothing_behind(command, full_disk, capfd):
 
 def test_an_episode_on_a_full_disk(full_disk):
     folder, within, why = full_disk
-    episode = play(GridWorkspace(np.ones((30, 30))), particles=9, policy="random-moves", max_moves=9000)
+    episode = play(
+        GridWorkspace(np.ones((30, 30))), particles=9, policy="random-moves", max_moves=9000
+    )
     before = files_below(folder)
     with pytest.raises(OutputError, match=f"cannot write {folder}/new/episode.npz: {why}"):
         within(lambda: episode.save(folder / "new" / "episode.npz"))
@@ -654,8 +969,16 @@ def test_a_full_disk_keeps_the_old_file(full_disk, capfd):
 
 def test_the_standard_output_on_a_full_disk():
     with Path("/dev/full").open("w") as full:
-        ended = subprocess.run([*SHOAL, "map", "line:5", "-n", "2"], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert_sentence(ended.stderr, "cannot read or write the standard output: No space left on device")
+        ended = subprocess.run(
+            [*SHOAL, "map", "line:5", "-n", "2"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert_sentence(
+        ended.stderr, "cannot read or write the standard output: No space left on device"
+    )
     assert ended.returncode == 2
 
 
@@ -663,7 +986,9 @@ def test_a_reader_that_has_gone_is_no_error():
     """As in ``shoal maps | head``."""
     reading, writing = os.pipe()
     os.close(reading)
-    ended = subprocess.run([*SHOAL, "maps"], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    ended = subprocess.run(
+        [*SHOAL, "maps"], stdout=writing, stderr=subprocess.PIPE, text=True, check=False
+    )
     os.close(writing)
     assert (ended.returncode, ended.stderr) == (0, "")
 
@@ -714,9 +1039,14 @@ def test_interrupted_while_it_writes(tmp_path, monkeypatch, capfd):
         whole(file, **arrays)
 
     monkeypatch.setattr(np, "savez_compressed", third_is_interrupted)
-    assert run(["map", "line:9", "-n", "2", "--trials", "5", "--workers", "1", "--out", str(tmp_path)]) == 130
+    assert (
+        run(["map", "line:9", "-n", "2", "--trials", "5", "--workers", "1", "--out", str(tmp_path)])
+        == 130
+    )
     assert capfd.readouterr().err.endswith("shoal: interrupted\n")
-    files = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file())
+    files = sorted(
+        str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()
+    )
     assert files == ["episodes/00000.npz", "episodes/00001.npz", "frontier.png", "map.png"]
     for path in (tmp_path / "episodes").iterdir():
         assert SwarmEpisode.load(path).verify()
@@ -762,7 +1092,9 @@ def test_interrupted_while_it_films(tmp_path, monkeypatch, capfd, suffix):
 def test_ctrl_c_while_the_command_line_is_loaded(loading):
     """A real signal, when a module is being imported."""
     command = [sys.executable, "-X", "importtime", "-m", "shoal", "map", "line:9", "-n", "3"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
         try:
             while loading not in process.stderr.readline():
                 assert process.poll() is None
@@ -772,7 +1104,9 @@ def test_ctrl_c_while_the_command_line_is_loaded(loading):
             process.kill()
     assert process.returncode == 130
     assert "Traceback" not in said
-    assert [line for line in said.splitlines() if not line.startswith("import time:")] == ["shoal: interrupted"]
+    assert [line for line in said.splitlines() if not line.startswith("import time:")] == [
+        "shoal: interrupted"
+    ]
 
 
 def test_ctrl_c(tmp_path):
@@ -792,7 +1126,9 @@ def test_ctrl_c(tmp_path):
         "--out",
         str(tmp_path / "out"),
     ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
         try:
             until = time.monotonic() + 60
             while not (tmp_path / "out" / "episodes" / "00005.npz").exists():
@@ -812,4 +1148,7 @@ def test_ctrl_c(tmp_path):
     names = sorted(path.name for path in (out / "episodes").iterdir())
     assert 6 <= len(names) < 1000
     assert names == [f"{trial:05d}.npz" for trial in range(len(names))]
-    assert all(SwarmEpisode.load(out / "episodes" / name).verify() for name in (names[0], names[-2], names[-1]))
+    assert all(
+        SwarmEpisode.load(out / "episodes" / name).verify()
+        for name in (names[0], names[-2], names[-1])
+    )

@@ -17,8 +17,30 @@ from shoal.cli.commands import COMMANDS
 from shoal.core.version import __version__
 
 ROOT = Path(__file__).parents[2]
-FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
-FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost", "distance", "unreachable_cells"]
+FIELDS = [
+    "task",
+    "policy",
+    "map",
+    "particles",
+    "placement",
+    "rule",
+    "seed",
+    "trials",
+    "moves",
+    "status",
+    "mean",
+    "std",
+]
+FIELDS += [
+    "scan_every",
+    "scan_cost",
+    "move_cost",
+    "scans",
+    "cost",
+    "mean_cost",
+    "distance",
+    "unreachable_cells",
+]
 FIELDS += ["cell_m", "cell_mm", "distance_mm", "move_seconds", "scan_seconds", "apparatus_seconds"]
 
 
@@ -47,14 +69,26 @@ def test_every_command_takes_a_seed_and_help_shows_it_only_if_it_has_an_effect(c
 def test_help_lists_commands_and_options_under_headings(capsys):
     assert run(["--help"]) == 0
     text = capsys.readouterr().out
-    headings = [re.search(f"─ {heading} ─", text).start() for heading in ("Swarm", "Steering", "Search", "Experiments", "General")]
+    headings = [
+        re.search(f"─ {heading} ─", text).start()
+        for heading in ("Swarm", "Steering", "Search", "Experiments", "General")
+    ]
     assert headings == sorted(headings)
     assert headings[0] < text.index(" cover ") < headings[1] < text.index(" reach ") < headings[2]
     assert run(["search", "--help"]) == 0
     text = capsys.readouterr().out
     places = [
         text.index(word)
-        for word in ("--json", "─ Robots ─", "--robots", "─ Tour ─", "--tour", "─ Region ─", "--no-go", "─ Missions ─")
+        for word in (
+            "--json",
+            "─ Robots ─",
+            "--robots",
+            "─ Tour ─",
+            "--tour",
+            "─ Region ─",
+            "--no-go",
+            "─ Missions ─",
+        )
     ]
     assert places == sorted(places)
 
@@ -73,7 +107,12 @@ def test_json_of_map_and_cover(arguments, task, capsys):
     assert sorted(result) == sorted(FIELDS)
     assert result["task"] == task
     assert result["map"] == {"name": "maze:9x7", "shape": [7, 9], "free_cells": 39}
-    assert (result["particles"], result["trials"], result["seed"], result["rule"]) == (4, 3, 6, "block")
+    assert (result["particles"], result["trials"], result["seed"], result["rule"]) == (
+        4,
+        3,
+        6,
+        "block",
+    )
     assert len(result["moves"]) == len(result["status"]) == 3
     assert result["mean"] == pytest.approx(sum(result["moves"]) / 3)
 
@@ -81,7 +120,19 @@ def test_json_of_map_and_cover(arguments, task, capsys):
 def test_same_seed_same_output_for_any_workers(capsys):
     outputs = []
     for workers in ("1", "2", "5"):
-        arguments = ["map", "cave:30x20", "-n", "9", "--trials", "11", "--seed", "3", "--workers", workers, "--json"]
+        arguments = [
+            "map",
+            "cave:30x20",
+            "-n",
+            "9",
+            "--trials",
+            "11",
+            "--seed",
+            "3",
+            "--workers",
+            workers,
+            "--json",
+        ]
         assert run(arguments) == 0
         outputs.append(capsys.readouterr().out)
     assert len(set(outputs)) == 1
@@ -96,8 +147,17 @@ def test_progress_goes_to_stderr(capsys):
 
 def test_out_and_replay(tmp_path, capsys):
     out = tmp_path / "result"
-    assert run(["map", "maze:9x7", "-n", "4", "--out", str(out), "--film", str(out / "film.html")]) == 0
-    assert {path.name for path in out.iterdir()} == {"map.png", "frontier.png", "episode.npz", "summary.json", "film.html"}
+    assert (
+        run(["map", "maze:9x7", "-n", "4", "--out", str(out), "--film", str(out / "film.html")])
+        == 0
+    )
+    assert {path.name for path in out.iterdir()} == {
+        "map.png",
+        "frontier.png",
+        "episode.npz",
+        "summary.json",
+        "film.html",
+    }
     capsys.readouterr()
     assert run(["replay", str(out / "episode.npz"), "--seed", "0", "--json"]) == 0
     replayed = json.loads(capsys.readouterr().out)
@@ -123,7 +183,11 @@ def test_replay_of_a_changed_episode_fails(tmp_path, capsys):
 
 def test_many_trials_write_their_episodes(tmp_path, capsys):
     assert run(["map", "maze:9x7", "-n", "4", "--trials", "3", "--out", str(tmp_path)]) == 0
-    assert sorted(path.name for path in (tmp_path / "episodes").iterdir()) == ["00000.npz", "00001.npz", "00002.npz"]
+    assert sorted(path.name for path in (tmp_path / "episodes").iterdir()) == [
+        "00000.npz",
+        "00001.npz",
+        "00002.npz",
+    ]
 
 
 def test_maps(tmp_path, capsys):
@@ -139,7 +203,9 @@ def test_maps(tmp_path, capsys):
         "maze",
         "cave",
     }
-    assert run(["maps", "vessels:400", "--seed", "3", "--out", str(tmp_path / "v.png"), "--json"]) == 0
+    assert (
+        run(["maps", "vessels:400", "--seed", "3", "--out", str(tmp_path / "v.png"), "--json"]) == 0
+    )
     written = json.loads(capsys.readouterr().out)
     assert (written["name"], written["free_cells"]) == ("vessels:400:3", 400)
     assert run(["map", str(tmp_path / "v.png"), "-n", "9", "--json"]) == 0
@@ -167,7 +233,8 @@ def test_version(capsys):
 def test_a_policy_beside_the_command(tmp_path):
     """A user's own policy is found in the folder where the command is typed."""
     (tmp_path / "mine.py").write_text(
-        "class Mine:\n    name = 'mine'\n    def decide(self, view, memory, rng):\n        return 'lurd'[rng.integers(4)], None\n"
+        "class Mine:\n    name = 'mine'\n    def decide(self, view, memory, rng):\n        return"
+        " 'lurd'[rng.integers(4)], None\n"
     )
     command = [
         sys.executable,
@@ -198,17 +265,19 @@ def test_nothing_that_was_loaded_is_looked_through_at_the_end(monkeypatch, capsy
 
 def test_importing_shoal_loads_nothing_heavy():
     script = (
-        "import sys, shoal; heavy = {'numpy', 'numba', 'matplotlib', 'scipy', 'typer', 'PIL'} & set(sys.modules); "
-        "assert not heavy, heavy; import shoal.cli; assert 'numpy' not in sys.modules, 'for help'; "
-        "assert set(shoal.__all__) <= set(dir(shoal)); [getattr(shoal, name) for name in shoal.__all__]"
+        "import sys, shoal; heavy = {'numpy', 'numba', 'matplotlib', 'scipy', 'typer', 'PIL'} &"
+        " set(sys.modules); assert not heavy, heavy; import shoal.cli; assert 'numpy' not in"
+        " sys.modules, 'for help'; assert set(shoal.__all__) <= set(dir(shoal)); [getattr(shoal,"
+        " name) for name in shoal.__all__]"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
 def test_plain_options_load_no_pydantic():
     code = (
-        "import sys; from shoal.cli import run; run(['map', 'rectangle:5x5', '-n', '2', '--seed', '3', '--json']); "
-        "assert 'pydantic' not in sys.modules; run(['map', 'rectangle:5x5', '-n', 'two']); assert 'pydantic' in sys.modules"
+        "import sys; from shoal.cli import run; run(['map', 'rectangle:5x5', '-n', '2', '--seed',"
+        " '3', '--json']); assert 'pydantic' not in sys.modules; run(['map', 'rectangle:5x5', '-n',"
+        " 'two']); assert 'pydantic' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
@@ -228,7 +297,21 @@ def test_episodes_of_an_earlier_run_do_not_stay(tmp_path):
 
 
 def test_a_refused_run_leaves_no_folder(tmp_path, capsys):
-    assert run(["map", "line:9", "-n", "99", "--out", str(tmp_path / "out"), "--film", str(tmp_path / "films" / "f.gif")]) == 2
+    assert (
+        run(
+            [
+                "map",
+                "line:9",
+                "-n",
+                "99",
+                "--out",
+                str(tmp_path / "out"),
+                "--film",
+                str(tmp_path / "films" / "f.gif"),
+            ]
+        )
+        == 2
+    )
     assert not list(tmp_path.iterdir())
 
 
@@ -241,7 +324,9 @@ def test_an_internal_error_has_an_exit_code_of_its_own(monkeypatch, capsys):
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "Traceback" in printed.err
-    assert printed.err.splitlines()[-1] == "shoal: internal error: ZeroDivisionError: division by zero"
+    assert (
+        printed.err.splitlines()[-1] == "shoal: internal error: ZeroDivisionError: division by zero"
+    )
     assert run(["--help"]) == 0
     assert "70 an error in Shoal itself" in " ".join(capsys.readouterr().out.split())
 
@@ -254,8 +339,12 @@ def test_help_lists_all_commands(capsys):
 
 
 def test_packages_leave_nothing_out():
-    """What is ignored in the checkout is in no wheel, even if it was committed: ``demo/`` once took the command's own demo away."""
-    ignored = pathspec.GitIgnoreSpec.from_lines((ROOT / ".gitignore").read_text(encoding="utf-8").splitlines())
+    """What is ignored in the checkout is in no wheel, even if it was committed: ``demo/`` once took
+    the command's own demo away.
+    """
+    ignored = pathspec.GitIgnoreSpec.from_lines(
+        (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    )
     files = [
         path.relative_to(ROOT).as_posix()
         for path in (ROOT / "src").rglob("*")

@@ -1,4 +1,5 @@
-"""The documentation is true: its commands run, its links lead somewhere, its generated page is fresh.
+"""The documentation is true: its commands run, its links lead somewhere, its generated page is
+fresh.
 
 The `>>>` examples of all pages are collected by pytest itself (--doctest-glob).
 """
@@ -27,7 +28,7 @@ import shoal.swarm
 import shoal.views
 from shoal.cli import run
 from shoal.cli.commands import COMMANDS, command
-from shoal.lab import worker_pools
+from shoal.lab import workers as worker_pools
 from shoal.swarm import GridWorkspace, GridWorld
 from shoal.views.drawing.encoding import LONGEST
 
@@ -121,15 +122,23 @@ def commands_of(text: str) -> list[str]:
 
 
 def output_lines_of(text: str) -> list[str]:
-    """Return the lines that a page shows of what its commands print: a label, two spaces or more, and a value."""
+    """Return the lines that a page shows of what its commands print: a label, two spaces or more,
+    and a value.
+    """
     blocks = re.findall(r"```text\n(.*?)```", text, re.S)
-    return [line for block in blocks for line in block.splitlines() if re.match(r"[a-z]+ {2,}[^ #]", line)]
+    return [
+        line
+        for block in blocks
+        for line in block.splitlines()
+        if re.match(r"[a-z]+ {2,}[^ #]", line)
+    ]
 
 
 def write_files_of(text: str) -> list[str]:
     """Write what a page asks its reader to have.
 
-    That is files it shows (title="NAME"), photographs (<!-- needs: NAME -->) and what a script makes (<!-- runs: NAME -->).
+    That is files it shows (title="NAME"), photographs (<!-- needs: NAME -->) and what a script
+    makes (<!-- runs: NAME -->).
     """
     shown = re.findall(r'```python title="(\w+)\.py"\n(.*?)```', text, re.S)
     for name, content in shown:
@@ -152,7 +161,9 @@ def write_files_of(text: str) -> list[str]:
 
 @pytest.fixture
 def in_short(monkeypatch, tmp_path):
-    """Let commands run in a folder of their own, films have few frames, figures few pixels and sweeps no processes."""
+    """Let commands run in a folder of their own, films have few frames, figures few pixels and
+    sweeps no processes.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(mpl.rcParams, "savefig.dpi", 50)
     for suffix in LONGEST:
@@ -184,14 +195,19 @@ def test_commands_and_scripts_of_a_page_run(page, tmp_path, monkeypatch, capsys)
 
 @pytest.mark.usefixtures("in_short")
 def test_examples_of_help_run():
-    """Each command's --help ends with an example. That of demo is what `make demo` runs: it takes ten seconds.
+    """Each command's --help ends with an example. That of demo is what `make demo` runs: it takes
+    ten seconds.
 
     That of studio serves until somebody ends it: tests/browser/test_studio.py runs it.
     """
-    assert run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0  # what replay's example replays
+    assert (
+        run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0
+    )  # what replay's example replays
     write_files_of((ROOT / "docs" / "concepts" / "steering.md").read_text())  # steer's problem.json
     write_files_of((ROOT / "docs" / "how-to" / "sweeps.md").read_text())  # sweep run's sweep.toml
-    write_files_of((ROOT / "docs" / "concepts" / "missions.md").read_text())  # the missions that missions check looks over
+    write_files_of(
+        (ROOT / "docs" / "concepts" / "missions.md").read_text()
+    )  # the missions that missions check looks over
     for name in COMMANDS:
         example = command(name).epilog.removeprefix("Example: ")
         assert f"{example} ".startswith(f"shoal {name} ")
@@ -200,11 +216,15 @@ def test_examples_of_help_run():
 
 
 def test_reference_pages_are_fresh():
-    spec = importlib.util.spec_from_file_location("generate_reference", ROOT / "docs" / "generate_reference.py")
+    spec = importlib.util.spec_from_file_location(
+        "generate_reference", ROOT / "docs" / "generate_reference.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     for name, made in module.PAGES.items():
-        assert made() == (module.TARGET / name).read_text(), "run: python docs/generate_reference.py"
+        assert made() == (module.TARGET / name).read_text(), (
+            "run: python docs/generate_reference.py"
+        )
 
 
 def test_the_page_of_the_package_lists_its_names():
@@ -228,7 +248,11 @@ def test_library_pages_tell_how_to_read_descriptions_in_a_checkout():
 
 
 def test_library_pages_cover_what_packages_offer():
-    directives = re.findall(r"^::: (shoal\.\S+)", "\n".join(page.read_text() for page in (ROOT / "docs/api").glob("*.md")), re.M)
+    directives = re.findall(
+        r"^::: (shoal\.\S+)",
+        "\n".join(page.read_text() for page in (ROOT / "docs/api").glob("*.md")),
+        re.M,
+    )
     for module in MODULES:
         assert any(f"{directive}.".startswith(f"shoal.{module}.") for directive in directives), (
             f"docs/api has nothing of shoal.{module}"
@@ -236,7 +260,9 @@ def test_library_pages_cover_what_packages_offer():
     for package in PACKAGES:
         for name in package.__all__:
             home = getattr(getattr(package, name), "__module__", None)
-            covered = home is None or any(f"{home}.{name}.".startswith(f"{directive}.") for directive in directives)
+            covered = home is None or any(
+                f"{home}.{name}.".startswith(f"{directive}.") for directive in directives
+            )
             assert covered, f"docs/api has nothing of {home}.{name}"
 
 
@@ -250,14 +276,22 @@ def headings_of(page: Path) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_pages_are_built_as_readers_expect(page):
-    """One title, no heading that skips a level, a text for each picture, and no long page without a picture or a table."""
+    """One title, no heading that skips a level, a text for each picture, and no long page without a
+    picture or a table.
+    """
     prose = prose_of(page)
     levels = [len(marks) for marks in re.findall(r"^(#+) ", prose, re.M)]
     assert levels.count(1) == 1
     assert levels[0] == 1
-    assert all(after <= before + 1 for before, after in itertools.pairwise(levels)), "a heading skips a level"
-    assert all(len(text.split()) > 1 for text in re.findall(r"!\[(.*?)\]\(", prose, re.S)), "a picture without a text"
-    assert len(prose.split()) <= LONGEST_PAGE or "![" in prose or "\n|---" in prose, "a long page without a picture or a table"
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels)), (
+        "a heading skips a level"
+    )
+    assert all(len(text.split()) > 1 for text in re.findall(r"!\[(.*?)\]\(", prose, re.S)), (
+        "a picture without a text"
+    )
+    assert len(prose.split()) <= LONGEST_PAGE or "![" in prose or "\n|---" in prose, (
+        "a long page without a picture or a table"
+    )
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -266,7 +300,9 @@ def test_links_lead_somewhere(page):
     for target, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", page.read_text()):
         file = page.parent / target if target else page
         assert file.exists(), f"{page.name}: no {target}"
-        assert not anchor or anchor in headings_of(file), f"{page.name}: no heading {anchor} in {file.name}"
+        assert not anchor or anchor in headings_of(file), (
+            f"{page.name}: no heading {anchor} in {file.name}"
+        )
 
 
 def test_text_pictures_of_the_move_rules_are_what_the_world_does():
@@ -274,7 +310,11 @@ def test_text_pictures_of_the_move_rules_are_what_the_world_does():
     for line in (ROOT / "docs/concepts/world.md").read_text().splitlines():
         rule = next(iter(re.findall(r"^\*\*(\w+)\*\*", line)), rule)
         command = next(iter(re.findall(r"After `(\w)`", line)), command)
-        pictures = re.findall(r"(?<=\s)[.o\d]+(?=\s|$)", line) if "->" in line and line.startswith("    ") else []
+        pictures = (
+            re.findall(r"(?<=\s)[.o\d]+(?=\s|$)", line)
+            if "->" in line and line.startswith("    ")
+            else []
+        )
         for before, after in itertools.pairwise(pictures):
             world = GridWorld(GridWorkspace(np.ones((1, len(before)))), rule)
             moved = world.step(world.initial(particles_of(before)), command)
@@ -297,4 +337,6 @@ def test_page_of_files_describes_an_episode_file(tmp_path):
         assert {name: str(archive[name].dtype) for name in archive.files} == described
         header = archive["header"].tobytes().decode()
     for field in re.findall(r'"(\w+)":', header):
-        assert re.search(rf"\b{field}\b|map name", text), f"docs/concepts/files.md does not name the field {field}"
+        assert re.search(rf"\b{field}\b|map name", text), (
+            f"docs/concepts/files.md does not name the field {field}"
+        )

@@ -10,20 +10,37 @@ import pytest
 import shoal
 import shoal.envs
 import shoal.lab
+import shoal.missions
 import shoal.search
-import shoal.search.missions
 import shoal.steering
 import shoal.swarm
 import shoal.views
 
-PACKAGES = [shoal, shoal.envs, shoal.lab, shoal.search, shoal.search.missions, shoal.steering, shoal.swarm, shoal.views]
-OFFERED = {f"{package.__name__}.{name}": getattr(package, name) for package in PACKAGES for name in package.__all__}
+PACKAGES = [
+    shoal,
+    shoal.envs,
+    shoal.lab,
+    shoal.search,
+    shoal.missions,
+    shoal.steering,
+    shoal.swarm,
+    shoal.views,
+]
+OFFERED = {
+    f"{package.__name__}.{name}": getattr(package, name)
+    for package in PACKAGES
+    for name in package.__all__
+}
 
 
 def is_told_elsewhere(found):
-    """Tell whether parameters are fields with a help of their own, or there are none but those of Python."""
+    """Tell whether parameters are fields with a help of their own, or there are none but those of
+    Python.
+    """
     return isinstance(found, type) and (
-        issubclass(found, Exception | str) or getattr(found, "_is_protocol", False) or hasattr(found, "declarations")
+        issubclass(found, Exception | str)
+        or getattr(found, "_is_protocol", False)
+        or hasattr(found, "declarations")
     )
 
 

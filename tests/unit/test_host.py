@@ -40,7 +40,9 @@ print("unchanged")
 ALONE = STATE.replace("RUN", "")
 # NumPy changes the warning filters itself.
 WITH_RUN = "import numpy\n" + STATE.replace(
-    "RUN", 'assert shoal.run("line:9", particles=3).status.done; shoal.SearchProblem; shoal.SteeringProblem'
+    "RUN",
+    'assert shoal.run("line:9", particles=3).status.done; shoal.SearchProblem;'
+    " shoal.SteeringProblem",
 )
 
 
@@ -48,7 +50,13 @@ def python(*words: str, folder: Path, **more: str) -> subprocess.CompletedProces
     sources = str(Path(shoal.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": sources, **more}
     return subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=60
+        [sys.executable, *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
     )
 
 
@@ -57,15 +65,31 @@ PROGRAMS = {
     "a script that runs": ("program.py", WITH_RUN),
     # the name of a program may be anything, also that of our own command
     "a script named shoal": ("shoal", WITH_RUN),
-    "no arguments, as in an embedded interpreter": ("program.py", f"import sys\ndel sys.argv\n{ALONE}"),
+    "no arguments, as in an embedded interpreter": (
+        "program.py",
+        f"import sys\ndel sys.argv\n{ALONE}",
+    ),
     "empty arguments": ("program.py", f"import sys\nsys.argv[:] = []\n{ALONE}"),
-    "arguments of a module being found": ("program.py", f"import sys\nsys.argv[:] = ['-m', 'map']\n{ALONE}"),
-    "a thread": ("program.py", f"import threading\ncode = {WITH_RUN!r}\nthread = threading.Thread(target=exec, args=(code, {{}}))\n"
-                 "thread.start()\nthread.join()"),
-    "an interpreter inside Python": ("program.py", f"code = {ALONE!r}\ntry:\n    import _interpreters as inner\n"
-                                     "except ImportError:\n    import _xxsubinterpreters as inner\n"
-                                     "failed = inner.run_string(inner.create(), code)\nassert not failed, failed"),
-}  # fmt: skip
+    "arguments of a module being found": (
+        "program.py",
+        f"import sys\nsys.argv[:] = ['-m', 'map']\n{ALONE}",
+    ),
+    "a thread": (
+        "program.py",
+        (
+            f"import threading\ncode = {WITH_RUN!r}\nthread = threading.Thread(target=exec,"
+            " args=(code, {}))\nthread.start()\nthread.join()"
+        ),
+    ),
+    "an interpreter inside Python": (
+        "program.py",
+        (
+            f"code = {ALONE!r}\ntry:\n    import _interpreters as inner\n"
+            "except ImportError:\n    import _xxsubinterpreters as inner\n"
+            "failed = inner.run_string(inner.create(), code)\nassert not failed, failed"
+        ),
+    ),
+}
 
 
 @pytest.mark.parametrize("case", PROGRAMS)
@@ -96,16 +120,24 @@ finally:
 
 
 def test_a_package_that_imports_shoal_and_is_started_as_a_module(tmp_path):
-    """It keeps its own folder on the path, Ctrl-C raises KeyboardInterrupt, and its `finally` runs."""
+    """It keeps its own folder on the path, Ctrl-C raises KeyboardInterrupt, and its
+    `finally` runs.
+    """
     (tmp_path / "package").mkdir()
     (tmp_path / "package" / "__init__.py").write_text(PACKAGE)
     (tmp_path / "package" / "__main__.py").write_text(MAIN)
     (tmp_path / "sibling.py").write_text("")
     environment = {**os.environ, "PYTHONPATH": str(Path(shoal.__file__).parents[1])}
     with subprocess.Popen(
-        [sys.executable, "-m", "package"], cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, start_new_session=True, restore_signals=True,
-    ) as process:  # fmt: skip
+        [sys.executable, "-m", "package"],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        restore_signals=True,
+    ) as process:
         try:
             first = process.stdout.readline()
             assert first == "ready\n", process.stderr.read()
@@ -118,7 +150,9 @@ def test_a_package_that_imports_shoal_and_is_started_as_a_module(tmp_path):
 
 
 def test_a_foreign_test_suite(tmp_path):
-    """pytest, with warnings as errors, started as a module: `python -m pytest` has `-m` for its name while it is found."""
+    """pytest, with warnings as errors, started as a module: `python -m pytest` has `-m` for its
+    name while it is found.
+    """
     (tmp_path / "conftest.py").write_text("import shoal\n")
     (tmp_path / "test_foreign.py").write_text(f"def test_state():\n    exec({ALONE!r}, {{}})\n")
     ended = python("-m", "pytest", "-q", "-W", "error", "-p", "no:cacheprovider", folder=tmp_path)
@@ -126,20 +160,37 @@ def test_a_foreign_test_suite(tmp_path):
 
 
 def test_a_notebook_kernel(tmp_path):
-    """A notebook's kernel is started with `-m`, too, has a program's name that ends like ours, and runs cells by `exec`."""
+    """A notebook's kernel is started with `-m`, too, has a program's name that ends like ours, and
+    runs cells by `exec`.
+    """
     (tmp_path / "kernel").mkdir()
     (tmp_path / "kernel" / "__init__.py").write_text("import shoal\n")
     cells = f"import asyncio\ncells = [{WITH_RUN!r}, 'print(shoal.__version__)']\nspace = {{}}\n"
-    loop = "async def main():\n    for cell in cells:\n        exec(cell, space)\nasyncio.run(main())\n"
+    loop = (
+        "async def main():\n    for cell in cells:\n        exec(cell,"
+        " space)\nasyncio.run(main())\n"
+    )
     (tmp_path / "kernel" / "__main__.py").write_text(cells + loop)
     ended = python("-m", "kernel", "-f", "connection.json", folder=tmp_path)
     assert ended.stdout.splitlines() == ["unchanged", shoal.__version__], ended.stderr
 
 
 def test_the_current_folder_stays_out_of_the_command(tmp_path):
-    """`python -m shoal` itself runs no file of the current folder: from the first import on, also for modules of Python."""
-    for name in ("signal", "typing", "json", "hashlib", "secrets", "tempfile", "__future__"):  # Python's runpy needs none of them
-        (tmp_path / f"{name}.py").write_text(f"import pathlib; pathlib.Path('ran-{name}').touch()\n")
+    """`python -m shoal` itself runs no file of the current folder: from the first import on, also
+    for modules of Python.
+    """
+    for name in (
+        "signal",
+        "typing",
+        "json",
+        "hashlib",
+        "secrets",
+        "tempfile",
+        "__future__",
+    ):  # Python's runpy needs none of them
+        (tmp_path / f"{name}.py").write_text(
+            f"import pathlib; pathlib.Path('ran-{name}').touch()\n"
+        )
     ended = python("-m", "shoal", "map", "line:9", "-n", "2", "--json", folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
     assert not list(tmp_path.glob("ran-*"))

@@ -40,7 +40,9 @@ def total_of_doubled(words):
 
 @pytest.fixture
 def fresh(tmp_path, monkeypatch):
-    """Return a function that imports kernels whose caches lie beside them, and the list of what people were told."""
+    """Return a function that imports kernels whose caches lie beside them, and the list of what
+    people were told.
+    """
     told = []
     monkeypatch.setattr(notices, "listeners", [told.append])
     monkeypatch.setattr(notices, "_told", set())
@@ -64,8 +66,12 @@ def test_people_are_told_once_and_only_of_what_is_compiled(fresh):
     assert kernels.total_of_doubled(words) == 20
     elapsed = time.perf_counter() - began
     assert told == [jit.COMPILING]
-    assert watch.seconds < 0.2 * elapsed  # compiling it takes some tenths of a second, calling it microseconds
-    assert len(list(folder.rglob("*.kernel"))) == 1  # of the kernel that was called from Python; the others are parts of it
+    assert (
+        watch.seconds < 0.2 * elapsed
+    )  # compiling it takes some tenths of a second, calling it microseconds
+    assert (
+        len(list(folder.rglob("*.kernel"))) == 1
+    )  # of the kernel that was called from Python; the others are parts of it
     assert kernels.total(words) == 10  # the same kernel called from Python is compiled for that
     assert len(list(folder.rglob("*.kernel"))) == 2
     assert told == [jit.COMPILING]
@@ -86,11 +92,19 @@ def test_what_is_loaded_from_the_cache_is_not_told(fresh):
 
 
 def test_a_time_limit_stands_still_while_kernels_compile(monkeypatch):
-    """A limit of two seconds was over before the first use of a planner had compiled its kernels."""
+    """A limit of two seconds was over before the first use of a planner had compiled
+    its kernels.
+    """
     seconds = [100.0]
     monkeypatch.setattr(watch, "time", SimpleNamespace(perf_counter=lambda: seconds[0]))
     at = np.array([(0.2, 0.5), (0.4, 0.5)])
-    task = SteeringTask(SteeringProblem("square", at, at).world(gain=0.0), at, at, 1e-6, deadline=jit.working_time() + 2)
+    task = SteeringTask(
+        SteeringProblem("square", at, at).world(gain=0.0),
+        at,
+        at,
+        1e-6,
+        deadline=jit.working_time() + 2,
+    )
     with watch.Compiling():
         seconds[0] += 60
     assert not task.late

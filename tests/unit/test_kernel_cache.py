@@ -1,4 +1,6 @@
-"""Where compiled kernels are kept: no folder, damage, a full disk, several first runs and a kill are no reason to stop."""
+"""Where compiled kernels are kept: no folder, damage, a full disk, several first runs and a kill
+are no reason to stop.
+"""
 
 from __future__ import annotations
 
@@ -46,11 +48,18 @@ def script(tmp_path):
 
 
 def start(script, *kinds, prefix=(), **environment):
-    clean = {name: value for name, value in os.environ.items() if not name.startswith(("SHOAL_CACHE", "XDG_CACHE"))}
+    clean = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("SHOAL_CACHE", "XDG_CACHE"))
+    }
     return subprocess.Popen(
-        [*prefix, sys.executable, str(script), *kinds], env=clean | environment, text=True, stdout=subprocess.PIPE,
+        [*prefix, sys.executable, str(script), *kinds],
+        env=clean | environment,
+        text=True,
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-    )  # fmt: skip
+    )
 
 
 def played(script, *kinds, **more):
@@ -65,7 +74,9 @@ def played(script, *kinds, **more):
 def imported_module(script):
     """Return the module of the kernels, imported as if this process had begun anew."""
     cache.folder_of.cache_clear()
-    module = importlib.util.module_from_spec(importlib.util.spec_from_file_location(script.stem, script))
+    module = importlib.util.module_from_spec(
+        importlib.util.spec_from_file_location(script.stem, script)
+    )
     module.__spec__.loader.exec_module(module)
     return module
 
@@ -194,7 +205,9 @@ def test_functions_arrays_and_modules_that_a_kernel_uses_change_its_key(key_of, 
 
 
 def test_the_order_of_fields_is_part_of_what_is_compiled(key_of):
-    assert key_of('["first", "second"]', '["second", "first"]', kernel="counted") != key_of(kernel="counted")
+    assert key_of('["first", "second"]', '["second", "first"]', kernel="counted") != key_of(
+        kernel="counted"
+    )
     forms = []
     for fields in (["first", "second"], ["second", "first"]):
         pair = NamedTuple("Pair", [(field, int) for field in fields])
@@ -203,7 +216,10 @@ def test_the_order_of_fields_is_part_of_what_is_compiled(key_of):
 
 
 def test_a_kernel_that_calls_itself_has_a_key(key_of):
-    itself = "def scaled(number, by=1):\n    if number > 0:\n        return scaled(number - 1)\n    return by\n"
+    itself = (
+        "def scaled(number, by=1):\n    if number > 0:\n        return scaled(number - 1)\n   "
+        " return by\n"
+    )
     itself += "\ndef unused(number, by=1):"
     before = key_of("def scaled(number, by=1):", itself)
     assert len(before) == 16
@@ -211,7 +227,9 @@ def test_a_kernel_that_calls_itself_has_a_key(key_of):
 
 
 def test_a_value_that_cannot_be_described_never_fits(key_of):
-    text = KERNELS.replace("STEP = 3", "STEP = (3, open)").replace("STEP * number", "STEP[0] * number")
+    text = KERNELS.replace("STEP = 3", "STEP = (3, open)").replace(
+        "STEP * number", "STEP[0] * number"
+    )
     assert key_of(text=text) == key_of(text=text)
     text = text.replace("(3, open)", "(3, iter([]), lambda: 0, (each for each in ()))")
     assert key_of(text=text) != key_of(text=text)
@@ -219,7 +237,11 @@ def test_a_value_that_cannot_be_described_never_fits(key_of):
 
 def test_no_kernel_of_shoal_is_without_a_key():
     """A content key with random bytes would be compiled again in each process."""
-    for module in ("swarm.kernels.episodes.planner_episode", "steering.kernels.contact", "search.kernels.attaching"):
+    for module in (
+        "swarm.kernels.episodes.planner_episode",
+        "steering.kernels.contact",
+        "search.kernels.attaching",
+    ):
         kernels = vars(importlib.import_module(f"shoal.{module}")).values()
         kernels = [each for each in kernels if hasattr(each, "function")]
         before = [content_key(each) for each in kernels]
@@ -252,7 +274,9 @@ def test_numba_alone_compiles_where_its_inside_is_not_known(why, script, monkeyp
 
 
 def test_named_tuples_pass_by_pointer(tmp_path):
-    """Of named tuples in named tuples, chosen ones, and those that a kernel makes, each kernel sees the values it was given."""
+    """Of named tuples in named tuples, chosen ones, and those that a kernel makes, each kernel sees
+    the values it was given.
+    """
     (tmp_path / "tuples.py").write_text(TUPLES)
     module = imported_module(tmp_path / "tuples.py")
     inner, other = module.Inner(np.arange(3.0), 5), module.Inner(np.arange(3.0) + 10, 7)
@@ -262,7 +286,10 @@ def test_named_tuples_pass_by_pointer(tmp_path):
     assert module.swapped(outer, 4) == module.swapped.__wrapped__(outer, 4)
     assert module.made(outer) == module.made.__wrapped__(outer)
     assert module.counted(outer) == module.counted.__wrapped__(outer)
-    assert (outer.first.number, outer.second.number) == (5, 7)  # nothing was written into the tuples
+    assert (outer.first.number, outer.second.number) == (
+        5,
+        7,
+    )  # nothing was written into the tuples
 
 
 TUPLES = """
@@ -321,9 +348,14 @@ def counted(outer):
 """
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can become another user")
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can become another user"
+)
 def test_installed_by_root_and_used_by_somebody_without_a_home(script, tmp_path, tmp_path_factory):
-    shared, ours = Path(tempfile.gettempdir()), tmp_path_factory.getbasetemp()  # the latter may be anywhere
+    shared, ours = (
+        Path(tempfile.gettempdir()),
+        tmp_path_factory.getbasetemp(),
+    )  # the latter may be anywhere
     for folder in script.parents:
         if folder.is_relative_to(ours) or (folder != shared and folder.is_relative_to(shared)):
             folder.chmod(0o755)
@@ -332,7 +364,9 @@ def test_installed_by_root_and_used_by_somebody_without_a_home(script, tmp_path,
     temporary.chmod(0o1777)
     become = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups")
     reading = "import sys, shoal; open(sys.argv[1])"
-    reads = subprocess.run([*become, sys.executable, "-c", reading, str(script)], capture_output=True, check=False)
+    reads = subprocess.run(
+        [*become, sys.executable, "-c", reading, str(script)], capture_output=True, check=False
+    )
     if reads.returncode:
         pytest.skip("another user cannot read the installation, or the folder of the tests")
     place = {"HOME": "/nonexistent", "TMPDIR": str(temporary), "PYTHONDONTWRITEBYTECODE": "1"}
@@ -350,14 +384,22 @@ def test_installed_by_root_and_used_by_somebody_without_a_home(script, tmp_path,
 
 
 def test_a_kernel_in_the_cache_needs_no_numba(script):
-    """Importing Numba takes longer than most commands. Whatever is imported later works beside what is loaded."""
+    """Importing Numba takes longer than most commands. Whatever is imported later works beside what
+    is loaded.
+    """
     imported(script)
     program = """if True:
         import sys, numpy as np, small_kernels
         print(small_kernels.total(np.arange(4)), "numba" in sys.modules)
         print(small_kernels.total(np.arange(4.0)), "numba" in sys.modules)
         """
-    done = subprocess.run([sys.executable, "-c", program], cwd=script.parent, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=script.parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout.splitlines() == ["12 False", "12.0 True"]
 
 
@@ -373,11 +415,38 @@ def test_what_determines_a_compiled_form():
     numbers = np.zeros((4, 6))
     fixed = numbers.copy()
     fixed.setflags(write=False)
-    arrays = [numbers, numbers.astype(np.float32), numbers.ravel(), numbers[:, ::2], numbers.T, fixed, numbers.view(np.recarray)]
-    records = [np.rec.array(np.zeros(1, dtype=[(name, kind)]))[0] for name, kind in (("a", "i8"), ("b", "i8"), ("a", "f8"))]
-    values = [*arrays, *records, 1, 2**63, True, 1.0, None, np.int8(1), (1, 2), (1, 2.0), Pair(1, 2), Twin(1, 2), Pair(1, numbers)]
+    arrays = [
+        numbers,
+        numbers.astype(np.float32),
+        numbers.ravel(),
+        numbers[:, ::2],
+        numbers.T,
+        fixed,
+        numbers.view(np.recarray),
+    ]
+    records = [
+        np.rec.array(np.zeros(1, dtype=[(name, kind)]))[0]
+        for name, kind in (("a", "i8"), ("b", "i8"), ("a", "f8"))
+    ]
+    values = [
+        *arrays,
+        *records,
+        1,
+        2**63,
+        True,
+        1.0,
+        None,
+        np.int8(1),
+        (1, 2),
+        (1, 2.0),
+        Pair(1, 2),
+        Twin(1, 2),
+        Pair(1, numbers),
+    ]
     assert len({kinds_of_arguments((value,)) for value in values}) == len(values)
-    assert kinds_of_arguments((1, Pair(2, numbers))) == kinds_of_arguments((-5, Pair(7, numbers + 1)))
+    assert kinds_of_arguments((1, Pair(2, numbers))) == kinds_of_arguments(
+        (-5, Pair(7, numbers + 1))
+    )
     for value in ("text", [1], np.timedelta64(1), {}):
         with pytest.raises(TypeError):
             kinds_of_arguments((1, value))
@@ -385,24 +454,52 @@ def test_what_determines_a_compiled_form():
 
 def test_arguments_of_one_numba_type_share_machine_code():
     flat = np.zeros((1, 4))
-    values = [1, np.int64(2), True, np.bool_(0), 1.0, np.float64(2), np.float32(2), flat, flat.T, flat[:, ::2], np.zeros((3, 4))]
-    values += [np.zeros((3, 4)).T, np.zeros((0, 4)), (1, flat), (np.int64(1), np.zeros((3, 4))), (1.0, flat)]
+    values = [
+        1,
+        np.int64(2),
+        True,
+        np.bool_(0),
+        1.0,
+        np.float64(2),
+        np.float32(2),
+        flat,
+        flat.T,
+        flat[:, ::2],
+        np.zeros((3, 4)),
+    ]
+    values += [
+        np.zeros((3, 4)).T,
+        np.zeros((0, 4)),
+        (1, flat),
+        (np.int64(1), np.zeros((3, 4))),
+        (1.0, flat),
+    ]
     for one in values:
         for other in values:
-            same = compiled_form(kinds_of_arguments((one,))) == compiled_form(kinds_of_arguments((other,)))
+            same = compiled_form(kinds_of_arguments((one,))) == compiled_form(
+                kinds_of_arguments((other,))
+            )
             assert same == (typeof(one) == typeof(other)), (one, other)
 
 
 def test_damaged_files_are_replaced(script):
     imported(script)
     (whole,) = (script.parent / "__pycache__").glob("*.kernel")
-    for damage in (b"", b"\x80", b"garbage" * 99, whole.read_bytes()[:99], whole.read_bytes()[:-99]):
+    for damage in (
+        b"",
+        b"\x80",
+        b"garbage" * 99,
+        whole.read_bytes()[:99],
+        whole.read_bytes()[:-99],
+    ):
         whole.write_bytes(damage)
         assert [imported(script), imported(script)] == [(12, "compiled"), (12, "loaded")]
 
 
 def test_a_flipped_bit_is_never_run(script):
-    """Of 1,000 random places: machine code with a wrong bit may give wrong results, or end the process."""
+    """Of 1,000 random places: machine code with a wrong bit may give wrong results, or end the
+    process.
+    """
     imported(script)
     (file,) = (script.parent / "__pycache__").glob("*.kernel")
     whole = file.read_bytes()
@@ -420,7 +517,9 @@ def test_a_flipped_bit_is_never_run(script):
 
 
 def test_the_file_of_one_kernel_is_not_taken_for_that_of_another(script):
-    """A file that got another name, by a repair of the disk or by hand, is whole but compiled from something else."""
+    """A file that got another name, by a repair of the disk or by hand, is whole but compiled from
+    something else.
+    """
     module = imported_module(script)
     assert module.total(np.arange(4)) == 12
     assert module.total(np.arange(4.0)) == 12.0
@@ -432,12 +531,28 @@ def test_the_file_of_one_kernel_is_not_taken_for_that_of_another(script):
     for numbers in (np.arange(4), np.arange(4.0)):
         assert load_machine_code(again, kinds_of_arguments((numbers,))) is None
         assert again(numbers) == 12
-    assert all(load_machine_code(again, kinds_of_arguments((numbers,))) for numbers in (np.arange(4), np.arange(4.0)))
+    assert all(
+        load_machine_code(again, kinds_of_arguments((numbers,)))
+        for numbers in (np.arange(4), np.arange(4.0))
+    )
 
 
 def test_a_damaged_cache_of_a_whole_command(tmp_path):
-    """Five wrong bits in each file: the next command compiles, says nothing else, and gives the same moves."""
-    words = [sys.executable, "-m", "shoal", "map", "rectangle:6x6", "-n", "3", "--policy", "closest-frontier", "--json"]
+    """Five wrong bits in each file: the next command compiles, says nothing else, and gives the
+    same moves.
+    """
+    words = [
+        sys.executable,
+        "-m",
+        "shoal",
+        "map",
+        "rectangle:6x6",
+        "-n",
+        "3",
+        "--policy",
+        "closest-frontier",
+        "--json",
+    ]
     environment = {**os.environ, "SHOAL_CACHE": str(tmp_path)}
     environment["PYTHONPATH"] = str(Path(cache.__file__).parents[2])
 
@@ -457,13 +572,19 @@ def test_a_damaged_cache_of_a_whole_command(tmp_path):
             damaged[place // 8] ^= 1 << place % 8
         file.write_bytes(damaged)
     assert moves() == before
-    assert {file: len(file.read_bytes()) for file in files} == {file: len(content) for file, content in kept.items()}
+    assert {file: len(file.read_bytes()) for file in files} == {
+        file: len(content) for file, content in kept.items()
+    }
 
 
 def test_a_full_disk_costs_time_and_one_line(script, told, tmp_path, monkeypatch):
     small = tmp_path / "small"
     small.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=4k", "none", str(small)], capture_output=True, check=False)
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=4k", "none", str(small)],
+        capture_output=True,
+        check=False,
+    )
     if mounted.returncode:
         pytest.skip("no small disk can be mounted here")
     try:
@@ -482,7 +603,9 @@ def test_three_first_runs_at_once_and_a_killed_one(script):
         time.sleep(0.01)
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
-    runs = [start(script, *kinds) for kinds in (("int", "float"), ("float", "short"), ("short", "int"))]
+    runs = [
+        start(script, *kinds) for kinds in (("int", "float"), ("float", "short"), ("short", "int"))
+    ]
     assert [run.communicate(timeout=120)[0].splitlines()[0] for run in runs] == ["12.0 12.0"] * 3
     assert played(script, "int", "float", "short") == ("12.0 12.0 12.0", "loaded", [])
 
@@ -492,4 +615,6 @@ def test_a_kernel_from_the_cache_is_not_taken_for_another_that_was_made_alike(sc
     assert alone[0] != alone[1]
     for path in (script.parent / "__pycache__").glob("*nine_more*"):
         path.unlink()
-    assert played(script, "made", "one", "nine")[0] == " ".join(alone)  # one is loaded, then nine compiled
+    assert played(script, "made", "one", "nine")[0] == " ".join(
+        alone
+    )  # one is loaded, then nine compiled

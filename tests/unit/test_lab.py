@@ -20,7 +20,8 @@ PROBLEMS = [
 def test_same_for_any_workers(problem):
     workspace = open_map("cave:30x20")
     one, three, eight = (
-        run_trials(workspace, trials=12, workers=workers, seed=4, particles=25, **problem) for workers in (1, 3, 8)
+        run_trials(workspace, trials=12, workers=workers, seed=4, particles=25, **problem)
+        for workers in (1, 3, 8)
     )
     for a, b, c in zip(one, three, eight, strict=True):
         assert a.commands == b.commands == c.commands
@@ -64,8 +65,17 @@ def test_bad_numbers(numbers, words):
 
 
 def test_a_local_policy_runs_alone_and_is_refused_in_processes():
-    """A class that no other process can import: one worker plays it here, several say what to do."""
-    local = type("Local", (), {"name": "local", "decide": lambda self, view, memory, rng: ("lurd"[rng.integers(4)], None)})()
+    """A class that no other process can import: one worker plays it here, several say
+    what to do.
+    """
+    local = type(
+        "Local",
+        (),
+        {
+            "name": "local",
+            "decide": lambda self, view, memory, rng: ("lurd"[rng.integers(4)], None),
+        },
+    )()
     workspace = open_map("line:6")
     assert len(run_trials(workspace, trials=3, workers=1, policy=local, particles=3)) == 3
     with pytest.raises(InvalidInputError, match="other processes can import"):

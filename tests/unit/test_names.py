@@ -11,7 +11,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "shoal"
-# Verbs that the parts share, since who knows one part is to know the others, and what each format or view of a kind has.
+# Verbs that the parts share, since who knows one part is to know the others, and what each format
+# or view of a kind has.
 SHARED = {"run", "check", "main", "scan", "write", "clip_of", "page_data", "player_page"}
 
 
@@ -28,14 +29,60 @@ def test_no_two_public_things_share_a_name():
         ):  # kernels have no users but their own part; a command is named by its verb
             continue
         for node in tree.body:
-            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_") and node.name not in SHARED:
+            if (
+                isinstance(node, ast.FunctionDef | ast.ClassDef)
+                and not node.name.startswith("_")
+                and node.name not in SHARED
+            ):
                 homes[node.name].append(str(path))
     assert {name: where for name, where in homes.items() if len(where) > 1} == {}
 
 
-@pytest.mark.parametrize("old", ["ways", "gates", "rings", "standing", "rising", "lifting", "played", "sharing", "sight", "seen",
-    "asking", "wonder", "manner", "ground", "passages", "corners", "stops", "judgement", "arrivals", "assembling", "named",
-    "methods", "fleet", "presence", "pilot", "heights", "growing", "opposite", "filling", "plays", "mending", "foresight", "guess",
-    "experience", "prospect", "survey", "planned", "crews", "claim", "looks", "plant"])  # fmt: skip
+@pytest.mark.parametrize(
+    "old",
+    [
+        "ways",
+        "gates",
+        "rings",
+        "standing",
+        "rising",
+        "lifting",
+        "played",
+        "sharing",
+        "sight",
+        "seen",
+        "asking",
+        "wonder",
+        "manner",
+        "ground",
+        "passages",
+        "corners",
+        "stops",
+        "judgement",
+        "arrivals",
+        "assembling",
+        "named",
+        "methods",
+        "fleet",
+        "presence",
+        "pilot",
+        "heights",
+        "growing",
+        "opposite",
+        "filling",
+        "plays",
+        "mending",
+        "foresight",
+        "guess",
+        "experience",
+        "prospect",
+        "survey",
+        "planned",
+        "crews",
+        "claim",
+        "looks",
+        "plant",
+    ],
+)
 def test_no_module_has_a_private_word(old):
     assert [str(path) for path in SOURCE.rglob(f"{old}.py")] == []

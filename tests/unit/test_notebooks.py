@@ -15,9 +15,17 @@ NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 
 def told(notebook):
     """Return what each cell says in words, and the kinds of what else it shows."""
-    outputs = [output for cell in notebook["cells"] if cell["cell_type"] == "code" for output in cell["outputs"]]
+    outputs = [
+        output
+        for cell in notebook["cells"]
+        if cell["cell_type"] == "code"
+        for output in cell["outputs"]
+    ]
     return [
-        ("".join(output.get("text", output.get("data", {}).get("text/plain", []))), sorted(output.get("data", {})))
+        (
+            "".join(output.get("text", output.get("data", {}).get("text/plain", []))),
+            sorted(output.get("data", {})),
+        )
         for output in outputs
     ]
 
@@ -32,4 +40,6 @@ def test_a_notebook_shows_what_it_holds(path):
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     held = json.loads(path.read_text())
-    assert told(module.run_notebook(deepcopy(held))) == told(held), "run: python docs/run_notebooks.py"
+    assert told(module.run_notebook(deepcopy(held))) == told(held), (
+        "run: python docs/run_notebooks.py"
+    )

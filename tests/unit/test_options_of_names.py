@@ -1,4 +1,6 @@
-"""MODULE:ATTRIBUTE:OPTION=VALUE: a user's own policy, task, placement, planner, tour and allocation take options."""
+"""MODULE:ATTRIBUTE:OPTION=VALUE: a user's own policy, task, placement, planner, tour and allocation
+take options.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +20,10 @@ from shoal.steering.planners import PLANNERS
 from shoal.steering.problem import PLANNER_NAMES
 
 MODULE = """
-from shoal.search.allocation.allocators import hop, stay
+from shoal.search.allocation.allocate import hop, stay
 from shoal.search.tours import TOURS
 from shoal.steering.planners import PLANNERS
-from shoal.swarm.grid.placements import left_wall, uniform
+from shoal.swarm.grid.tasks import left_wall, uniform
 from shoal.swarm.grid.tasks import TASKS
 from shoal.swarm.policies import POLICIES
 
@@ -80,7 +82,12 @@ SEARCH = ("search", "square:60", "--robots", "3")
 CASES = [
     (SWARM, "policy", "Dither", ("policy", 0.5, "dither", False, 1, None)),
     (SWARM, "policy", "Dither:p=0.3", ("policy", 0.3, "dither", False, 1, None)),
-    (SWARM, "policy", "Dither:0.3,loud=true,steps=7,extra=2.5", ("policy", 0.3, "dither", True, 7, 2.5)),
+    (
+        SWARM,
+        "policy",
+        "Dither:0.3,loud=true,steps=7,extra=2.5",
+        ("policy", 0.3, "dither", True, 7, 2.5),
+    ),
     (SWARM, "policy", "Dither:name=x,extra=far", ("policy", 0.5, "x", False, 1, "far")),
     (SWARM, "task", "Task:share=0.25", ("task", 0.25)),
     (SWARM, "placement", "placement:side=right", ("placement", "right")),
@@ -92,13 +99,19 @@ CASES = [
     (SEARCH, "allocation", "allocation", ("allocation", False)),
 ]
 REFUSED = [
-    ("Dither:q=1", "the policy 'own_things:Dither' has no option 'q' (it has p, name, loud, steps, extra)"),
+    (
+        "Dither:q=1",
+        "the policy 'own_things:Dither' has no option 'q' (it has p, name, loud, steps, extra)",
+    ),
     ("Dither:p=high", "the policy 'own_things:Dither': p: expected a number, got 'high'"),
     ("Dither:p=1,p=2", "expected the option 'p' once"),
     ("Dither:steps=0.5", "steps: expected a whole number, got '0.5'"),
     ("Dither:loud=yes", "loud: expected true or false, got 'yes'"),
     ("Needy", "expected a class without arguments: missing a required argument: 'p'"),
-    ("Needy:p=2", "cannot create the policy 'own_things:Needy': ZeroDivisionError: float division by zero"),
+    (
+        "Needy:p=2",
+        "cannot create the policy 'own_things:Needy': ZeroDivisionError: float division by zero",
+    ),
     ("Nobody:p=2", "cannot import the policy 'own_things:Nobody'"),
 ]
 
@@ -111,13 +124,32 @@ def own_things(tmp_path, monkeypatch):
     return __import__("own_things")
 
 
-@pytest.mark.parametrize(("words", "field", "name", "made"), CASES, ids=[f"{field} {name}" for _, field, name, _ in CASES])
+@pytest.mark.parametrize(
+    ("words", "field", "name", "made"),
+    CASES,
+    ids=[f"{field} {name}" for _, field, name, _ in CASES],
+)
 def test_options_reach_what_is_named(words, field, name, made, own_things, tmp_path, capsys):
     if field != "task":  # of commands it is their name
-        assert command([*words, f"--{field}", f"own_things:{name}", "--out", str(tmp_path / "out"), "--json"]) == 0
+        assert (
+            command(
+                [
+                    *words,
+                    f"--{field}",
+                    f"own_things:{name}",
+                    "--out",
+                    str(tmp_path / "out"),
+                    "--json",
+                ]
+            )
+            == 0
+        )
         assert own_things.seen[0] == made
         json.loads(capsys.readouterr().out)
-    fields = {"map": {"particles": 5, "max_moves": 20}, "search": {"robots": 3, "footprint": 10}}.get(words[0])
+    fields = {
+        "map": {"particles": 5, "max_moves": 20},
+        "search": {"robots": 3, "footprint": 10},
+    }.get(words[0])
     if fields is not None:
         episode = shoal.run(words[1], **fields, **{field: f"own_things:{name}"})
         file = tmp_path / ("episode.npz" if words is SWARM else "episode.json")

@@ -1,4 +1,6 @@
-"""One declaration of a problem: command, sweep, file and reference have every field, with the same default."""
+"""One declaration of a problem: command, sweep, file and reference have every field, with the same
+default.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +13,9 @@ import numpy as np
 import pytest
 
 import shoal
+from shoal import parts
 from shoal.cli import run
 from shoal.cli.commands import command
-from shoal.core import parts
 from shoal.core.errors import InvalidInputError
 from shoal.lab import problems
 
@@ -21,12 +23,18 @@ ROOT = Path(__file__).parents[2]
 REFERENCE = (ROOT / "docs" / "reference" / "problems.md").read_text()
 SMALLEST = {
     "swarm": {"map": "maze:9x7", "particles": 4},
-    "steering": {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]},
+    "steering": {
+        "workspace": "square",
+        "start": [[0.2, 0.3], [0.5, 0.35]],
+        "goal": [[0.8, 0.2], [0.3, 0.75]],
+    },
     "search": {"region": "square:60", "robots": 3, "footprint": 10.0},
 }
 NEEDED = {
-    "confidence": {"slip": 0.0}, "detection": {"targets": 0}, "varied": {"goal_x": 0.3, "goal_y": 0.4},
-}  # fmt: skip
+    "confidence": {"slip": 0.0},
+    "detection": {"targets": 0},
+    "varied": {"goal_x": 0.3, "goal_y": 0.4},
+}
 """What a problem must state beside a field that has an effect on some problems only."""
 COMMANDS = {"swarm": ("map", "cover"), "steering": ("steer",), "search": ("search",)}
 FIELDS = [(part, name) for part in parts.PARTS for name in parts.problem_type(part).declarations()]
@@ -39,7 +47,12 @@ def test_every_field_is_everywhere_with_one_default(part, name):
     smallest = kind(**SMALLEST[part])
     value = smallest.to_dict(defaults=True)[name]
     # the command; map and cover are named by the task, and each offers what its task has
-    offered = [one for name_of_command in COMMANDS[part] for one in command(name_of_command).params if one.name == name]
+    offered = [
+        one
+        for name_of_command in COMMANDS[part]
+        for one in command(name_of_command).params
+        if one.name == name
+    ]
     assert offered or (part, name) == ("swarm", "task"), f"no command has an option for {name}"
     for one in offered:
         if declared.option.argument:  # a command asks for its map, workspace or region
@@ -47,7 +60,11 @@ def test_every_field_is_everywhere_with_one_default(part, name):
             continue
         shown = one.show_default if isinstance(one.show_default, str) else one.default
         unsaid = (None, False, "", ())  # no default that a command's help could show
-        assert declared.required or str(shown) == str(declared.default) or (shown in unsaid and declared.default in unsaid)
+        assert (
+            declared.required
+            or str(shown) == str(declared.default)
+            or (shown in unsaid and declared.default in unsaid)
+        )
     # a sweep and a file
     fields = {"kind": part} | SMALLEST[part] | NEEDED.get(name, {})
     assert problems.trial_problem(fields) == problems.trial_problem(fields | {name: value})
@@ -56,7 +73,9 @@ def test_every_field_is_everywhere_with_one_default(part, name):
     section = REFERENCE.partition(f'## kind = "{part}"')[2].partition("\n## ")[0]
     row = re.search(rf"^\| `{name}` \|[^|]*\|([^|]*)\|", section, re.M)
     assert row is not None, "run: python docs/generate_reference.py"
-    assert declared.required or row[1].strip() == ("none" if declared.default is None else f"`{declared.default}`")
+    assert declared.required or row[1].strip() == (
+        "none" if declared.default is None else f"`{declared.default}`"
+    )
 
 
 @pytest.mark.parametrize("part", parts.PARTS)
@@ -94,12 +113,18 @@ def test_short_forms():
         shoal.run("vessels:300", partcles=5)
     with pytest.raises(InvalidInputError, match="expected fields of one part"):
         shoal.run("vessels:300", particles=5, robots=3)
-    with pytest.raises(InvalidInputError, match=r"vesels: expected no such field, got True \(did you mean 'vessels'\?\)"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"vesels: expected no such field, got True \(did you mean 'vessels'\?\)",
+    ):
         shoal.run("maze:9x7", vesels=True)
 
 
 def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
-    with pytest.raises(InvalidInputError, match=r"problem: partcles: expected no such field, got 3 \(did you mean 'particles'\?\)"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"problem: partcles: expected no such field, got 3 \(did you mean 'particles'\?\)",
+    ):
         parts.problem_of({"kind": "swarm", "map": "line:9", "partcles": 3})
 
 
@@ -108,24 +133,65 @@ def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
     [
         (["map", "line:7", "--cell-size", "a"], "--cell-size: expected MM, got 'a'"),
         (["map", "line:7", "--start", "a,b"], "--start: expected CELLS, got 'a,b'"),
-        (["map", "line:7", "--start", "0,1", "--placement", "uniform"], "placement: expected no placement together with start"),
-        (["map", "line:7", "--start", "0,1", "-n", "100"], "particles: expected 1, the number of start cells, got 100"),
-        (["map", "line:7", "--confidence", "0.99"], "confidence: expected a confidence only together with noise"),
-        (["drive", "line:7", "--rig", "simulated", "--end-after", "60"], "end-after: expected a rig behind a connection"),
+        (
+            ["map", "line:7", "--start", "0,1", "--placement", "uniform"],
+            "placement: expected no placement together with start",
+        ),
+        (
+            ["map", "line:7", "--start", "0,1", "-n", "100"],
+            "particles: expected 1, the number of start cells, got 100",
+        ),
+        (
+            ["map", "line:7", "--confidence", "0.99"],
+            "confidence: expected a confidence only together with noise",
+        ),
+        (
+            ["drive", "line:7", "--rig", "simulated", "--end-after", "60"],
+            "end-after: expected a rig behind a connection",
+        ),
         (["drive", "--rig", "exec:true", "--rule", "block"], "rule: expected the rig simulated"),
         (["search", "square:60", "--detection", "1"], "detection: expected targets"),
-        (["search", "square:60", "--launch", "1,1", "--starts", "random"], "starts: expected no starts together with launch"),
-        (["search", "square:60", "--live", "9", "--simulate"], "simulate: expected no choice for a live search"),
-        (["search", "square:60", "--autopilot", "px4"], "--autopilot: expected --missions DIR together with it, got px4 alone"),
-        (["search", "square:60", "--separation", "10,5"], "--separation: expected --missions DIR together with it, got 10,5 alone"),
-        (["search", "square:60", "--missions", "m", "--terrain-error", "1"], "terrain_error: expected a terrain file"),
-        (["missions", "check", ".", "square:60", "--least", "0.999"], "--least: expected --footprint, or a --vehicle"),
-        (["missions", "check", ".", "square:60", "--terrain-error", "1"], "--terrain-error: expected --terrain together with it"),
-        (["missions", "check", ".", "square:60", "--separation", "0", "--delay-tolerance", "10"], "delay_tolerance: expected a"),
-        (["steer", "square", "--varied", "2"], "varied: expected goal_x and goal_y together with varied"),
+        (
+            ["search", "square:60", "--launch", "1,1", "--starts", "random"],
+            "starts: expected no starts together with launch",
+        ),
+        (
+            ["search", "square:60", "--live", "9", "--simulate"],
+            "simulate: expected no choice for a live search",
+        ),
+        (
+            ["search", "square:60", "--autopilot", "px4"],
+            "--autopilot: expected --missions DIR together with it, got px4 alone",
+        ),
+        (
+            ["search", "square:60", "--separation", "10,5"],
+            "--separation: expected --missions DIR together with it, got 10,5 alone",
+        ),
+        (
+            ["search", "square:60", "--missions", "m", "--terrain-error", "1"],
+            "terrain_error: expected a terrain file",
+        ),
+        (
+            ["missions", "check", ".", "square:60", "--least", "0.999"],
+            "--least: expected --footprint, or a --vehicle",
+        ),
+        (
+            ["missions", "check", ".", "square:60", "--terrain-error", "1"],
+            "--terrain-error: expected --terrain together with it",
+        ),
+        (
+            ["missions", "check", ".", "square:60", "--separation", "0", "--delay-tolerance", "10"],
+            "delay_tolerance: expected a",
+        ),
+        (
+            ["steer", "square", "--varied", "2"],
+            "varied: expected goal_x and goal_y together with varied",
+        ),
     ],
-)  # fmt: skip
-def test_an_option_without_effect_is_refused_at_its_default(words, said, tmp_path, monkeypatch, capsys):
+)
+def test_an_option_without_effect_is_refused_at_its_default(
+    words, said, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert run(words) == 2
     told = capsys.readouterr().err

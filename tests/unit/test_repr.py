@@ -1,4 +1,6 @@
-"""What a prompt shows of an object is one line, however much the object holds; a large map is not printed as its rows."""
+"""What a prompt shows of an object is one line, however much the object holds; a large map is not
+printed as its rows.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ import shoal
 from shoal import GridWorkspace, open_map
 from shoal.core.dataclass import one_line
 from shoal.swarm.grid.board import Board
-from shoal.swarm.maps.raster import MOST_LINES
+from shoal.swarm.maps.workspace import MOST_LINES
 
 LONGEST = 3000  # characters
 LARGE = {
@@ -41,7 +43,9 @@ def records():
 
 
 def value_for(annotation):
-    return next((value for words, value in LARGE.items() if re.search(rf"\b({words})\b", annotation)), 1)
+    return next(
+        (value for words, value in LARGE.items() if re.search(rf"\b({words})\b", annotation)), 1
+    )
 
 
 def test_every_record_is_told_in_one_line():
@@ -68,7 +72,9 @@ def test_every_record_is_told_in_one_line():
     [
         lambda: open_map("vessels3d:400"),
         lambda: run(open_map("vessels3d:60"), particles=9, policy="closest-frontier"),
-        lambda: run(open_map("cave:20x15"), particles=9, policy="closest-frontier", slip=0.1, seed=2),
+        lambda: run(
+            open_map("cave:20x15"), particles=9, policy="closest-frontier", slip=0.1, seed=2
+        ),
         lambda: shoal.run("disk", start=[(0, 0), (0.2, 0.4)], goal=[(0.3, 0), (-0.3, 0)]),
         lambda: shoal.run("rectangle:60x40", robots=3, footprint=10),
     ],
@@ -78,13 +84,21 @@ def test_what_is_reached_from_an_object_is_told_in_one_line(made):
     seen, waiting = set(), [made()]
     while waiting:
         thing = waiting.pop()
-        if id(thing) in seen or not re.match(r"shoal\.(?!.*kernels)", type(thing).__module__) or len(seen) > 300:
+        if (
+            id(thing) in seen
+            or not re.match(r"shoal\.(?!.*kernels)", type(thing).__module__)
+            or len(seen) > 300
+        ):
             continue
         seen.add(id(thing))
         assert "\n" not in repr(thing), type(thing)
         assert len(repr(thing)) < LONGEST, type(thing)
         assert str(thing).count("\n") < 2 * MOST_LINES, type(thing)
-        waiting += [getattr(thing, name, None) for name in vars(thing)] if hasattr(thing, "__dict__") else []
+        waiting += (
+            [getattr(thing, name, None) for name in vars(thing)]
+            if hasattr(thing, "__dict__")
+            else []
+        )
     assert len(seen) > (0 if isinstance(made(), GridWorkspace) else 2)
 
 
@@ -101,4 +115,6 @@ def test_a_large_map_is_not_printed_as_its_rows():
 def test_dataclasses_are_the_librarys_own():
     for path in Path(shoal.__file__).parent.rglob("*.py"):
         if path.name != "dataclass.py":
-            assert not re.search(r"^from dataclasses import .*\bdataclass\b", path.read_text(), re.M), path
+            assert not re.search(
+                r"^from dataclasses import .*\bdataclass\b", path.read_text(), re.M
+            ), path

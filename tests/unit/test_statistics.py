@@ -8,8 +8,7 @@ from scipy import stats
 
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep
-from shoal.lab.statistics import compare, estimate, number_text
-from shoal.lab.summaries import compare_along, summarise
+from shoal.lab.statistics import compare, compare_along, estimate, number_text, summarise
 
 NUMBER = {"kind": "function", "function": "tests.unit.sweep_functions:number"}
 
@@ -38,15 +37,26 @@ def test_counts_get_intervals_on_a_logarithmic_scale_which_hold_a_skewed_mean_mo
 @pytest.mark.parametrize("method", ["t", "bootstrap"])
 def test_intervals_hold_the_mean_as_often_as_they_say(method):
     rng, times = np.random.default_rng(3), 150 if method == "bootstrap" else 2000
-    held = sum((e := estimate(rng.normal(0, 1, 30), method=method)).low <= 0 <= e.high for _ in range(times)) / times
+    held = (
+        sum(
+            (e := estimate(rng.normal(0, 1, 30), method=method)).low <= 0 <= e.high
+            for _ in range(times)
+        )
+        / times
+    )
     assert abs(held - 0.95) < 4.5 * (0.95 * 0.05 / times) ** 0.5 + 0.01
 
 
 def test_intervals_are_told_with_four_digits():
     assert str(estimate([446.8331, 515.04, 460.177], method="t")) == "474 [384.2, 563.8]"
     assert [number_text(value) for value in (0, 0.123456, 9.99996, 123456.7, -2.5e-7, np.inf)] == [
-        "0", "0.1235", "10", "123457", "-2.5e-07", "inf",
-    ]  # fmt: skip
+        "0",
+        "0.1235",
+        "10",
+        "123457",
+        "-2.5e-07",
+        "inf",
+    ]
 
 
 def test_single_and_equal_values():
@@ -102,14 +112,20 @@ def test_sweeps_are_summarised_and_compared_along_paired_axes(tmp_path):
         values = {}
         for factor, pause, _, _, value, *_ in store.rows("s"):
             values.setdefault((factor, pause), []).append(value)
-        assert [row.estimate.mean for row in rows] == [np.mean(values[tuple(row.values.values())]) for row in rows]
+        assert [row.estimate.mean for row in rows] == [
+            np.mean(values[tuple(row.values.values())]) for row in rows
+        ]
         assert all(row.missing == 0 for row in rows)
         pairs = compare_along(store, "s", "value", "factor")
-        assert [(others, first, second) for others, first, second, _ in pairs] == [({"pause": p}, 1, 3) for p in (0.0, 1e-6)]
+        assert [(others, first, second) for others, first, second, _ in pairs] == [
+            ({"pause": p}, 1, 3) for p in (0.0, 1e-6)
+        ]
         assert all(found.ratio == pytest.approx(3) for *_, found in pairs)
         with pytest.raises(InvalidInputError, match=r"expected a paired axis \(factor\)"):
             compare_along(store, "s", "value", "pause")
-        with pytest.raises(InvalidInputError, match="measure: expected one of value, half, word, got 'moves'"):
+        with pytest.raises(
+            InvalidInputError, match="measure: expected one of value, half, word, got 'moves'"
+        ):
             summarise(store, "s", "moves")
         with pytest.raises(InvalidInputError, match="expected a measure with numbers, got 'word'"):
             summarise(store, "s", "word")
@@ -123,7 +139,10 @@ def test_trials_that_did_not_finish_are_counted_and_never_averaged_as_if_they_ha
     sweep = Sweep(name="s", problem=problem, axes=axes, trials=6, paired=("policy",))
     run_sweep(sweep, tmp_path / "s", workers=0)
     with Store(tmp_path / "s") as store:
-        rows = {(row.values["policy"], row.values["max_moves"]): row for row in summarise(store, "s", "moves")}
+        rows = {
+            (row.values["policy"], row.values["max_moves"]): row
+            for row in summarise(store, "s", "moves")
+        }
         all_of = {key: [] for key in rows}
         for policy, most, _, _, status, moves, *_ in store.rows("s"):
             all_of[policy, most].append((status, moves))
@@ -137,12 +156,17 @@ def test_trials_that_did_not_finish_are_counted_and_never_averaged_as_if_they_ha
                 assert row.estimate is None
                 assert str(row) == f"more than {key[1]}: 0 of 6 trials completed"
             else:
-                assert row.estimate.mean == np.mean([min(moves, key[1]) for _, moves in all_of[key]])
+                assert row.estimate.mean == np.mean(
+                    [min(moves, key[1]) for _, moves in all_of[key]]
+                )
                 assert str(row).startswith(f"restricted mean to {key[1]}: ")
                 assert str(row).endswith(f"({len(done)} of 6 trials completed)")
         assert {len([m for s, m in all_of[key] if s == "complete"]) for key in rows} >= {0, 6}
         assert any(0 < row.completed < 6 for row in rows.values())
-        compared = {others["max_moves"]: found for others, _, _, found in compare_along(store, "s", "moves", "policy")}
+        compared = {
+            others["max_moves"]: found
+            for others, _, _, found in compare_along(store, "s", "moves", "policy")
+        }
         assert compared[5] is None
         assert compared[5000].unfinished > 0
         assert compared[5000].bound == 5000
@@ -152,14 +176,23 @@ def test_trials_that_did_not_finish_are_counted_and_never_averaged_as_if_they_ha
 
 
 def test_intervals_of_two_lines_do_not_hide_each_other():
-    """The figure of a sweep: the intervals at one value of the axis stand side by side, and their mean stays in its place."""
-    from shoal.views.drawing.means import PointMean, means_figure
+    """The figure of a sweep: the intervals at one value of the axis stand side by side, and their
+    mean stays in its place.
+    """
+    from shoal.views.drawing.curves import PointMean, means_figure
 
     for places in ([10, 100], [-1, 1]):
-        means = [PointMean({"n": n, "policy": policy}, 3.0, 2.0, 4.0) for policy in ("a", "b") for n in places]
+        means = [
+            PointMean({"n": n, "policy": policy}, 3.0, 2.0, 4.0)
+            for policy in ("a", "b")
+            for n in places
+        ]
         axes = means_figure(means, title="mine", measure="moves").axes[0]
         first, second = (
-            axes.transData.transform(np.column_stack([line[0].get_xdata(), line[0].get_ydata()]))[:, 0] for line in axes.containers
+            axes.transData.transform(np.column_stack([line[0].get_xdata(), line[0].get_ydata()]))[
+                :, 0
+            ]
+            for line in axes.containers
         )
         middle = axes.transData.transform([(place, 3.0) for place in places])[:, 0]
         assert (second - first > 3).all()
@@ -172,11 +205,15 @@ def test_differences_by_the_method_log_are_ratios_on_a_log_scale():
     a = rng.lognormal(3, 1, size=400)
     found = compare(a, 2 * a * rng.lognormal(0, 0.05, size=400), method="log")
     assert found.ratio_low < 2 < found.ratio_high < 2.05
-    assert found.ratio_low * found.ratio_high == pytest.approx(found.ratio**2)  # symmetric on a log scale
+    assert found.ratio_low * found.ratio_high == pytest.approx(
+        found.ratio**2
+    )  # symmetric on a log scale
     assert found.difference.method == "t"
     swapped = compare([9, 11, 12, 13], [10, 12, 14, 16], method="log")
     forth = compare([10, 12, 14, 16], [9, 11, 12, 13], method="log")
-    assert (1 / swapped.ratio_high, 1 / swapped.ratio_low) == pytest.approx((forth.ratio_low, forth.ratio_high))
+    assert (1 / swapped.ratio_high, 1 / swapped.ratio_low) == pytest.approx(
+        (forth.ratio_low, forth.ratio_high)
+    )
     assert compare([10, 12], [9, 11]).ratio_low is None
     with pytest.raises(InvalidInputError, match="method log: expected values of 0 or more, got -1"):
         compare([1, -1, 3], [1, 2, 3], method="log")
@@ -188,7 +225,10 @@ def test_intervals_of_ratios_hold_the_ratio_as_often_as_they_say():
     held = 0
     for _ in range(400):
         shared = rng.lognormal(4, 0.5, size=15)
-        a, b = shared * rng.lognormal(0, 0.3, size=15), 1.5 * shared * rng.lognormal(0, 0.3, size=15)
+        a, b = (
+            shared * rng.lognormal(0, 0.3, size=15),
+            1.5 * shared * rng.lognormal(0, 0.3, size=15),
+        )
         found = compare(a, b, method="log")
         held += found.ratio_low <= 1.5 <= found.ratio_high
     assert 0.9 < held / 400 < 0.99

@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 
 import shoal
-from shoal.core import parts
+from shoal import parts
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep
 from shoal.lab.coordinator import prepare
 
 HUGE = "1" + "0" * 400
-PLACES = {"swarm": '"map": "line:9"', "steering": '"workspace": "square"', "search": '"region": "square:60"'}
+PLACES = {
+    "swarm": '"map": "line:9"',
+    "steering": '"workspace": "square"',
+    "search": '"region": "square:60"',
+}
 VALUES = [
     HUGE,
     "-" + HUGE,
@@ -95,7 +99,15 @@ def test_sweep_files(tmp_path):
         for value in TOML_VALUES:
             path.write_text(TOML.format(*GOOD[:number], value, *GOOD[number + 1 :]))
             assert is_taken_or_refused(lambda: prepare(Sweep.load(path))), (number, value[:60])
-    for raw in (b"\xff\xfe", b'name = "\xe9"', b"\0", b"a = " + b"[" * 100_000, b"a." * 5000 + b"a = 1", b"", b"x" * 11_000_000):
+    for raw in (
+        b"\xff\xfe",
+        b'name = "\xe9"',
+        b"\0",
+        b"a = " + b"[" * 100_000,
+        b"a." * 5000 + b"a = 1",
+        b"",
+        b"x" * 11_000_000,
+    ):
         path.write_bytes(raw)
         with pytest.raises(ShoalError):
             Sweep.load(path)
@@ -108,5 +120,7 @@ def test_an_episode_that_unfolds_to_millions_of_commands_is_not_unfolded(tmp_pat
         arrays = dict(archive)
     np.savez_compressed(path, **arrays | {"commands": np.zeros(30_000_000, dtype=np.int8)})
     monkeypatch.setattr(np, "load", None)  # what would unfold it
-    with pytest.raises(InvalidInputError, match="commands: expected at most 20000000 bytes, got 30000128"):
+    with pytest.raises(
+        InvalidInputError, match="commands: expected at most 20000000 bytes, got 30000128"
+    ):
         shoal.load(path)

@@ -1,4 +1,6 @@
-"""Files of strangers run no code: what they name as MODULE:ATTRIBUTE is refused, unless they are trusted."""
+"""Files of strangers run no code: what they name as MODULE:ATTRIBUTE is refused, unless they are
+trusted.
+"""
 
 from __future__ import annotations
 
@@ -10,24 +12,23 @@ import numpy as np
 import pytest
 
 import shoal
+from shoal import parts
 from shoal.cli import run as command
-from shoal.core import parts
 from shoal.core.errors import InvalidInputError
-from shoal.search.allocation.allocators import ALLOCATORS
+from shoal.rigs.log import read_log
+from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.tours import TOURS
 from shoal.steering.planners import PLANNERS
-from shoal.swarm.grid.placements import PLACEMENTS
-from shoal.swarm.grid.tasks import TASKS
+from shoal.swarm.grid.tasks import PLACEMENTS, TASKS
 from shoal.swarm.policies import POLICIES
-from shoal.swarm.rigs.log import read_log
 
 MODULE = """
 import pathlib
 pathlib.Path({mark!r}).touch()
-from shoal.search.allocation.allocators import ALLOCATORS
+from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.tours import TOURS
 from shoal.steering.planners import PLANNERS
-from shoal.swarm.grid.placements import PLACEMENTS
+from shoal.swarm.grid.tasks import PLACEMENTS
 from shoal.swarm.grid.tasks import TASKS
 from shoal.swarm.policies import POLICIES
 Task, Policy, Placement = TASKS.get("mapping"), POLICIES.get("closest-frontier"), PLACEMENTS.get("uniform")
@@ -36,11 +37,25 @@ Planner, Tour, Allocation = PLANNERS.get("greedy"), TOURS.get("comb"), ALLOCATOR
 STEER = {"kind": "steering", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
 PROBLEMS = [
     ("task", {"kind": "swarm", "map": "line:9", "particles": 3, "task": "foreign:Task"}),
-    ("policy", {"kind": "swarm", "map": "line:9", "particles": 3, "policy": "foreign:Policy:ties=row-major"}),
-    ("placement", {"kind": "swarm", "map": "line:9", "particles": 3, "placement": "foreign:Placement"}),
+    (
+        "policy",
+        {
+            "kind": "swarm",
+            "map": "line:9",
+            "particles": 3,
+            "policy": "foreign:Policy:ties=row-major",
+        },
+    ),
+    (
+        "placement",
+        {"kind": "swarm", "map": "line:9", "particles": 3, "placement": "foreign:Placement"},
+    ),
     ("planner", STEER | {"planner": "foreign:Planner"}),
     ("tour", {"kind": "search", "region": "square:60", "robots": 3, "tour": "foreign:Tour"}),
-    ("allocation", {"kind": "search", "region": "square:60", "robots": 3, "allocation": "foreign:Allocation"}),
+    (
+        "allocation",
+        {"kind": "search", "region": "square:60", "robots": 3, "allocation": "foreign:Allocation"},
+    ),
 ]
 RUN_BY_A_REPLAY = ("task", "tour", "allocation")
 
@@ -69,7 +84,9 @@ def test_the_names_of_the_declarations_are_those_of_the_registries():
         for name, one in parts.problem_type(part).declarations().items()
         if one.option.names is not None
     }
-    assert {name: sorted(names) for name, names in declared.items()} == {name: sorted(found) for name, found in registries.items()}
+    assert {name: sorted(names) for name, names in declared.items()} == {
+        name: sorted(found) for name, found in registries.items()
+    }
     for part in parts.PARTS:  # whoever adds a field that takes code must say so
         for name, one in parts.problem_type(part).declarations().items():
             assert ("MODULE:ATTRIBUTE" in one.option.help) == (one.option.names is not None), name
@@ -79,7 +96,10 @@ def test_the_names_of_the_declarations_are_those_of_the_registries():
 def test_problem_files_and_episodes(field, problem, mark, tmp_path, capsys):
     path = tmp_path / "problem.json"
     path.write_text(json.dumps(problem))
-    with pytest.raises(InvalidInputError, match=rf"problem.json: {field}: .*code of the Python module 'foreign'.*--trust"):
+    with pytest.raises(
+        InvalidInputError,
+        match=rf"problem.json: {field}: .*code of the Python module 'foreign'.*--trust",
+    ):
         shoal.load_problem(path)
     verb = {"swarm": "map", "steering": "steer", "search": "search"}[problem["kind"]]
     assert command([verb, str(path)]) == 2
@@ -96,7 +116,10 @@ def test_problem_files_and_episodes(field, problem, mark, tmp_path, capsys):
         assert {"status", "reason"} & set(json.loads(capsys.readouterr().out))
     # the episode: refused where a replay would run the code, opened where it would not
     if field in RUN_BY_A_REPLAY:
-        with pytest.raises(InvalidInputError, match=rf"{field}: .*runs the code of the Python module 'foreign'.*trust=True"):
+        with pytest.raises(
+            InvalidInputError,
+            match=rf"{field}: .*runs the code of the Python module 'foreign'.*trust=True",
+        ):
             shoal.load(saved)
         assert command(["replay", str(saved)]) == 2
         capsys.readouterr()
@@ -122,7 +145,9 @@ def test_reading_an_episode_imports_nothing(mark, tmp_path):
 
 
 def test_logs_of_drives(mark, tmp_path):
-    assert command(["drive", "line:9", "-n", "3", "--log", str(tmp_path / "log.jsonl"), "--json"]) == 0
+    assert (
+        command(["drive", "line:9", "-n", "3", "--log", str(tmp_path / "log.jsonl"), "--json"]) == 0
+    )
     lines = (tmp_path / "log.jsonl").read_text().splitlines()
     header = json.loads(lines[0])
     header["problem"]["task"] = "foreign:Task"
@@ -155,7 +180,8 @@ def test_what_is_none_of_its_kind_gets_one_sentence(arguments, capfd):
     assert "expected" in printed
 
 
-SCRIPT = "import sys; sys.path.pop(0); from shoal.__main__ import main; main()"  # as the installed command begins
+# as the installed command begins
+SCRIPT = "import sys; sys.path.pop(0); from shoal.__main__ import main; main()"
 MINE = """
 from shoal.swarm.policies import ClosestFrontier
 
@@ -169,13 +195,30 @@ class Mine(ClosestFrontier):
 
 @pytest.mark.parametrize("begin", [["-m", "shoal"], ["-c", SCRIPT]], ids=["module", "script"])
 def test_files_in_the_current_folder_are_not_taken_for_modules_of_others(begin, tmp_path):
-    """A folder of downloads runs nothing; the user's own module in it is found, also by worker processes."""
-    for name in ("email", "numba", "PIL", "secrets", "calendar", "typing", "scipy", "pydantic", "rich", "typer"):
-        (tmp_path / f"{name}.py").write_text(f"import pathlib; pathlib.Path('ran-{name}').touch()\n")
+    """A folder of downloads runs nothing; the user's own module in it is found, also by worker
+    processes.
+    """
+    for name in (
+        "email",
+        "numba",
+        "PIL",
+        "secrets",
+        "calendar",
+        "typing",
+        "scipy",
+        "pydantic",
+        "rich",
+        "typer",
+    ):
+        (tmp_path / f"{name}.py").write_text(
+            f"import pathlib; pathlib.Path('ran-{name}').touch()\n"
+        )
     (tmp_path / "mine.py").write_text(MINE)
     for options in ([], ["--policy", "mine:Mine", "--trials", "2"]):
         words = [*begin, "map", "line:9", "-n", "2", *options, "--json"]
-        ended = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        ended = subprocess.run(
+            [sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
         assert ended.returncode == 0, ended.stderr
         assert json.loads(ended.stdout)["policy"] == "mine" or not options
     assert not list(tmp_path.glob("ran-*"))
@@ -184,7 +227,10 @@ def test_files_in_the_current_folder_are_not_taken_for_modules_of_others(begin, 
 @pytest.mark.parametrize(("options", "exit_code"), [(["--json"], 0), (["--out", "there"], 2)])
 def test_in_a_working_folder_that_was_deleted(options, exit_code, tmp_path):
     """What writes nothing there runs, all else gets one sentence."""
-    code = f"import os; os.mkdir('gone'); os.chdir('gone'); os.rmdir({str(tmp_path / 'gone')!r}); {SCRIPT}"
+    code = (
+        f"import os; os.mkdir('gone'); os.chdir('gone'); os.rmdir({str(tmp_path / 'gone')!r});"
+        f" {SCRIPT}"
+    )
     words = [sys.executable, "-c", code, "map", "line:9", "-n", "2", *options]
     ended = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ended.returncode == exit_code
@@ -192,13 +238,32 @@ def test_in_a_working_folder_that_was_deleted(options, exit_code, tmp_path):
 
 
 def test_names_of_strangers_do_not_reach_the_terminal_raw(tmp_path, capfd):
-    """Neither in a sentence nor in a table: escape sequences, bells, and letters that turn the line round."""
+    """Neither in a sentence nor in a table: escape sequences, bells, and letters that turn the line
+    round.
+    """
     folder = tmp_path / "a\x1b[31m\u202eb"
     folder.mkdir()
-    field = {"type": "Polygon", "coordinates": [[[13.4, 52.5], [13.402, 52.5], [13.402, 52.501], [13.4, 52.501], [13.4, 52.5]]]}
+    field = {
+        "type": "Polygon",
+        "coordinates": [
+            [[13.4, 52.5], [13.402, 52.5], [13.402, 52.501], [13.4, 52.501], [13.4, 52.5]]
+        ],
+    }
     (folder / "field.json").write_text(json.dumps(field))
     assert command(["search", str(folder / "none.json"), "--footprint", "50"]) == 2
-    assert command(["search", str(folder / "field.json"), "--footprint", "50", "--out", str(folder / "out")]) == 0
+    assert (
+        command(
+            [
+                "search",
+                str(folder / "field.json"),
+                "--footprint",
+                "50",
+                "--out",
+                str(folder / "out"),
+            ]
+        )
+        == 0
+    )
     told = capfd.readouterr()
     assert not {"\x1b", "\u202e"} & set(told.err)
     assert "\\x1b[31m\\u202e" in told.err

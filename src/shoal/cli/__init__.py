@@ -22,14 +22,16 @@ from shoal.core.registry import look_in
 
 INTERRUPTED = 130
 INTERNAL = 70
-"""Exit code after an error in Shoal itself (EX_SOFTWARE of sysexits.h), so that 1 always means a finding."""
+"""Exit code after an error in Shoal itself (EX_SOFTWARE of sysexits.h), so that 1 always means a
+finding.
+"""
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command of Shoal and return its exit code.
 
-    The exit code is 0 for success, 1 for a failed check, 2 for bad input or output, 70 for an error in Shoal itself, and 130 after
-    an interruption.
+    The exit code is 0 for success, 1 for a failed check, 2 for bad input or output, 70 for an error
+    in Shoal itself, and 130 after an interruption.
     """
     command = typer.main.get_command(app)
     if say not in listeners:
@@ -50,16 +52,23 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         say("shoal: interrupted")
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has closed the pipe, as in `shoal maps | head`
+    except (
+        BrokenPipeError
+    ):  # the reader of our output has closed the pipe, as in `shoal maps | head`
         _drop_output()
         return 0
     except OSError as error:
         if error.filename is None:
             _drop_output()
-        return _refuse(f"cannot read or write {error.filename or 'the standard output'}: {error.strerror or error}")
+        return _refuse(
+            f"cannot read or write {error.filename or 'the standard output'}:"
+            f" {error.strerror or error}"
+        )
     except MemoryError:
         return _refuse("out of memory: the map or the episode is too large for this machine")
-    except Exception as error:  # a mistake in Shoal, or in a policy, planner or tour that the user wrote
+    except (
+        Exception
+    ) as error:  # a mistake in Shoal, or in a policy, planner or tour that the user wrote
         say(traceback.format_exc().rstrip())
         say(f"shoal: internal error: {type(error).__name__}: {' '.join(str(error).split())[:200]}")
         return INTERNAL
@@ -69,20 +78,33 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _usage(error: typer.TyperException) -> str:
     """Return a message about an error in the command line.
 
-    If an option's value cannot be converted, the message names the expected value and the given value.
+    If an option's value cannot be converted, the message names the expected value and the given
+    value.
     """
     from pydantic import ValidationError
 
-    if not (isinstance(error, typer.BadParameter) and error.param and isinstance(error.__cause__, ValidationError)):
+    if not (
+        isinstance(error, typer.BadParameter)
+        and error.param
+        and isinstance(error.__cause__, ValidationError)
+    ):
         return error.format_message()
     first = error.__cause__.errors()[0]
     numbers = {"int_parsing": "expected a whole number", "float_parsing": "expected a number"}
-    return f"{error.param.opts[-1]}: {numbers.get(first['type'], first['msg'])}, got {str(first['input'])[:80]!r}"
+    return (
+        f"{error.param.opts[-1]}: {numbers.get(first['type'], first['msg'])}, got"
+        f" {str(first['input'])[:80]!r}"
+    )
 
 
 def _drop_output() -> None:
-    """Redirect standard output to the null device, so that Python does not try to write the remaining text again at exit."""
-    with suppress(OSError), open(os.devnull, "w") as nowhere:  # a caller's own stdout may have no descriptor
+    """Redirect standard output to the null device, so that Python does not try to write the
+    remaining text again at exit.
+    """
+    with (
+        suppress(OSError),
+        open(os.devnull, "w") as nowhere,
+    ):  # a caller's own stdout may have no descriptor
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
@@ -93,11 +115,15 @@ def _refuse(text: str) -> int:
 
 def main() -> NoReturn:
     """Run one command of the program ``shoal``, and exit with the exit code of the command."""
-    # Typer uses pydantic, which otherwise reads the records of all installed packages to find extensions of itself
+    # Typer uses pydantic, which otherwise reads the records of all installed packages to find
+    # extensions of itself
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    # OpenBLAS otherwise starts a thread for each processor, which waits in a busy loop for up to 0.06 s; no large matrices here
+    # OpenBLAS otherwise starts a thread for each processor, which waits in a busy loop for up to
+    # 0.06 s; no large matrices here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(200_000)  # imported objects stay: scanning them again for garbage takes a sixth of a start
+    gc.set_threshold(
+        200_000
+    )  # imported objects stay: scanning them again for garbage takes a sixth of a start
     with suppress(OSError):  # the folder may have been deleted
         look_in(os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, may be in the current folder
     for stream in (sys.stdout, sys.stderr):
@@ -106,6 +132,8 @@ def main() -> NoReturn:
             stream.reconfigure(errors="backslashreplace")
     code = run()
     if code == INTERRUPTED:
-        end("")  # Python's own exit takes a while, and after some interruptions it uses another code
+        end(
+            ""
+        )  # Python's own exit takes a while, and after some interruptions it uses another code
     gc.freeze()  # nor does Python scan them as it exits, which takes a quarter of a start
     sys.exit(code)

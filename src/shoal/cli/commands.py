@@ -15,7 +15,9 @@ from shoal.core.version import __version__
 
 
 class _Entry(NamedTuple):
-    """The location of a command: its module in `shoal.cli`, its function, and the name of the constant with its example."""
+    """The location of a command: its module in `shoal.cli`, its function, and the name of the
+    constant with its example.
+    """
 
     module: str
     function: str
@@ -48,10 +50,21 @@ COMMANDS = {
 }
 GROUPS = {
     "missions": "Check mission files.",
-    "sweep": "Run sweeps of trials that can be continued after any interruption, and examine their results.",
+    "sweep": (
+        "Run sweeps of trials that can be continued after any interruption, and examine their"
+        " results."
+    ),
 }
-PANELS = {"swarm": "Swarm", "steering": "Steering", "search": "Search", "sweep": "Experiments", "reproduce": "Experiments"}
-"""Headings in the list of all commands. A command appears under the heading for the first word of its module's name."""
+PANELS = {
+    "swarm": "Swarm",
+    "steering": "Steering",
+    "search": "Search",
+    "sweep": "Experiments",
+    "reproduce": "Experiments",
+}
+"""Headings in the list of all commands. A command appears under the heading for the first word of
+its module's name.
+"""
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 
@@ -65,33 +78,49 @@ class _Command(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         """Check the seed and run the command."""
         if ctx.params.get("seed") is not None:
-            from shoal.core.checks import check_integer  # NumPy is slow to import, and help does not need it
+            from shoal.core.checks import (
+                check_integer,  # NumPy is slow to import, and help does not need it
+            )
 
             check_integer(ctx.params["seed"], what="seed", least=0)
         return super().invoke(ctx)
 
 
 def command(name: str) -> TyperCommand:
-    """Import the module of the command with the full name ``name``, such as "sweep run", and return the command."""
+    """Import the module of the command with the full name ``name``, such as "sweep run", and return
+    the command.
+    """
     module, function, example = COMMANDS[name]
     home = importlib.import_module(f"shoal.cli.{module}")
     alone = typer.Typer(add_completion=False, rich_markup_mode="rich", context_settings=SETTINGS)
-    alone.command(name.rsplit(maxsplit=1)[-1], cls=_Command, epilog=getattr(home, example))(getattr(home, function))
+    alone.command(name.rsplit(maxsplit=1)[-1], cls=_Command, epilog=getattr(home, example))(
+        getattr(home, function)
+    )
     return cast("TyperCommand", typer.main.get_command(alone))
 
 
 def _summary(name: str) -> str:
-    """Return the first paragraph of a command's help, read from the command's source file without importing the file."""
+    """Return the first paragraph of a command's help, read from the command's source file without
+    importing the file.
+    """
     module, function, _ = COMMANDS[name]
     place = Path(__file__).parent.joinpath(*module.split("."))
     source = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
-    found = next(one for one in ast.parse(source.read_bytes()).body if isinstance(one, ast.FunctionDef) and one.name == function)
+    found = next(
+        one
+        for one in ast.parse(source.read_bytes()).body
+        if isinstance(one, ast.FunctionDef) and one.name == function
+    )
     return (ast.get_docstring(found) or "").partition("\n\n")[0]
 
 
 def _panel(name: str) -> str:
-    """Return the heading under which help lists a command or a group. A group has the heading of its first command."""
-    first = next(entry for command, entry in COMMANDS.items() if f"{command} ".startswith(f"{name} "))
+    """Return the heading under which help lists a command or a group. A group has the heading of
+    its first command.
+    """
+    first = next(
+        entry for command, entry in COMMANDS.items() if f"{command} ".startswith(f"{name} ")
+    )
     return PANELS.get(first.module.partition(".")[0], "General")
 
 
@@ -107,29 +136,42 @@ class _Commands(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands and groups in this group, in the order of `COMMANDS`."""
-        names = [name.removeprefix(self.prefix) for name in COMMANDS if name.startswith(self.prefix)]
+        names = [
+            name.removeprefix(self.prefix) for name in COMMANDS if name.startswith(self.prefix)
+        ]
         return list(dict.fromkeys(name.split()[0] for name in names))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command or group with a given name.
 
-        While help lists all commands, the result has only a name and a summary, so that help imports no module.
+        While help lists all commands, the result has only a name and a summary, so that help
+        imports no module.
         """
         whole = self.prefix + cmd_name
         if whole in GROUPS:
             group = _Commands(
-                name=cmd_name, help=GROUPS[whole], no_args_is_help=True, rich_markup_mode="rich", context_settings=SETTINGS
+                name=cmd_name,
+                help=GROUPS[whole],
+                no_args_is_help=True,
+                rich_markup_mode="rich",
+                context_settings=SETTINGS,
             )
             group.prefix, group.rich_help_panel = f"{whole} ", _panel(whole)
             return group
         if whole not in COMMANDS:
             return None
         if self.listing:
-            return TyperCommand(cmd_name, help=_summary(whole), rich_help_panel=None if self.prefix else _panel(whole))
+            return TyperCommand(
+                cmd_name,
+                help=_summary(whole),
+                rich_help_panel=None if self.prefix else _panel(whole),
+            )
         return command(whole)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the name of a command, the command, and its arguments. The error for a wrong name suggests similar names."""
+        """Return the name of a command, the command, and its arguments. The error for a wrong name
+        suggests similar names.
+        """
         self.commands = dict.fromkeys(self.list_commands(ctx), cast("Any", None))
         return super().resolve_command(ctx, args)
 
@@ -160,10 +202,15 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _shoal(
-    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)] = False,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", is_eager=True, callback=_print_version
+        ),
+    ] = False,
 ) -> None:
     """Plan, simulate and measure how groups of simple robots explore a space completely.
 
-    Exit codes: 0 success, 1 a failed check or a task that was not completed, 2 wrong input or output, 70 an error in Shoal itself,
-    130 interrupted.
+    Exit codes: 0 success, 1 a failed check or a task that was not completed, 2 wrong input or
+    output, 70 an error in Shoal itself, 130 interrupted.
     """

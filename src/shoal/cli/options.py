@@ -1,4 +1,6 @@
-"""The options of commands: the options that many commands share, and the options that the fields of a problem declare."""
+"""The options of commands: the options that many commands share, and the options that the fields of
+a problem declare.
+"""
 
 from __future__ import annotations
 
@@ -12,26 +14,47 @@ import typer
 
 from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
-from shoal.core.parts import read_problem
 from shoal.core.problem import Declaration, Problem
+from shoal.parts import read_problem
 
 Trials = Annotated[
-    int, typer.Option("--trials", help="Number of trials, each with its own random start cells. A film shows the first trial.")
+    int,
+    typer.Option(
+        "--trials",
+        help=(
+            "Number of trials, each with its own random start cells. A film shows the first trial."
+        ),
+    ),
 ]
 Seed = Annotated[
-    int, typer.Option("--seed", help="Seed of all random numbers. The same seed gives the same result for any number of workers.")
+    int,
+    typer.Option(
+        "--seed",
+        help=(
+            "Seed of all random numbers. The same seed gives the same result for any number of"
+            " workers."
+        ),
+    ),
 ]
 UnusedSeed = Annotated[int, typer.Option("--seed", hidden=True)]
-"""An option without effect, for scripts that pass ``--seed`` to every command. Help does not show it."""
+"""An option without effect, for scripts that pass ``--seed`` to every command. Help does not show
+it.
+"""
 Workers = Annotated[
     int | None,
-    typer.Option("--workers", help="Number of trials that run at the same time. Default: one for each processor."),
+    typer.Option(
+        "--workers",
+        help="Number of trials that run at the same time. Default: one for each processor.",
+    ),
 ]
 Processes = Annotated[
     int | None,
     typer.Option(
         "--workers",
-        help="Number of worker processes. Default: one for each processor. With 0, all trials run in the process of the command.",
+        help=(
+            "Number of worker processes. Default: one for each processor. With 0, all trials run in"
+            " the process of the command."
+        ),
     ),
 ]
 Out = Annotated[
@@ -53,11 +76,19 @@ Film = Annotated[
 Trust = Annotated[
     bool,
     typer.Option(
-        "--trust", help="Run code that a file names as MODULE:ATTRIBUTE. Use --trust for no file except files that you trust."
+        "--trust",
+        help=(
+            "Run code that a file names as MODULE:ATTRIBUTE. Use --trust for no file except files"
+            " that you trust."
+        ),
     ),
 ]
 Json = Annotated[
-    bool, typer.Option("--json", help="Print the result as one JSON object on stdout, without any other text on stdout.")
+    bool,
+    typer.Option(
+        "--json",
+        help="Print the result as one JSON object on stdout, without any other text on stdout.",
+    ),
 ]
 
 
@@ -69,17 +100,20 @@ def takes_problem(
     options: type[Problem] | None = None,
     **fixed: Any,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that replaces a command's first parameter (a problem) by one option for each field of the problem.
+    """Return a decorator that replaces a command's first parameter (a problem) by one option for
+    each field of the problem.
 
     Parameters
     ----------
     kind : type
     from_file : bool
-        Whether the argument of the command may name a problem file. Options on the command line replace fields of the problem file.
+        Whether the argument of the command may name a problem file. Options on the command line
+        replace fields of the problem file.
     only : tuple of str
         Names of the fields that become options; an empty tuple means all fields.
     options : type, optional
-        Class of the command's second parameter, if the command has one. The fields of this class become options, too.
+        Class of the command's second parameter, if the command has one. The fields of this class
+        become options, too.
     **fixed
         Fields that the command sets itself, with their values. These fields do not become options.
 
@@ -98,31 +132,45 @@ def takes_problem(
     >>> walk(steps=3)
     3
     """
-    known = {name: declared for name, declared in kind.declarations().items() if not only or name in only}
+    known = {
+        name: declared for name, declared in kind.declarations().items() if not only or name in only
+    }
     taken = {name: declared for name, declared in known.items() if name not in fixed}
     beside = {} if options is None else dict(options.declarations())
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        own = list(inspect.signature(command, eval_str=True).parameters.values())[1 + (options is not None) :]
+        own = list(inspect.signature(command, eval_str=True).parameters.values())[
+            1 + (options is not None) :
+        ]
 
         @functools.wraps(command)
         def wrapped(**given: Any) -> None:
             texts = {name: given.pop(name) for name in taken if name in given}
             if options is not None:
-                given["options"] = options(**_values(beside, {name: given.pop(name) for name in beside}))
+                given["options"] = options(
+                    **_values(beside, {name: given.pop(name) for name in beside})
+                )
             if from_file:
-                command(_problem_of(kind, taken, texts, fixed, trust=given.pop("trust", False)), **given)
+                command(
+                    _problem_of(kind, taken, texts, fixed, trust=given.pop("trust", False)), **given
+                )
                 return
             command(kind(**fixed, **_values(taken, texts)), **given)
 
         made = [_parameter(declared, from_file=from_file) for declared in taken.values()]
         if from_file:
-            made.append(inspect.Parameter("trust", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Trust))
+            made.append(
+                inspect.Parameter(
+                    "trust", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Trust
+                )
+            )
         made += [_parameter(declared) for declared in beside.values()]
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
-        del vars(wrapped)["__wrapped__"]  # otherwise Typer reads the signature of the command itself
+        del vars(wrapped)[
+            "__wrapped__"
+        ]  # otherwise Typer reads the signature of the command itself
         return wrapped
 
     return decorate
@@ -130,11 +178,20 @@ def takes_problem(
 
 def _values(known: dict[str, Declaration], texts: dict[str, Any]) -> dict[str, Any]:
     """Return the values of the options that the user has given."""
-    return {name: parsed(known[name], text) for name, text in texts.items() if text is not None and text != []}
+    return {
+        name: parsed(known[name], text)
+        for name, text in texts.items()
+        if text is not None and text != []
+    }
 
 
 def _problem_of(
-    kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any], *, trust: bool
+    kind: type[Problem],
+    taken: dict[str, Declaration],
+    texts: dict[str, Any],
+    fixed: dict[str, Any],
+    *,
+    trust: bool,
 ) -> Problem:
     """Return the problem that the options define, alone or together with a problem file.
 
@@ -149,17 +206,21 @@ def _problem_of(
             for name in set(fixed) & set(data):
                 if data[name] != fixed[name]:
                     raise InvalidInputError(
-                        f"{source}: {name}: expected {shortened(fixed[name])}, which this command requires, got "
-                        f"{shortened(data[name])}"
+                        f"{source}: {name}: expected {shortened(fixed[name])}, which this command"
+                        f" requires, got {shortened(data[name])}"
                     )
             options = {name: value for name, value in given.items() if name != place}
-            return kind.from_file(data, source, trust=trust).replaced(**_other_than_defaults(kind, fixed), **options)
+            return kind.from_file(data, source, trust=trust).replaced(
+                **_other_than_defaults(kind, fixed), **options
+            )
     return kind(**_other_than_defaults(kind, fixed), **given)
 
 
 def _other_than_defaults(kind: type[Problem], fixed: dict[str, Any]) -> dict[str, Any]:
     """Return the fixed fields without those at their defaults, which no user has given."""
-    return {name: value for name, value in fixed.items() if value != kind.declarations()[name].default}
+    return {
+        name: value for name, value in fixed.items() if value != kind.declarations()[name].default
+    }
 
 
 def _parameter(declared: Declaration, *, from_file: bool = False) -> inspect.Parameter:
@@ -172,7 +233,11 @@ def _parameter(declared: Declaration, *, from_file: bool = False) -> inspect.Par
     shown: Any = default not in (None, "", inspect.Parameter.empty)
     help_, metavar = help_of(declared), option.metavar
     if from_file and option.argument:
-        default, shown, help_ = inspect.Parameter.empty, False, f"{help_} The argument may also be a problem file (JSON)."
+        default, shown, help_ = (
+            inspect.Parameter.empty,
+            False,
+            f"{help_} The argument may also be a problem file (JSON).",
+        )
     elif not option.argument:  # None: the user has not given the option
         default, shown = None, str(default) if shown and default is not False else False
     if declared.optional or default is None:
@@ -185,7 +250,12 @@ def _parameter(declared: Declaration, *, from_file: bool = False) -> inspect.Par
     else:
         told["rich_help_panel"] = declared.heading or None
         info = typer.Option(*([option.short] if option.short else []), _flags(declared), **told)
-    return inspect.Parameter(declared.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info])
+    return inspect.Parameter(
+        declared.name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[kind, info],
+    )
 
 
 def help_of(declared: Declaration) -> str:
@@ -201,7 +271,9 @@ def _flags(declared: Declaration) -> str:
 
 
 def _default(declared: Declaration) -> Any:
-    """Return an option's default value in the form of the command line, or None if the default has no such form."""
+    """Return an option's default value in the form of the command line, or None if the default has
+    no such form.
+    """
     option, default = declared.option, declared.default
     if option.parse is None or isinstance(default, str):
         return default
@@ -209,9 +281,16 @@ def _default(declared: Declaration) -> Any:
 
 
 def parsed(declared: Declaration, given: Any) -> Any:
-    """Return the value of a field, converted from the text on the command line. For a missing text, return the default."""
+    """Return the value of a field, converted from the text on the command line. For a missing text,
+    return the default.
+    """
     if given is None or (declared.option.repeated and not given):
         return None if declared.required else declared.default
-    if isinstance(given, str) and not declared.required and declared.option.parse is not None and given == _default(declared):
+    if (
+        isinstance(given, str)
+        and not declared.required
+        and declared.option.parse is not None
+        and given == _default(declared)
+    ):
         return declared.default
     return declared.value_of(given)

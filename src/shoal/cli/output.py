@@ -1,4 +1,6 @@
-"""Functions for the output of commands: results go to stdout, and everything else goes to stderr."""
+"""Functions for the output of commands: results go to stdout, and everything else goes
+to stderr.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +22,19 @@ from shoal.core.errors import InvalidInputError, OutputError
 Advance = Callable[[int], None]
 
 
-_CONTROLS = (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A))
+_CONTROLS = (
+    *range(9),
+    *range(11, 32),
+    *range(127, 160),
+    *range(0x202A, 0x202F),
+    *range(0x2066, 0x206A),
+)
 _TOLD = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in _CONTROLS}
 
 
 def visible(text: str) -> str:
-    r"""Return a text in which a code such as ``\x1b`` replaces each control character, because file names may be hostile.
+    r"""Return a text in which a code such as ``\x1b`` replaces each control character, because file
+    names may be hostile.
 
     Examples
     --------
@@ -46,8 +55,12 @@ def print_json(result: dict[str, Any]) -> None:
     print(json.dumps(result, ensure_ascii=False, allow_nan=False))
 
 
-def print_table(rows: list[tuple[str, str]], *, title: str, written: Iterable[Path | str] = ()) -> None:
-    """Print a summary as a table of names and values on stdout, followed by the paths of the written files."""
+def print_table(
+    rows: list[tuple[str, str]], *, title: str, written: Iterable[Path | str] = ()
+) -> None:
+    """Print a summary as a table of names and values on stdout, followed by the paths of the
+    written files.
+    """
     from rich.table import Table
 
     table = Table(show_header=False, box=None, pad_edge=False)
@@ -58,11 +71,13 @@ def print_table(rows: list[tuple[str, str]], *, title: str, written: Iterable[Pa
     print_drawn(_titled(title, table))
 
 
-def print_columns(names: list[str], values: list[str], rows: list[list[str]], *, title: str) -> None:
+def print_columns(
+    names: list[str], values: list[str], rows: list[list[str]], *, title: str
+) -> None:
     """Print a table with named columns on stdout.
 
-    If the table is wider than the terminal, each row becomes a block of lines, because a name that is folded to a few characters a
-    line cannot be read.
+    If the table is wider than the terminal, each row becomes a block of lines, because a name that
+    is folded to a few characters a line cannot be read.
     """
     from rich.console import Console, Group
     from rich.table import Table
@@ -79,11 +94,15 @@ def print_columns(names: list[str], values: list[str], rows: list[list[str]], *,
         print_drawn(_titled(title, table))
         return
     head = f"{title}: {values[0]}" if len(values) == 1 else title
-    print_drawn(Group(Text(visible(head), style="bold"), *(_block(names, values, row) for row in rows)))
+    print_drawn(
+        Group(Text(visible(head), style="bold"), *(_block(names, values, row) for row in rows))
+    )
 
 
 def _block(names: list[str], values: list[str], row: list[str]) -> Any:
-    """Return a row of a table that is too wide for the terminal: its names, and its values in the lines below, without dashes."""
+    """Return a row of a table that is too wide for the terminal: its names, and its values in the
+    lines below, without dashes.
+    """
     from rich.console import Group
     from rich.padding import Padding
     from rich.text import Text
@@ -107,7 +126,9 @@ def _titled(title: str, table: Any) -> Any:
 
 
 def cell(text: str) -> str:
-    """Return ``text`` for a table cell, changed so that markup and control characters have no effect."""
+    """Return ``text`` for a table cell, changed so that markup and control characters have no
+    effect.
+    """
     from rich.markup import escape
 
     return escape(visible(text))
@@ -120,15 +141,17 @@ def print_drawn(drawn: Any) -> None:
     console = Console(soft_wrap=False)
     with console.capture() as captured:
         console.print(drawn)
-    print(captured.get(), end="")  # not by the console, which ends the program itself when a pipe is closed
+    print(
+        captured.get(), end=""
+    )  # not by the console, which ends the program itself when a pipe is closed
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
     """Suppress the output of C libraries on stderr inside the ``with`` block.
 
-    The C library libtiff, for example, prints a line on stderr for each fault of a picture. Notices of Shoal would be lost, too;
-    they wait until the block ends.
+    The C library libtiff, for example, prints a line on stderr for each fault of a picture. Notices
+    of Shoal would be lost, too; they wait until the block ends.
     """
     try:
         kept = os.dup(2)
@@ -156,18 +179,30 @@ def quiet() -> Iterator[None]:
 def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
     """Show a progress bar on stderr while the ``with`` block runs.
 
-    The context manager gives the block a function, which the block calls with the amount of finished work, from 0 to ``total``.
+    The context manager gives the block a function, which the block calls with the amount of
+    finished work, from 0 to ``total``.
 
-    If stderr is not a terminal, `progress` prints a line of text after every tenth of the work. If ``shown`` is false, `progress`
-    prints nothing.
+    If stderr is not a terminal, `progress` prints a line of text after every tenth of the work. If
+    ``shown`` is false, `progress` prints nothing.
     """
     if not shown or sys.stderr is None:
         yield lambda _done: None
     elif sys.stderr.isatty():
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeRemainingColumn,
+        )
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
         with Progress(*columns, console=Console(stderr=True)) as bar:
             task = bar.add_task(what, total=total)
             yield lambda done: bar.update(task, completed=done)
@@ -196,7 +231,9 @@ def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
 
 @contextmanager
 def warnings_said(category: type[Warning]) -> Iterator[None]:
-    """Print Python warnings of one category as plain sentences on stderr while the ``with`` block runs."""
+    """Print Python warnings of one category as plain sentences on stderr while the ``with`` block
+    runs.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("always", category)
         warnings.showwarning = lambda message, *_others, **_more: say(f"shoal: warning: {message}")
@@ -204,7 +241,9 @@ def warnings_said(category: type[Warning]) -> Iterator[None]:
 
 
 def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
-    """Return a function that prints the progress of a long episode on stderr: the number of moves and of frontier cells."""
+    """Return a function that prints the progress of a long episode on stderr: the number of moves
+    and of frontier cells.
+    """
     last = [time.monotonic()]
 
     def tell(moves: int, frontier: int) -> None:
@@ -242,7 +281,9 @@ def check_folder(folder: Path) -> Path:
         with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:
-        raise OutputError(f"cannot write into the folder {folder}: {error.strerror or error}") from None
+        raise OutputError(
+            f"cannot write into the folder {folder}: {error.strerror or error}"
+        ) from None
     return folder
 
 
@@ -268,7 +309,9 @@ FIGURES: dict[str, dict[str, str | None]] = {
     "steering": {"plan.png": None},
     "search": {"region.png": None, "timeline.png": "timeline"},
 }
-"""The figures of a steering or search episode: the name of each file, and the kind of its figure (see `shoal.views.figure`)."""
+"""The figures of a steering or search episode: the name of each file, and the kind of its figure
+(see `shoal.views.figure`).
+"""
 
 SHORT_FILM = 200  # frames; the progress of shorter films is not shown
 
@@ -280,8 +323,12 @@ def write_films(episode: Any, paths: list[Path] | None) -> list[Path]:
     return [*(paths or [])]
 
 
-def write_episode(episode: Any, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write the output files that --out and --film request for an episode of steering or search, and return their paths."""
+def write_episode(
+    episode: Any, result: dict[str, Any], out: Path | None, film: list[Path] | None
+) -> list[Path]:
+    """Write the output files that --out and --film request for an episode of steering or search,
+    and return their paths.
+    """
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json
@@ -298,9 +345,16 @@ def write_episode(episode: Any, result: dict[str, Any], out: Path | None, film: 
 def _write_film(episode: Any, path: Path) -> None:
     from shoal.views import film
 
-    frames = 1000  # length of the bar, because the number of frames is known only when the film is being written
+    # length of the bar, because the number of frames is known only when the film is being written
+    frames = 1000
     with progress(f"film {path.name}", frames, shown=path.suffix.lower() != ".html") as advance:
-        film(episode, path, on_frame=lambda done, total: advance(frames * done // total) if total > SHORT_FILM else None)
+        film(
+            episode,
+            path,
+            on_frame=lambda done, total: (
+                advance(frames * done // total) if total > SHORT_FILM else None
+            ),
+        )
 
 
 def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:
@@ -311,4 +365,6 @@ def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> Non
     InvalidInputError
     """
     if wanted is not None and wanted != found:
-        raise InvalidInputError(f"{episode_file}: expected an episode of seed {wanted}, got seed {found}")
+        raise InvalidInputError(
+            f"{episode_file}: expected an episode of seed {wanted}, got seed {found}"
+        )

@@ -12,7 +12,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.output import check_outputs, check_seed, print_json, say, write_episode
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.parts import load
+from shoal.parts import load
 
 EXAMPLE = "Example: shoal replay result/episode.npz --film result/film.html"
 
@@ -22,12 +22,17 @@ def replay(
         Path,
         typer.Argument(
             metavar="EPISODE",
-            help="Episode file: .npz from map or cover, .json from steer or search, or .jsonl from drive.",
+            help=(
+                "Episode file: .npz from map or cover, .json from steer or search, or .jsonl from"
+                " drive."
+            ),
         ),
     ],
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Seed of the episode. Shoal refuses an episode with another seed."),
+        typer.Option(
+            "--seed", help="Seed of the episode. Shoal refuses an episode with another seed."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -41,7 +46,9 @@ def replay(
     trust: options.Trust = False,
     json_: options.Json = False,
 ) -> None:
-    """Replay and verify an episode file, and draw or film it. The exit code is 1 if the replay differs from the stored episode."""
+    """Replay and verify an episode file, and draw or film it. The exit code is 1 if the replay
+    differs from the stored episode.
+    """
     check_outputs(out, film)
     if episode_file.suffix.lower() == ".jsonl":
         from shoal.cli.swarm.driving import replay_drive
@@ -66,8 +73,12 @@ def replay(
         raise typer.Exit(1)
 
 
-def _functions_of(episode: Any) -> tuple[Callable[..., dict[str, Any]], Callable[..., list[Path]], Callable[..., None]]:
-    """Return three functions of an episode: one returns its result as a dict, one writes output files, one prints the result."""
+def _functions_of(
+    episode: Any,
+) -> tuple[Callable[..., dict[str, Any]], Callable[..., list[Path]], Callable[..., None]]:
+    """Return three functions of an episode: one returns its result as a dict, one writes output
+    files, one prints the result.
+    """
     if episode.part == "search":
         from shoal.cli.search.texts import print_search
 

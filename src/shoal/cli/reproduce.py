@@ -22,20 +22,37 @@ EXAMPLE = "Example: shoal reproduce h-fig5 --quick --trials 20 --out figures"
 def reproduce(
     figure: Annotated[
         str | None,
-        typer.Argument(metavar="[FIGURE]", help="Figure to reproduce, such as m-fig7. Without a name, Shoal lists all figures."),
+        typer.Argument(
+            metavar="[FIGURE]",
+            help="Figure to reproduce, such as m-fig7. Without a name, Shoal lists all figures.",
+        ),
     ] = None,
     all_: Annotated[
         bool,
-        typer.Option("--all", help="Reproduce all figures, check the listed errors of the papers, and write a page of results."),
+        typer.Option(
+            "--all",
+            help=(
+                "Reproduce all figures, check the listed errors of the papers, and write a page of"
+                " results."
+            ),
+        ),
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Use fewer trials and coarser maps than by default.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Use fewer trials and coarser maps than by default.")
+    ] = False,
     trials: Annotated[
         int | None,
-        typer.Option("--trials", help="Number of trials at each point, in place of the default number."),
+        typer.Option(
+            "--trials", help="Number of trials at each point, in place of the default number."
+        ),
     ] = None,
     map_: Annotated[
         str | None,
-        typer.Option("--map", metavar="PATH", help='Picture or name of a map, in place of the "complex" map of the papers.'),
+        typer.Option(
+            "--map",
+            metavar="PATH",
+            help='Picture or name of a map, in place of the "complex" map of the papers.',
+        ),
     ] = None,
     seed: options.Seed = 0,
     workers: options.Processes = None,
@@ -44,16 +61,22 @@ def reproduce(
         typer.Option(
             "--out",
             metavar="FOLDER",
-            help="Folder for figures, data and results.sqlite. A later call with the same folder reuses finished trials.",
+            help=(
+                "Folder for figures, data and results.sqlite. A later call with the same folder"
+                " reuses finished trials."
+            ),
         ),
     ] = Path("figures"),
     json_: options.Json = False,
 ) -> None:
-    """Reproduce figures of the papers, and compare the numbers printed in the papers with Shoal's numbers.
+    """Reproduce figures of the papers, and compare the numbers printed in the papers with Shoal's
+    numbers.
 
-    For each figure, Shoal states whether the printed numbers and Shoal's numbers agree, differ, or are not comparable.
+    For each figure, Shoal states whether the printed numbers and Shoal's numbers agree, differ, or
+    are not comparable.
 
-    The exit code is 1 if Shoal could not make a figure. Differences from the numbers in a paper do not change the exit code.
+    The exit code is 1 if Shoal could not make a figure. Differences from the numbers in a paper do
+    not change the exit code.
     """
     from shoal.lab.versions import MixedVersionsWarning
     from shoal.papers import reproduce as reproduce_one
@@ -64,7 +87,13 @@ def reproduce(
         _list(json_)
         return
     check_folder(out)
-    chosen: dict[str, Any] = {"quick": quick, "trials": trials, "on_map": map_, "seed": seed, "workers": workers}
+    chosen: dict[str, Any] = {
+        "quick": quick,
+        "trials": trials,
+        "on_map": map_,
+        "seed": seed,
+        "workers": workers,
+    }
     found: list[Result] = []
     page: Path | None = None
     if figure is not None:
@@ -73,7 +102,12 @@ def reproduce(
     else:
         page = _all(out, chosen, found)
     if json_:
-        print_json({"figures": [_described(result) for result in found], "page": None if page is None else str(page)})
+        print_json(
+            {
+                "figures": [_described(result) for result in found],
+                "page": None if page is None else str(page),
+            }
+        )
     else:
         for result in found:
             print_table(_rows(result), title=f"{result.recipe.name}: {_answer(result)}")
@@ -81,7 +115,10 @@ def reproduce(
             print_table([], title=f"all {len(found)} figures", written=[page])
     failed = [result for result in found if result.outcome is None]
     if failed:
-        say(f"shoal: could not reproduce {'; '.join(f'{result.recipe.name}: {result.error}' for result in failed)}")
+        say(
+            "shoal: could not reproduce"
+            f" {'; '.join(f'{result.recipe.name}: {result.error}' for result in failed)}"
+        )
         raise typer.Exit(1)
 
 
@@ -94,7 +131,8 @@ def _rows(result: Result) -> list[tuple[str, str]]:
     if result.outcome is None:
         return [*rows, ("error", result.error)]
     rows += [
-        (one.verdict, f"{one.what}: printed {one.printed}, ours {one.ours} ({one.criterion})") for one in result.outcome.claims
+        (one.verdict, f"{one.what}: printed {one.printed}, ours {one.ours} ({one.criterion})")
+        for one in result.outcome.claims
     ]
     rows += [("finding", result.outcome.sentence)] * bool(result.outcome.sentence)
     rows.append(("work", f"{result.trials} trials, {result.seconds:.0f} s"))
@@ -121,10 +159,18 @@ def _list(json_: bool) -> None:
     registry = recipes()
     known = [registry.get(name) for name in registry]
     if json_:
-        print_json({"figures": [{"name": r.name, "source": r.source, "title": r.title, "takes_a_map": r.on_map} for r in known]})
+        print_json(
+            {
+                "figures": [
+                    {"name": r.name, "source": r.source, "title": r.title, "takes_a_map": r.on_map}
+                    for r in known
+                ]
+            }
+        )
         return
     print_table(
-        [(r.name, f"{r.source}{'; also ' * bool(r.also)}{r.also}. {r.title}") for r in known], title="Figures of the papers"
+        [(r.name, f"{r.source}{'; also ' * bool(r.also)}{r.also}. {r.title}") for r in known],
+        title="Figures of the papers",
     )
 
 
@@ -136,6 +182,13 @@ def _described(result: Result) -> dict[str, Any]:
         "error": result.error or None,
     }
     if result.outcome is not None:
-        found |= {"verdict": result.outcome.verdict, "claims": [asdict(one) for one in result.outcome.claims]}
+        found |= {
+            "verdict": result.outcome.verdict,
+            "claims": [asdict(one) for one in result.outcome.claims],
+        }
         found["sentence"] = result.outcome.sentence
-    return found | {"trials": result.trials, "seconds": result.seconds, "files": [str(path) for path in result.files]}
+    return found | {
+        "trials": result.trials,
+        "seconds": result.seconds,
+        "files": [str(path) for path in result.files],
+    }

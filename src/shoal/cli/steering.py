@@ -9,7 +9,15 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.options import takes_problem
-from shoal.cli.output import check_folder, check_outputs, print_json, print_table, say, write_episode, write_films
+from shoal.cli.output import (
+    check_folder,
+    check_outputs,
+    print_json,
+    print_table,
+    say,
+    write_episode,
+    write_films,
+)
 from shoal.core.errors import InvalidInputError
 from shoal.steering.problem import SteeringProblem
 
@@ -21,7 +29,9 @@ REACH_EXAMPLE = 'Example: shoal reach hexagon --start "-0.1,0 0.1,0.1" --moves 6
 
 _Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="FOLDER", help="Folder for the figures, the JSON result and the episode."),
+    typer.Option(
+        "--out", metavar="FOLDER", help="Folder for the figures, the JSON result and the episode."
+    ),
 ]
 
 
@@ -33,12 +43,14 @@ def steer(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Bring two or more particles to their goals with one shared input, using walls that hold particles.
+    """Bring two or more particles to their goals with one shared input, using walls that hold
+    particles.
 
-    A problem file contains a JSON object with the fields "workspace", "start" and "goal", and may contain any option as a field.
-    The field "workspace" is a name, a file, or an object as described in docs/concepts/steering.md. The fields "start" and "goal"
-    are lists of points. Options on the command line replace the fields of the problem file. The exit code is 1 if the problem was
-    not solved; the status gives the reason.
+    A problem file contains a JSON object with the fields "workspace", "start" and "goal", and may
+    contain any option as a field. The field "workspace" is a name, a file, or an object as
+    described in docs/concepts/steering.md. The fields "start" and "goal" are lists of points.
+    Options on the command line replace the fields of the problem file. The exit code is 1 if the
+    problem was not solved; the status gives the reason.
     """
     from shoal.steering.run import run
 
@@ -56,7 +68,9 @@ def steer(
         raise typer.Exit(1)
 
 
-def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
+def print_plan(
+    episode: SteeringEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]
+) -> None:
     """Print the moves and the metrics of a steering plan."""
     bound = "none known" if episode.lower_bound is None else f"{episode.lower_bound:.6g}"
     shown = [", ".join(f"{number:+.12g}" for number in move) for move in episode.inputs[:24]]
@@ -66,7 +80,12 @@ def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[P
         *([("", f"and {episode.moves - 24} more")] if episode.moves > 24 else []),
         ("length", f"{episode.length:.6g} in {episode.moves} moves; lower bound {bound}"),
         ("error", f"{episode.error:.3g}, tolerance {episode.problem.tolerance:g}"),
-        ("condition", f"{episode.condition:.3g}{', sensitive: it holds only in exact arithmetic' if episode.sensitive else ''}"),
+        (
+            "condition",
+            (
+                f"{episode.condition:.3g}{', sensitive: it holds only in exact arithmetic' if episode.sensitive else ''}"
+            ),
+        ),
         ("time", f"{episode.seconds:.3f} s"),
         *more,
     ]
@@ -76,17 +95,23 @@ def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[P
 @takes_problem(SteeringProblem, only=("workspace", "start"))
 def reach(
     problem: SteeringProblem,
-    moves: Annotated[int, typer.Option("--moves", help="Number of moves, an even number: 2, 4, ...")] = 6,
+    moves: Annotated[
+        int, typer.Option("--moves", help="Number of moves, an even number: 2, 4, ...")
+    ] = 6,
     seed: Annotated[int, typer.Option("--seed", help="Seed that determines a random start.")] = 0,
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute the fraction of all possible position differences that two particles can reach in 2, 4, ... moves."""
+    """Compute the fraction of all possible position differences that two particles can reach in 2,
+    4, ... moves.
+    """
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
 
     room = problem.place
     if not isinstance(room, ConvexWorkspace) or room.dimensions == 3:
-        raise InvalidInputError(f"workspace: expected a convex polygon or a disk, got a {room.kind}")
+        raise InvalidInputError(
+            f"workspace: expected a convex polygon or a disk, got a {room.kind}"
+        )
     points = room.check_inside(problem.endpoints(seed)[0], what="--start")
     if len(points) != 2:
         raise InvalidInputError(f"--start: expected two points, got {len(points)}")
@@ -117,8 +142,15 @@ def reach(
     if json_:
         print_json(result)
         return
-    rows = [(f"{one.moves} moves", f"{100 * share:.2f} %") for one, share in zip(sets, fractions, strict=True)]
-    print_table(rows, title=f"differences reached from ({delta[0]:.6g}, {delta[1]:.6g}) in a {room.kind}", written=written)
+    rows = [
+        (f"{one.moves} moves", f"{100 * share:.2f} %")
+        for one, share in zip(sets, fractions, strict=True)
+    ]
+    print_table(
+        rows,
+        title=f"differences reached from ({delta[0]:.6g}, {delta[1]:.6g}) in a {room.kind}",
+        written=written,
+    )
 
 
 def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
@@ -128,18 +160,42 @@ def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
     from shoal.views import figure, save_figure
 
     check_folder(out)
-    tall = prism(open_workspace("heptagon"), 0.8)  # type: ignore[arg-type]  # a name is never a region's
+    # a name is never a region's
+    tall = prism(open_workspace("heptagon"), 0.8)  # type: ignore[arg-type]
     cases = [
-        ("square", "square", [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)], 1e-6, "shortest"),
-        ("hexagon", "hexagon", [(-0.1, 0.0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 1e-6, "fewest-moves"),
+        (
+            "square",
+            "square",
+            [(0.2, 0.3), (0.5, 0.35)],
+            [(0.8, 0.2), (0.3, 0.75)],
+            1e-6,
+            "shortest",
+        ),
+        (
+            "hexagon",
+            "hexagon",
+            [(-0.1, 0.0), (0.1, 0.1)],
+            [(0.3, 0.1), (-0.2, -0.3)],
+            1e-6,
+            "fewest-moves",
+        ),
         ("disk", "disk", [(0.2, 0.2), (-0.1, -0.1)], [(-0.35, 0.2), (0.35, -0.25)], 1e-6, "greedy"),
-        ("prism", tall, [(0.1, 0.2, 0.3), (0.0, 0.1, 0.6)], [(-0.2, 0.1, 0.7), (0.1, -0.1, 0.2)], 1e-6, "shortest"),
+        (
+            "prism",
+            tall,
+            [(0.1, 0.2, 0.3), (0.0, 0.1, 0.6)],
+            [(-0.2, 0.1, 0.7), (0.1, -0.1, 0.2)],
+            1e-6,
+            "shortest",
+        ),
         ("noise", "square", [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)], 0.01, "robust"),
     ]
     results: dict[str, Any] = {}
     rows, files = [], []
     for name, workspace, start, goal, tolerance, planner in cases:
-        noise: dict[str, Any] = {"execution": 1e-3, "measurement": 1e-3, "gain": 0.2} if name == "noise" else {}
+        noise: dict[str, Any] = (
+            {"execution": 1e-3, "measurement": 1e-3, "gain": 0.2} if name == "noise" else {}
+        )
         problem = SteeringProblem(workspace, start, goal, tolerance, planner=planner, **noise)
         episode = run(problem, seed=seed)
         save_figure(figure(episode), out / f"{name}.png")

@@ -1,1 +1,3 @@
-"""Code that swarm, steering and search share: problems, episodes, checks of input, errors, files, registries, interruptions."""
+"""Code that swarm, steering and search share: problems, episodes, checks of input, errors, files,
+registries, interruptions.
+"""

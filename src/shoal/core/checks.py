@@ -1,4 +1,6 @@
-"""Checks of the arguments of functions. Each check returns the checked value, or raises an error with a one-sentence message."""
+"""Checks of the arguments of functions. Each check returns the checked value, or raises an error
+with a one-sentence message.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,14 @@ if TYPE_CHECKING:
     from numpy.random import Generator
     from pydantic import ValidationError
 
+
 LARGEST_TEXT = 200_000_000
 """Maximum size of a text file, in bytes. Shoal refuses a larger text file before reading it."""
 
 FARTHEST = 1e100
-"""Largest absolute value of a coordinate. Coordinates up to `FARTHEST` give areas that do not overflow."""
+"""Largest absolute value of a coordinate. Coordinates up to `FARTHEST` give areas that do not
+overflow.
+"""
 
 LARGEST_WKT = 20_000_000
 """Maximum length of a region in well-known text (WKT), in characters."""
@@ -36,7 +41,9 @@ DEEPEST = 50
 
 _LARGEST_VALUES = 600_000_000
 _JSON_MEMORY = {"{": 240, "[": 88, ",": 16}
-"""Memory in bytes that Python needs for each object, list and further value, besides numbers and texts."""
+"""Memory in bytes that Python needs for each object, list and further value, besides numbers and
+texts.
+"""
 
 _DEEPEST_KEY = 10  # parts of a TOML key, such as problem.vehicle.name
 _MOST_KEYS = 100_000
@@ -65,16 +72,26 @@ def check_integer(value: Any, *, what: str, least: float = -inf, most: float = i
     """
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not least <= value <= most:
-        raise InvalidInputError(f"{what}: expected a whole number{_ranged(least, most)}, got {shortened(value)}")
+        raise InvalidInputError(
+            f"{what}: expected a whole number{_ranged(least, most)}, got {shortened(value)}"
+        )
     return int(value)
 
 
 def check_number(
-    value: Any, *, what: str, least: float = -inf, most: float = inf, above: float = -inf, below: float = inf, finite: bool = True
+    value: Any,
+    *,
+    what: str,
+    least: float = -inf,
+    most: float = inf,
+    above: float = -inf,
+    below: float = inf,
+    finite: bool = True,
 ) -> float:
     """Return a number as a float after checking its range.
 
-    The checked number must be at least ``least``, at most ``most``, more than ``above``, and less than ``below``.
+    The checked number must be at least ``least``, at most ``most``, more than ``above``, and less
+    than ``below``.
 
     Raises
     ------
@@ -87,13 +104,17 @@ def check_number(
     """
     number = isinstance(value, Real | Decimal) and not isinstance(value, bool)
     try:
-        good = number and least <= value <= most and above < value and (value < below or below == inf)
+        good = (
+            number and least <= value <= most and above < value and (value < below or below == inf)
+        )
         good = good and (not finite or isfinite(value))
         value = float(value) if good else value
     except OverflowError:  # a whole number too large for a float
         good = False
     if not good:
-        raise InvalidInputError(f"{what}: expected a number{_ranged(least, most, above, below)}, got {shortened(value)}")
+        raise InvalidInputError(
+            f"{what}: expected a number{_ranged(least, most, above, below)}, got {shortened(value)}"
+        )
     return float(value)
 
 
@@ -122,7 +143,8 @@ def check_text(value: Any, *, what: str) -> str:
 
 
 def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
-    """Check that a text is one of ``choices``, and return the text. The error message suggests the nearest valid choice.
+    """Check that a text is one of ``choices``, and return the text. The error message suggests the
+    nearest valid choice.
 
     Raises
     ------
@@ -137,34 +159,51 @@ def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
     """
     known = list(choices)
     if value not in known:
-        raise InvalidInputError(f"{what}: expected one of {', '.join(known)}, got {shortened(value)}{suggestion(value, known)}")
+        raise InvalidInputError(
+            f"{what}: expected one of {', '.join(known)}, got"
+            f" {shortened(value)}{suggestion(value, known)}"
+        )
     return str(value)
 
 
-def check_points(points: Any, *, what: str, dimensions: int, count: int | None = None) -> NDArray[np.float64]:
-    """Return points as a float64 array of shape (count, dimensions). Refuse a coordinate whose absolute value exceeds `FARTHEST`.
+def check_points(
+    points: Any, *, what: str, dimensions: int, count: int | None = None
+) -> NDArray[np.float64]:
+    """Return points as a float64 array of shape (count, dimensions). Refuse a coordinate whose
+    absolute value exceeds `FARTHEST`.
 
     Raises
     ------
     InvalidInputError
     """
-    expected = f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
+    expected = (
+        f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
+    )
     try:
         array = np.asarray(points, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInputError(f"{expected}, got {shortened(points)}") from None
-    if array.ndim != 2 or array.shape[1] != dimensions or (count is not None and len(array) != count):
+    if (
+        array.ndim != 2
+        or array.shape[1] != dimensions
+        or (count is not None and len(array) != count)
+    ):
         raise InvalidInputError(f"{expected}, got an array of shape {array.shape}")
     near = (np.abs(array) <= FARTHEST).all(axis=1)
     if not near.all():
         index = int(np.argmin(near))
-        kind = f"numbers up to {FARTHEST:g}" if np.isfinite(array[index]).all() else "finite numbers"
-        raise InvalidInputError(f"{what}: expected {kind}, got {tuple(array[index].tolist())} at point {index + 1}")
+        kind = (
+            f"numbers up to {FARTHEST:g}" if np.isfinite(array[index]).all() else "finite numbers"
+        )
+        raise InvalidInputError(
+            f"{what}: expected {kind}, got {tuple(array[index].tolist())} at point {index + 1}"
+        )
     return array
 
 
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
-    """Raise an error if there is no file at ``path``, or if the file is empty or larger than ``most`` bytes.
+    """Raise an error if there is no file at ``path``, or if the file is empty or larger than
+    ``most`` bytes.
 
     Raises
     ------
@@ -174,7 +213,9 @@ def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
         found, folder = path.is_file(), path.is_dir()
         size = path.stat().st_size if found else 0
     except (OSError, ValueError) as error:
-        raise InvalidInputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise InvalidInputError(
+            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from None
     expected = f"{path}: expected {'an' if what[0] in 'aeiou' else 'a'} {what}"
     if not found:
         raise InvalidInputError(f"{expected}, got {'a folder' if folder else 'no such file'}")
@@ -190,7 +231,8 @@ def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
     Raises
     ------
     InvalidInputError
-        Raised if the file is not UTF-8 text. The error message contains the line number of the first wrong byte.
+        Raised if the file is not UTF-8 text. The error message contains the line number of the
+        first wrong byte.
     """
     check_file(path, what=what, most=most)
     try:
@@ -206,13 +248,16 @@ def decode_text(raw: bytes, *, where: str) -> str:
     Raises
     ------
     InvalidInputError
-        Raised if the bytes are not UTF-8 text. The error message contains the line number of the first wrong byte.
+        Raised if the bytes are not UTF-8 text. The error message contains the line number of the
+        first wrong byte.
     """
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
-        raise InvalidInputError(f"{where}: expected text in UTF-8, got byte 0x{raw[error.start]:02x} in line {line}") from None
+        raise InvalidInputError(
+            f"{where}: expected text in UTF-8, got byte 0x{raw[error.start]:02x} in line {line}"
+        ) from None
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
         raise InvalidInputError(f"{where}: expected text, got a zero byte in line {line}")
@@ -220,32 +265,40 @@ def decode_text(raw: bytes, *, where: str) -> str:
 
 
 def parse_json(text: str, *, where: str) -> Any:
-    """Parse a JSON text. Refuse lists and objects that are nested more than `DEEPEST` levels deep, and repeated names.
+    """Parse a JSON text. Refuse lists and objects that are nested more than `DEEPEST` levels deep,
+    and repeated names.
 
     Raises
     ------
     InvalidInputError
-        Raised if the text is not JSON, or if parsing it could need more memory than `_LARGEST_VALUES` and twenty times the length
-        of the text. The error message contains the line and the column of the error.
+        Raised if the text is not JSON, or if parsing it could need more memory than
+        `_LARGEST_VALUES` and twenty times the length of the text. The error message contains the
+        line and the column of the error.
     """
     check_json_memory(text, where=where)
     try:
         found = json.loads(text, object_pairs_hook=lambda pairs: _once_each(pairs, where))
     except json.JSONDecodeError as error:
         raise InvalidInputError(
-            f"{where}: expected JSON, got something else in line {error.lineno}, column {error.colno}: {error.msg.lower()}"
+            f"{where}: expected JSON, got something else in line {error.lineno}, column"
+            f" {error.colno}: {error.msg.lower()}"
         ) from None
     except InvalidInputError:
         raise
     except (RecursionError, ValueError) as error:
-        why = "lists and objects that are nested too deeply" if isinstance(error, RecursionError) else "a number of too many digits"
+        why = (
+            "lists and objects that are nested too deeply"
+            if isinstance(error, RecursionError)
+            else "a number of too many digits"
+        )
         raise InvalidInputError(f"{where}: expected JSON, got {why}") from None
     check_depth(found, where=where)
     return found
 
 
 def check_json_memory(text: str, *, where: str) -> None:
-    """Refuse a JSON text before parsing if its values could need more memory than `_LARGEST_VALUES` and twenty times its length.
+    """Refuse a JSON text before parsing if its values could need more memory than `_LARGEST_VALUES`
+    and twenty times its length.
 
     A text of braces otherwise needs up to a hundred times its own length.
 
@@ -255,45 +308,69 @@ def check_json_memory(text: str, *, where: str) -> None:
     """
     memory = sum(text.count(sign) * size for sign, size in _JSON_MEMORY.items())
     if memory > max(_LARGEST_VALUES, 20 * len(text)):
-        raise InvalidInputError(f"{where}: expected JSON of at most {_LARGEST_VALUES} bytes in memory, got about {memory} bytes")
+        raise InvalidInputError(
+            f"{where}: expected JSON of at most {_LARGEST_VALUES} bytes in memory, got about"
+            f" {memory} bytes"
+        )
 
 
 def _once_each(pairs: list[tuple[str, Any]], where: str) -> dict[str, Any]:
-    """Return the fields of a JSON object. Refuse a repeated name, of which Python would silently keep the last value."""
+    """Return the fields of a JSON object. Refuse a repeated name, of which Python would silently
+    keep the last value.
+    """
     found = dict(pairs)
     if len(found) < len(pairs):
         seen: set[str] = set()
         for name, value in pairs:
             if name in seen:
-                raise InvalidInputError(f"{where}: expected each name once, got {shortened(name)} again, with {shortened(value)}")
+                raise InvalidInputError(
+                    f"{where}: expected each name once, got {shortened(name)} again, with"
+                    f" {shortened(value)}"
+                )
             seen.add(name)
     return found
 
 
 def parse_toml(text: str, *, where: str) -> dict[str, Any]:
-    """Parse a TOML text. Refuse keys of too many parts, too many keys, and values that are nested more than `DEEPEST` levels deep.
+    """Parse a TOML text. Refuse keys of too many parts, too many keys, and values that are nested
+    more than `DEEPEST` levels deep.
 
     Raises
     ------
     InvalidInputError
-        Raised if the text is not TOML. The error message contains the line and the column of the error.
+        Raised if the text is not TOML. The error message contains the line and the column of the
+        error.
     """
-    # Checked before parsing: the parser needs memory that grows with the square of the number of parts of a key.
+    # Checked before parsing: the parser needs memory that grows with the square of the number of
+    # parts of a key.
     bare = _TOML_TEXTS.sub(lambda text: "" if text[0].startswith("#") else "q", text)
     deep = _TOML_DEEP_KEY.search(bare)
     if deep:
-        raise InvalidInputError(f"{where}: expected keys of at most {_DEEPEST_KEY} parts, got {shortened(deep[0])}")
+        raise InvalidInputError(
+            f"{where}: expected keys of at most {_DEEPEST_KEY} parts, got {shortened(deep[0])}"
+        )
     keys = bare.count("=") + bare.count("[")
     if keys > _MOST_KEYS:
-        raise InvalidInputError(f"{where}: expected at most {_MOST_KEYS} keys, tables and lists, got {keys}")
+        raise InvalidInputError(
+            f"{where}: expected at most {_MOST_KEYS} keys, tables and lists, got {keys}"
+        )
     if bare.count(",") > _MOST_VALUES:
-        raise InvalidInputError(f"{where}: expected at most {_MOST_VALUES} values in lists, got {bare.count(',')} or more")
+        raise InvalidInputError(
+            f"{where}: expected at most {_MOST_VALUES} values in lists, got {bare.count(',')} or"
+            " more"
+        )
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InvalidInputError(f"{where}: expected TOML in UTF-8, with each key once, got something else: {error}") from None
+        raise InvalidInputError(
+            f"{where}: expected TOML in UTF-8, with each key once, got something else: {error}"
+        ) from None
     except (RecursionError, ValueError) as error:
-        why = "values that are nested too deeply" if isinstance(error, RecursionError) else "a number of too many digits"
+        why = (
+            "values that are nested too deeply"
+            if isinstance(error, RecursionError)
+            else "a number of too many digits"
+        )
         raise InvalidInputError(f"{where}: expected TOML, got {why}") from None
     check_depth(data, where=where)
     return data
@@ -311,15 +388,20 @@ def read_polygon(text: str, *, where: str) -> Any:
     why = f"{text.strip()[:20]!r}"
     if len(text) <= LARGEST_WKT and re.match(r"\s*(MULTI)?POLYGON\b", text, re.IGNORECASE):
         try:
-            with np.errstate(all="ignore"):  # 1e400 is refused like any coordinate that is too large
+            with np.errstate(
+                all="ignore"
+            ):  # 1e400 is refused like any coordinate that is too large
                 return shapely.from_wkt(text.strip())
         except (shapely.errors.ShapelyError, TypeError, UnicodeError) as error:
             why = str(error).strip()[:120]
-    raise InvalidInputError(f"{where}: expected well-known text of a polygon, got something else: {why}")
+    raise InvalidInputError(
+        f"{where}: expected well-known text of a polygon, got something else: {why}"
+    )
 
 
 def check_depth(data: Any, *, where: str) -> None:
-    """Refuse lists and objects that are nested more than `DEEPEST` levels deep, because many libraries fail on such data.
+    """Refuse lists and objects that are nested more than `DEEPEST` levels deep, because many
+    libraries fail on such data.
 
     Raises
     ------
@@ -336,32 +418,55 @@ def check_depth(data: Any, *, where: str) -> None:
         ]
         if not level:
             return
-    raise InvalidInputError(f"{where}: expected lists and objects that are nested at most {DEEPEST} deep, got deeper ones")
+    raise InvalidInputError(
+        f"{where}: expected lists and objects that are nested at most {DEEPEST} deep, got deeper"
+        " ones"
+    )
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
-    """Return Pydantic's first error as one sentence with the path of the wrong field. The path omits the names in ``without``."""
+    """Return Pydantic's first error as one sentence with the path of the wrong field. The path
+    omits the names in ``without``.
+    """
     every = error.errors()
     # a misspelt field is also reported as missing
     first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])
     left_out = set(without)
-    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"] if part not in left_out)
+    place = "".join(
+        f"[{part}]" if isinstance(part, int) else f".{part}"
+        for part in first["loc"]
+        if part not in left_out
+    )
     what = _EXPECTED.get(first["type"], first["msg"].replace("Input should be ", "expected "))
-    got = "none" if first["type"] in ("missing", "union_tag_not_found") else shortened(first["input"])
-    return f"{where}{': ' if place else ''}{place.lstrip('.')}: {what[0].lower()}{what[1:]}, got {got}"
+    got = (
+        "none" if first["type"] in ("missing", "union_tag_not_found") else shortened(first["input"])
+    )
+    return (
+        f"{where}{': ' if place else ''}{place.lstrip('.')}: {what[0].lower()}{what[1:]}, got {got}"
+    )
 
 
 _EXPECTED = {
-    "extra_forbidden": "expected no such field", "missing": "expected this field", "int_type": "expected a whole number",
-    "int_parsing": "expected a whole number", "int_from_float": "expected a whole number", "string_type": "expected a text",
-    "float_type": "expected a number", "float_parsing": "expected a number", "bool_type": "expected true or false",
-    "bool_parsing": "expected true or false", "dict_type": "expected fields with values", "list_type": "expected a list",
+    "extra_forbidden": "expected no such field",
+    "missing": "expected this field",
+    "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "string_type": "expected a text",
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "bool_type": "expected true or false",
+    "bool_parsing": "expected true or false",
+    "dict_type": "expected fields with values",
+    "list_type": "expected a list",
     "tuple_type": "expected a list",
-}  # fmt: skip
+}
 
 
 def suggestion(word: Any, known: Iterable[str]) -> str:
-    """Return " (did you mean 'X'?)" with the known word nearest to ``word``, or an empty text if no known word is similar."""
+    """Return " (did you mean 'X'?)" with the known word nearest to ``word``, or an empty text if no
+    known word is similar.
+    """
     near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.6)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
@@ -375,7 +480,8 @@ def shortened(value: Any) -> str:
 
 
 def range_text(least: float, most: float, above: float = -inf, below: float = inf) -> str:
-    """Return a number's range in words, such as "from 0 to 1" or "1 or more". Return an empty text for a range without limits.
+    """Return a number's range in words, such as "from 0 to 1" or "1 or more". Return an empty text
+    for a range without limits.
 
     Examples
     --------
@@ -384,13 +490,27 @@ def range_text(least: float, most: float, above: float = -inf, below: float = in
     """
     if least > -inf and most < inf:
         return f"from {_plain(least)} to {_plain(most)}"
-    parts = [f"{_plain(least)} or more"] if least > -inf else [f"above {_plain(above)}"] if above > -inf else []
-    parts += [f"at most {_plain(most)}"] if most < inf else [f"below {_plain(below)}"] if below < inf else []
+    parts = (
+        [f"{_plain(least)} or more"]
+        if least > -inf
+        else [f"above {_plain(above)}"]
+        if above > -inf
+        else []
+    )
+    parts += (
+        [f"at most {_plain(most)}"]
+        if most < inf
+        else [f"below {_plain(below)}"]
+        if below < inf
+        else []
+    )
     return " and ".join(parts)
 
 
 def _ranged(least: float, most: float, above: float = -inf, below: float = inf) -> str:
-    """Return a number's range as the end of an error message, such as " from 0 to 1" or ", 1 or more"."""
+    """Return a number's range as the end of an error message, such as " from 0 to 1" or ", 1 or
+    more".
+    """
     text = range_text(least, most, above, below)
     return f" {text}" if text.startswith("from") else f", {text}" if text else ""
 
@@ -400,12 +520,15 @@ def _plain(number: float) -> str:
     return shortened(number) if isinstance(number, int) else f"{number:g}"
 
 
-def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]) -> list[tuple[int | None, Generator]]:
+def world_generators(
+    seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]
+) -> list[tuple[int | None, Generator]]:
     """Return the seed and the random generator of each world whose index is in ``chosen``.
 
-    ``seed`` is None, a number, or a sequence with a number or None for each world. If ``seed`` is a number, the seed of each world
-    is the sum of ``seed`` and the world's index. A world with the seed None keeps its generator from the list ``own``, or gets a
-    new generator if ``own`` is empty.
+    ``seed`` is None, a number, or a sequence with a number or None for each world. If ``seed`` is a
+    number, the seed of each world is the sum of ``seed`` and the world's index. A world with the
+    seed None keeps its generator from the list ``own``, or gets a new generator if ``own`` is
+    empty.
     """
     several = isinstance(seed, Sequence | np.ndarray)
     if several and len(seed) != worlds:
@@ -419,3 +542,34 @@ def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: lis
         given = check_integer(given, what="seed", least=0) + (0 if several else world)
         found.append((given, np.random.default_rng(given)))
     return found
+
+
+MOST_TRIALS = 1_000_000_000
+"""Maximum number of trials of a run and of a sweep."""
+
+
+def count_text(count: int, word: str) -> str:
+    """Return a number and the word for the counted things as a text; the word gets an "s" unless
+    the number is 1.
+
+    Examples
+    --------
+    >>> count_text(1, "robot"), count_text(1200, "cell")
+    ('1 robot', '1,200 cells')
+    """
+    return f"{count:,} {word}{'s' * (count != 1)}"
+
+
+def shape_text(shape: Sequence[int]) -> str:
+    """Return the shape of a map in cells as a text that names each side; a map in three dimensions
+    also has layers.
+
+    Examples
+    --------
+    >>> shape_text((36, 60)), shape_text((5, 1, 1200))
+    ('36 rows × 60 columns', '5 layers × 1 row × 1,200 columns')
+    """
+    words = ("layer", "row", "column")[3 - len(shape) :]
+    return " × ".join(
+        count_text(int(count), word) for count, word in zip(shape, words, strict=True)
+    )

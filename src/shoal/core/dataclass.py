@@ -13,7 +13,9 @@ _VALUE = 120  # number of characters shown of any other value
 
 
 class _Brief(reprlib.Repr):
-    """A short ``repr`` of values: it shows the dtype and shape of a large array, and the first entries of a collection."""
+    """A short ``repr`` of values: it shows the dtype and shape of a large array, and the first
+    entries of a collection.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -45,7 +47,9 @@ def one_line(thing: Any) -> str:
     >>> Path("a", np.zeros((90, 2)))
     Path(name='a', points=<float64 90x2>)
     """
-    names = getattr(thing, "_fields", None) or [one.name for one in dataclasses.fields(thing) if one.repr]
+    names = getattr(thing, "_fields", None) or [
+        one.name for one in dataclasses.fields(thing) if one.repr
+    ]
     return f"{type(thing).__name__}({', '.join(f'{name}={_brief(getattr(thing, name, None))}' for name in names)})"
 
 
@@ -54,7 +58,9 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, *, repr=True, **options):  # noqa: A002 - as in dataclasses
-        """Apply `dataclasses.dataclass` to a class. If the class defines no ``__repr__``, use `one_line` as its ``__repr__``."""
+        """Apply `dataclasses.dataclass` to a class. If the class defines no ``__repr__``, use
+        `one_line` as its ``__repr__``.
+        """
 
         def made(cls):
             if repr and "__repr__" not in vars(cls):

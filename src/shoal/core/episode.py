@@ -13,10 +13,14 @@ from shoal.core.dataclass import dataclass
 
 
 class Status(StrEnum):
-    """The way in which an episode ended. The property `done` is true only for the statuses ``complete`` and ``solved``."""
+    """The way in which an episode ended. The property `done` is true only for the statuses
+    ``complete`` and ``solved``.
+    """
 
     COMPLETE = "complete"
-    """Swarm and search: the particles or robots mapped, covered or searched all cells that they can reach."""
+    """Swarm and search: the particles or robots mapped, covered or searched all cells that they can
+    reach.
+    """
     SOLVED = "solved"
     """Steering: every particle is within the tolerance of its goal."""
     STALLED = "stalled"
@@ -30,11 +34,17 @@ class Status(StrEnum):
     UNREACHABLE = "unreachable"
     """Steering: no sequence of moves leads to the goals."""
     APPROACHABLE = "approachable"
-    """Steering: moves can bring the particles arbitrarily close to their goals, but the plan ends outside the tolerance."""
+    """Steering: moves can bring the particles arbitrarily close to their goals, but the plan ends
+    outside the tolerance.
+    """
     SENSITIVE = "sensitive"
-    """Steering: the plan reaches the goals, but only in exact arithmetic; a slightly larger contact tolerance makes it miss."""
+    """Steering: the plan reaches the goals, but only in exact arithmetic; a slightly larger contact
+    tolerance makes it miss.
+    """
     INCOMPLETE = "incomplete"
-    """Search: at least one cell was not searched, or a working robot does not know that the search is complete."""
+    """Search: at least one cell was not searched, or a working robot does not know that the search
+    is complete.
+    """
 
     @property
     def done(self) -> bool:
@@ -44,7 +54,8 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of `Episode.verify`. ``bool(verification)`` is true if the replay agrees with the episode.
+    """The result of `Episode.verify`. ``bool(verification)`` is true if the replay agrees with the
+    episode.
 
     Parameters
     ----------
@@ -63,13 +74,16 @@ class Verification:
 class Episode(ABC):
     """One run of a problem. ``bool(episode)`` is true if the task of the episode was done.
 
-    Each part (swarm, steering, search) adds attributes of its own. Episodes of all parts have the following attributes:
+    Each part (swarm, steering, search) adds attributes of its own. Episodes of all parts have the
+    following attributes:
 
     - ``problem``: the `Problem` of the run, as the user declared it.
     - ``status``: a `Status`.
     - ``seed``: int; equal problems with equal seeds give equal episodes.
-    - ``seconds``: float; computing time of the run in seconds, without the time for compiling kernels.
-    - ``versions``: the versions of Shoal and its libraries, as `shoal.core.version.versions` returned them.
+    - ``seconds``: float; computing time of the run in seconds, without the time for compiling
+      kernels.
+    - ``versions``: the versions of Shoal and its libraries, as `shoal.core.version.versions`
+      returned them.
     """
 
     part: ClassVar[str]
@@ -92,27 +106,36 @@ class Episode(ABC):
     @property
     @abstractmethod
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the episode by name: all measures that sweeps store, and other numbers about the result.
+        """Return the metrics of the episode by name: all measures that sweeps store, and other
+        numbers about the result.
 
         The value of a metric is a number, a text or None.
         """
 
     @abstractmethod
     def report(self) -> dict[str, Any]:
-        """Return the JSON object that Shoal's commands print for an episode with the option ``--json``."""
+        """Return the JSON object that Shoal's commands print for an episode with the option
+        ``--json``.
+        """
 
     @abstractmethod
     def verify(self) -> Verification:
-        """Replay the episode from its problem and commands, and compare the replay with every stored value of the episode."""
+        """Replay the episode from its problem and commands, and compare the replay with every
+        stored value of the episode.
+        """
 
     @abstractmethod
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode to a file that `load` can read. A failed write leaves no partial file."""
+        """Write the episode to a file that `load` can read. A failed write leaves no
+        partial file.
+        """
 
     @classmethod
     @abstractmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:
-        """Read an episode that `save` wrote. If ``trust`` is false, refuse an episode that needs third-party code."""
+        """Read an episode that `save` wrote. If ``trust`` is false, refuse an episode that needs
+        third-party code.
+        """
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.sentence}>"

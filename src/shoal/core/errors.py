@@ -1,8 +1,9 @@
 """The exceptions that Shoal raises for bad input.
 
-Every exception class of Shoal is a subclass of `ShoalError` and of the matching built-in class, so ``except ValueError`` works as
-usual. The message of an exception is one sentence with the expected value, the given value and the location of the given value. A
-planner that finds no plan raises no exception: the status of the episode reports the failure.
+Every exception class of Shoal is a subclass of `ShoalError` and of the matching built-in class, so
+``except ValueError`` works as usual. The message of an exception is one sentence with the expected
+value, the given value and the location of the given value. A planner that finds no plan raises no
+exception: the status of the episode reports the failure.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from contextlib import contextmanager
 from typing import Any
 
 LONGEST_ECHO = 200
-"""Maximum length of one word or quotation in an error message, in characters. Texts from input files can be of any length."""
+"""Maximum length of one word or quotation in an error message, in characters. Texts from input
+files can be of any length.
+"""
 
 _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECHO + 1},}}")
 
@@ -21,11 +24,14 @@ _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECH
 class ShoalError(Exception):
     """Base class of all exceptions that Shoal raises on purpose.
 
-    The constructor shortens each word and each quotation of more than `LONGEST_ECHO` characters in the message.
+    The constructor shortens each word and each quotation of more than `LONGEST_ECHO` characters in
+    the message.
     """
 
     def __init__(self, *arguments: Any) -> None:
-        super().__init__(*(_LONG.sub(_ends, one) if isinstance(one, str) else one for one in arguments))
+        super().__init__(
+            *(_LONG.sub(_ends, one) if isinstance(one, str) else one for one in arguments)
+        )
 
 
 def _ends(found: re.Match[str]) -> str:
@@ -42,7 +48,9 @@ class UnknownNameError(ShoalError, LookupError):
 
 @contextmanager
 def errors_at(where: object) -> Iterator[None]:
-    """Put ``where`` in front of the message of an `InvalidInputError` or `UnknownNameError` raised inside the ``with`` block."""
+    """Put ``where`` in front of the message of an `InvalidInputError` or `UnknownNameError` raised
+    inside the ``with`` block.
+    """
     try:
         yield
     except (InvalidInputError, UnknownNameError) as error:

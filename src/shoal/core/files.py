@@ -1,4 +1,6 @@
-"""Files that Shoal writes: output files appear whole or not at all, and files of caches carry a checksum."""
+"""Files that Shoal writes: output files appear whole or not at all, and files of caches carry a
+checksum.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +34,17 @@ def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
 
 @contextmanager
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield the path of a temporary file in the folder of ``path``, with the same suffix as ``path``.
+    """Yield the path of a temporary file in the folder of ``path``, with the same suffix as
+    ``path``.
 
-    If the ``with`` block succeeds, the temporary file is renamed to ``path``. If the ``with`` block fails, the temporary file is
-    removed.
+    If the ``with`` block succeeds, the temporary file is renamed to ``path``. If the ``with`` block
+    fails, the temporary file is removed.
 
     Raises
     ------
     OutputError
-        Raised if the folder is not writable, or if the disk is full. A failed write leaves no partial file.
+        Raised if the folder is not writable, or if the disk is full. A failed write leaves no
+        partial file.
     """
     target = Path(path)
     temporary: Path | None = None
@@ -48,7 +52,8 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         if target.is_dir():
             raise OutputError(f"cannot write {target}: it is a folder")
         target.parent.mkdir(parents=True, exist_ok=True)
-        # The name is noted before the file exists, so an interruption at any moment removes the file.
+        # The name is noted before the file exists, so an interruption at any moment removes the
+        # file.
         temporary = target.parent / f".{target.stem[:40]}-{secrets.token_hex(6)}{target.suffix}"
         half_written.add(temporary)
         temporary.touch(mode=0o600, exist_ok=False)
@@ -99,7 +104,8 @@ def with_checksum(content: bytes) -> bytes:
 def without_checksum(stored: bytes) -> bytes:
     """Return the content of a cache file that `with_checksum` made.
 
-    A cache holds machine code and results: a file in which even one bit has changed must not be used.
+    A cache holds machine code and results: a file in which even one bit has changed must not be
+    used.
 
     Raises
     ------
@@ -123,12 +129,19 @@ def without_checksum(stored: bytes) -> bytes:
 
 
 def users_cache() -> Path:
-    """Return the folder of Shoal's cache for the current user: ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")) / "shoal"
+    """Return the folder of Shoal's cache for the current user: ``$XDG_CACHE_HOME/shoal`` or
+    ``~/.cache/shoal``.
+    """
+    return (
+        Path(os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache"))
+        / "shoal"
+    )
 
 
 def _mode(path: Path) -> int:
-    """Return the permissions of the existing file at ``path``. If no file exists, return the user's default permissions."""
+    """Return the permissions of the existing file at ``path``. If no file exists, return the user's
+    default permissions.
+    """
     try:
         return stat.S_IMODE(path.stat().st_mode)
     except FileNotFoundError:

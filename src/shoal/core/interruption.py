@@ -1,8 +1,9 @@
 """The end of a command after Ctrl-C, after SIGTERM, or after the user closes the terminal.
 
-While the modules of a command are loading, a signal ends the command at once. After loading, a signal raises KeyboardInterrupt,
-so that the command can clean up. A second thread waits for signals and ends the command soon after a signal, because compiled
-code can delay a KeyboardInterrupt for minutes.
+While the modules of a command are loading, a signal ends the command at once. After loading, a
+signal raises KeyboardInterrupt, so that the command can clean up. A second thread waits for signals
+and ends the command soon after a signal, because compiled code can delay a KeyboardInterrupt for
+minutes.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ half_written: set[Path] = set()
 """Unfinished files to remove at the forced end of a command."""
 
 _KNOTS = ("importlib._bootstrap", "numba.", "llvmlite.", "shoal.jit.", "weakref")
-_running: list[str] = []  # "command" while a command runs, "patient" while the process must not be ended at once
+_running: list[
+    str
+] = []  # "command" while a command runs, "patient" while the process must not be ended at once
 _begun: list[bool] = []
 
 
@@ -37,7 +40,9 @@ def begin() -> None:
     if _begun or threading.current_thread() is not threading.main_thread():
         return
     _begun.append(True)
-    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [
+        getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+    ]
     for number in numbers:
         # otherwise the signal is ignored on purpose, as with nohup
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
@@ -66,7 +71,9 @@ def command_running() -> Iterator[None]:
 
 @contextmanager
 def patient() -> Iterator[None]:
-    """Prevent the forced end of the process inside the ``with`` block, for example while the block stops hardware."""
+    """Prevent the forced end of the process inside the ``with`` block, for example while the block
+    stops hardware.
+    """
     _running.append("patient")
     try:
         yield
@@ -76,9 +83,11 @@ def patient() -> Iterator[None]:
 
 @contextmanager
 def interruption_held() -> Iterator[None]:
-    """Delay Ctrl-C until the ``with`` block has ended. The block should be a short library call that must not be interrupted.
+    """Delay Ctrl-C until the ``with`` block has ended. The block should be a short library call
+    that must not be interrupted.
 
-    An example is the writing of a zip archive: Ctrl-C may be lost, or may cause an unrelated error when the archive is closed.
+    An example is the writing of a zip archive: Ctrl-C may be lost, or may cause an unrelated error
+    when the archive is closed.
     """
     asked = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(asked):
@@ -96,15 +105,19 @@ def interruption_held() -> Iterator[None]:
 
 @contextmanager
 def stop_on_interruption(stop: Event) -> Iterator[None]:
-    """Let the first Ctrl-C inside the ``with`` block set ``stop`` instead of raising KeyboardInterrupt at an arbitrary place.
+    """Let the first Ctrl-C inside the ``with`` block set ``stop`` instead of raising
+    KeyboardInterrupt at an arbitrary place.
 
-    The block then ends its work in good order. A second Ctrl-C has its usual effect. The other signals that a command of Shoal
-    handles set ``stop``, too.
+    The block then ends its work in good order. A second Ctrl-C has its usual effect. The other
+    signals that a command of Shoal handles set ``stop``, too.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    numbers = [signal.SIGINT, *(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))]
+    numbers = [
+        signal.SIGINT,
+        *(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)),
+    ]
     asked = {number: handler for number in numbers if callable(handler := signal.getsignal(number))}
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -122,7 +135,9 @@ def stop_on_interruption(stop: Event) -> Iterator[None]:
 
 
 def end(text: str = "shoal: interrupted\n") -> None:
-    """End the process and its worker processes now: remove partial files, print ``text`` on stderr, and exit with code 130."""
+    """End the process and its worker processes now: remove partial files, print ``text`` on stderr,
+    and exit with code 130.
+    """
     workers = sys.modules.get("multiprocessing")
     for worker in workers.active_children() if workers else ():
         worker.terminate()
@@ -144,7 +159,9 @@ def _answer(_number: int, frame: FrameType | None) -> None:
 
 
 def _in_knots(frame: FrameType | None) -> bool:
-    """Return whether code that hides a KeyboardInterrupt is running: an import, the compiler, or a weak reference's callback."""
+    """Return whether code that hides a KeyboardInterrupt is running: an import, the compiler, or a
+    weak reference's callback.
+    """
     while frame is not None:
         if str(frame.f_globals.get("__name__")).startswith(_KNOTS):
             return True
@@ -153,7 +170,11 @@ def _in_knots(frame: FrameType | None) -> bool:
 
 
 def _wait(reading: int) -> None:
-    while os.read(reading, 1)[0] not in {signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", 0)}:
+    while os.read(reading, 1)[0] not in {
+        signal.SIGINT,
+        signal.SIGTERM,
+        getattr(signal, "SIGHUP", 0),
+    }:
         continue
     time.sleep(GRACE)
     while "patient" in _running:

@@ -1,4 +1,6 @@
-"""Notices from running functions of Shoal to the user. The command line interface prints notices on stderr."""
+"""Notices from running functions of Shoal to the user. The command line interface prints notices on
+stderr.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ _told: set[str] = set()
 
 
 def tell_once(text: str) -> None:
-    """Send a notice of one sentence to every listener, unless the text is empty or this process has already sent it."""
+    """Send a notice of one sentence to every listener, unless the text is empty or this process has
+    already sent it.
+    """
     if listeners and text and text not in _told:
         _told.add(text)
         for listener in listeners:

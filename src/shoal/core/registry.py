@@ -1,6 +1,8 @@
-"""Registries: mappings from names to objects. A name belongs to a built-in object, or has the form ``module:attribute``.
+"""Registries: mappings from names to objects. A name belongs to a built-in object, or has the form
+``module:attribute``.
 
-A name ``module:attribute`` refers to a third-party object. Options may follow a name, as in ``subset-coverage:fraction=0.2``.
+A name ``module:attribute`` refers to a third-party object. Options may follow a name, as in
+``subset-coverage:fraction=0.2``.
 """
 
 from __future__ import annotations
@@ -25,13 +27,16 @@ _FOLDERS: list[str] = []
 _FROM_FOLDERS: list[str] = []
 """Names of the modules that Shoal found in the folders added by `look_in`."""
 _NAMED: set[str] = set()
-"""Names of all modules that the user named as ``module:attribute``, wherever the files of the modules are."""
+"""Names of all modules that the user named as ``module:attribute``, wherever the files of the
+modules are.
+"""
 
 
 def look_in(folder: str) -> None:
     """Add a folder in which Shoal searches for modules of the user, after Python's own search path.
 
-    Because Shoal searches the added folder last, a file ``email.py`` in the folder does not replace Python's module ``email``.
+    Because Shoal searches the added folder last, a file ``email.py`` in the folder does not replace
+    Python's module ``email``.
 
     Examples
     --------
@@ -52,13 +57,21 @@ def users_modules() -> tuple[list[str], list[str]]:
 
 
 def named_modules() -> dict[str, str]:
-    """Return the source files of the modules that the user named as ``module:attribute``, without installed packages."""
+    """Return the source files of the modules that the user named as ``module:attribute``, without
+    installed packages.
+    """
     found = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
-    return {name: file for name, file in found.items() if file.endswith(".py") and "site-packages" not in file}
+    return {
+        name: file
+        for name, file in found.items()
+        if file.endswith(".py") and "site-packages" not in file
+    }
 
 
 def digest_of_module(name: str) -> str:
-    """Return a digest of a module's source file. If the current process cannot import the module, return an empty text."""
+    """Return a digest of a module's source file. If the current process cannot import the module,
+    return an empty text.
+    """
     import hashlib
 
     with suppress(Exception, SystemExit), open(_imported(name).__file__ or "", "rb") as file:
@@ -84,7 +97,9 @@ def load_users_modules(folders: list[str], modules: list[str]) -> None:
 
 
 def _imported(name: str) -> ModuleType:
-    """Import a module that the user named. Add the user's folders to Python's search path only during the import."""
+    """Import a module that the user named. Add the user's folders to Python's search path only
+    during the import.
+    """
     _NAMED.add(name)
     added = [folder for folder in _FOLDERS if folder not in sys.path]
     sys.path.extend(added)
@@ -95,7 +110,9 @@ def _imported(name: str) -> ModuleType:
         for folder in added:
             with suppress(ValueError):
                 sys.path.remove(folder)
-    if name not in _FROM_FOLDERS and (getattr(module, "__file__", None) or "").startswith(tuple(added) or ("\0",)):
+    if name not in _FROM_FOLDERS and (getattr(module, "__file__", None) or "").startswith(
+        tuple(added) or ("\0",)
+    ):
         _FROM_FOLDERS.append(name)
     return module
 
@@ -106,11 +123,13 @@ class Registry(Generic[T]):
     Parameters
     ----------
     kind : str
-        The kind of the registered objects, such as "policy". Error messages name the kind of the object.
+        The kind of the registered objects, such as "policy". Error messages name the kind of the
+        object.
     open_to_others : bool
         Whether the registry accepts names of third-party objects (``module:attribute``).
     functions : bool
-        Whether the registered objects are functions. The options in the name of a function are the function's keyword arguments.
+        Whether the registered objects are functions. The options in the name of a function are the
+        function's keyword arguments.
 
     Examples
     --------
@@ -130,7 +149,9 @@ class Registry(Generic[T]):
         self._items: dict[str, T] = {}
 
     def add(self, name: str, item: T) -> T:
-        """Register ``item`` under ``name`` and return ``item``. Each name can be registered only once."""
+        """Register ``item`` under ``name`` and return ``item``. Each name can be registered only
+        once.
+        """
         if name in self._items:
             raise UnknownNameError(f"the {self.kind} name {name!r} is already taken")
         self._items[name] = item
@@ -147,12 +168,14 @@ class Registry(Generic[T]):
         return name in self._items
 
     def get(self, name: str) -> T:
-        """Return the object that is registered as ``name``, or the third-party object for a name like ``module:attribute``.
+        """Return the object that is registered as ``name``, or the third-party object for a name
+        like ``module:attribute``.
 
         Raises
         ------
         UnknownNameError
-            Raised if no object has the given name. The error message suggests the nearest registered name.
+            Raised if no object has the given name. The error message suggests the nearest
+            registered name.
         """
         if name in self._items:
             return self._items[name]
@@ -164,7 +187,10 @@ class Registry(Generic[T]):
         import difflib  # slow to import, and `import shoal` must be fast
 
         near = difflib.get_close_matches(name, self._items, n=1, cutoff=0.5)
-        known = f"known: {', '.join(self._items)}{'; or MODULE:ATTRIBUTE' if self.open_to_others else ''}"
+        known = (
+            "known:"
+            f" {', '.join(self._items)}{'; or MODULE:ATTRIBUTE' if self.open_to_others else ''}"
+        )
         return f"did you mean {near[0]!r}? ({known})" if near else f"({known})"
 
     def _import(self, name: str) -> T:
@@ -175,12 +201,15 @@ class Registry(Generic[T]):
             found: T = getattr(_imported(module_name), attribute)
         except (Exception, SystemExit) as error:  # third-party code may raise any exception
             what = " ".join(str(error).split())
-            raise UnknownNameError(f"cannot import the {self.kind} {name!r}: {type(error).__name__}: {what}") from error
+            raise UnknownNameError(
+                f"cannot import the {self.kind} {name!r}: {type(error).__name__}: {what}"
+            ) from error
         return found
 
 
 def name_of(thing: Any, registry: Registry[Any]) -> str:
-    """Return the name that recreates an object: its registered name with options, or ``module:attribute``.
+    """Return the name that recreates an object: its registered name with options, or
+    ``module:attribute``.
 
     If no name recreates the object, return a description of the object.
 
@@ -198,18 +227,26 @@ def name_of(thing: Any, registry: Registry[Any]) -> str:
         if registry.get(name) is thing:
             return name
         if registry.get(name) is type(thing):
-            changed = [f"{key}={value}" for key, value in vars(thing).items() if value != getattr(type(thing), key, None)]
+            changed = [
+                f"{key}={value}"
+                for key, value in vars(thing).items()
+                if value != getattr(type(thing), key, None)
+            ]
             return f"{name}:{','.join(changed)}" if changed else name
     kind = thing if hasattr(thing, "__qualname__") else type(thing)
     module = sys.modules.get(kind.__module__)
     for attribute, found in vars(module).items() if module is not None else ():
-        if (type(found) is type(thing) and found == thing) or (found is kind and _is_made_by(thing, kind)):
+        if (type(found) is type(thing) and found == thing) or (
+            found is kind and _is_made_by(thing, kind)
+        ):
             return f"{kind.__module__}:{attribute}"
     return f"{kind.__module__}:{' '.join(repr(thing).split())[:80]}"
 
 
 def _is_made_by(thing: Any, kind: Any) -> bool:
-    """Return whether calling the class ``kind`` without arguments makes an object equal to ``thing``."""
+    """Return whether calling the class ``kind`` without arguments makes an object equal to
+    ``thing``.
+    """
     try:
         return bool(vars(kind()) == vars(thing))
     except (TypeError, ValueError):
@@ -217,19 +254,21 @@ def _is_made_by(thing: Any, kind: Any) -> bool:
 
 
 def configured(registry: Registry[Any], text: str) -> Any:
-    """Return the object for a name with options, such as ``NAME:option=value`` or ``module:attribute:option=value``.
+    """Return the object for a name with options, such as ``NAME:option=value`` or
+    ``module:attribute:option=value``.
 
-    Options are separated by commas. A value without ``option=`` sets the first option. Each option sets one parameter of the
-    registered class or function. Shoal converts the value of an option to the annotated type of the parameter, or to the type of
-    the parameter's default. For a parameter without annotation and default, texts such as ``2.5`` and ``true`` become numbers and
-    booleans.
+    Options are separated by commas. A value without ``option=`` sets the first option. Each option
+    sets one parameter of the registered class or function. Shoal converts the value of an option to
+    the annotated type of the parameter, or to the type of the parameter's default. For a parameter
+    without annotation and default, texts such as ``2.5`` and ``true`` become numbers and booleans.
 
     Raises
     ------
     UnknownNameError
         Raised if no object has the given name.
     InvalidInputError
-        Raised if an option does not exist, the value of an option is invalid, or the third-party class raises an error.
+        Raised if an option does not exist, the value of an option is invalid, or the third-party
+        class raises an error.
 
     Examples
     --------
@@ -245,10 +284,17 @@ def configured(registry: Registry[Any], text: str) -> Any:
     kind: Any = registry.get(name)
     if not inspect.isclass(kind) and not options:
         return kind
-    what, function = f"the {registry.kind} {name!r}", registry.functions and not inspect.isclass(kind)
+    what, function = (
+        f"the {registry.kind} {name!r}",
+        registry.functions and not inspect.isclass(kind),
+    )
     try:
         signature = inspect.signature(kind)
-        own = {key: one for key, one in signature.parameters.items() if not function or one.default is not inspect.Parameter.empty}
+        own = {
+            key: one
+            for key, one in signature.parameters.items()
+            if not function or one.default is not inspect.Parameter.empty
+        }
         chosen = _options(what, text, options, own)
         if function:
             return partial(kind, **chosen)
@@ -256,16 +302,22 @@ def configured(registry: Registry[Any], text: str) -> Any:
     except (TypeError, ValueError) as error:
         if isinstance(error, InvalidInputError):
             raise
-        raise InvalidInputError(f"the {registry.kind} {text!r}: expected a class without arguments: {error}") from None
+        raise InvalidInputError(
+            f"the {registry.kind} {text!r}: expected a class without arguments: {error}"
+        ) from None
     try:
         return kind(**chosen)
     except (Exception, SystemExit) as error:  # the class may be third-party code
         if isinstance(error, ShoalError):
             raise
-        raise InvalidInputError(f"cannot create {what}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+        raise InvalidInputError(
+            f"cannot create {what}: {type(error).__name__}: {' '.join(str(error).split())}"
+        ) from error
 
 
-def _options(what: str, whole: str, text: str, parameters: Mapping[str, inspect.Parameter]) -> dict[str, Any]:
+def _options(
+    what: str, whole: str, text: str, parameters: Mapping[str, inspect.Parameter]
+) -> dict[str, Any]:
     chosen: dict[str, Any] = {}
     for part in filter(None, text.split(",")):
         key, equals, value = part.partition("=")
@@ -275,7 +327,9 @@ def _options(what: str, whole: str, text: str, parameters: Mapping[str, inspect.
             has = f"has {', '.join(parameters)}" if parameters else "has none"
             raise InvalidInputError(f"{what} has no option {key!r} (it {has})")
         if key in chosen:
-            raise InvalidInputError(f"{what}: expected the option {key!r} once, got it again in {whole!r}")
+            raise InvalidInputError(
+                f"{what}: expected the option {key!r} once, got it again in {whole!r}"
+            )
         chosen[key] = _converted(f"{what}: {key}", value, parameters[key])
     return chosen
 
@@ -289,7 +343,9 @@ _READ: dict[str, tuple[Callable[[str], object], str]] = {
 
 
 def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
-    """Convert the value of an option to the annotated type of its parameter, or to the type of the parameter's default."""
+    """Convert the value of an option to the annotated type of its parameter, or to the type of the
+    parameter's default.
+    """
     for told in (parameter.annotation, type(parameter.default)):
         kind = getattr(told, "__name__", str(told))  # annotations may be strings
         if kind in _READ:
@@ -305,7 +361,8 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
 
 
 def loaded_on_use(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """Return a function ``__getattr__`` for a package. The function imports each public name of the package on first use.
+    """Return a function ``__getattr__`` for a package. The function imports each public name of the
+    package on first use.
 
     Parameters
     ----------

@@ -30,15 +30,21 @@ def versions() -> dict[str, str]:
     from importlib.metadata import version  # slow to import, and `import shoal` must be fast
 
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    return {"shoal": __version__, "python": python, "numpy": version("numpy"), "numba": version("numba")}
+    return {
+        "shoal": __version__,
+        "python": python,
+        "numpy": version("numpy"),
+        "numba": version("numba"),
+    }
 
 
 @cache
 def code_digest() -> str:
     """Return a digest of the code and the data of Shoal on which results can depend.
 
-    The digest covers everything in the package ``shoal`` except `_SHOWN`, and archives of compiled kernels, which are made from
-    the same code. Two processes with equal digests and equal versions compute equal results.
+    The digest covers everything in the package ``shoal`` except `_SHOWN`, and archives of compiled
+    kernels, which are made from the same code. Two processes with equal digests and equal versions
+    compute equal results.
     """
     from pathlib import Path  # slow to import
 

@@ -1,7 +1,9 @@
-"""Environments for reinforcement learning: Gymnasium for swarms and steering, PettingZoo for searches (extra ``envs``).
+"""Environments for reinforcement learning: Gymnasium for swarms and steering, PettingZoo for
+searches (extra ``envs``).
 
-The import of ``shoal.envs`` registers the environments ``shoal/Mapping-v0``, ``shoal/Coverage-v0``, ``shoal/SubsetCoverage-v0`` and
-``shoal/Steering-v0``. A call such as ``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports ``shoal.envs`` itself.
+The import of ``shoal.envs`` registers the environments ``shoal/Mapping-v0``, ``shoal/Coverage-v0``,
+``shoal/SubsetCoverage-v0`` and ``shoal/Steering-v0``. A call such as
+``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports ``shoal.envs`` itself.
 """
 
 from __future__ import annotations
@@ -14,7 +16,9 @@ try:
     import gymnasium
     import pettingzoo  # noqa: F401 - of search_v0
 except ImportError:
-    raise MissingExtraError('environments need the extra "envs": pip install "shoal[envs]"') from None
+    raise MissingExtraError(
+        'environments need the extra "envs": pip install "shoal[envs]"'
+    ) from None
 
 from shoal.envs.dataset import record_episodes
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
@@ -47,10 +51,13 @@ REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
     "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
     "shoal/Steering-v0": ("shoal.envs.steering:SteeringEnv", {"tolerance": 0.01}),
 }
-"""The class of each environment, by id, and the options whose default differs from the default of the field of the problem.
+"""The class of each environment, by id, and the options whose default differs from the default of
+the field of the problem.
 
 A call of `gymnasium.make` can change each option.
 """
 
 for _name, (_entry, _options) in REGISTERED.items():
-    gymnasium.register(id=_name, entry_point=_entry, vector_entry_point=_VECTORS.get(_entry), kwargs=_options)
+    gymnasium.register(
+        id=_name, entry_point=_entry, vector_entry_point=_VECTORS.get(_entry), kwargs=_options
+    )

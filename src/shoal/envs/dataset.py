@@ -1,4 +1,6 @@
-"""record_episodes: record episodes of a policy as a Minari dataset, for imitation learning and offline learning."""
+"""record_episodes: record episodes of a policy as a Minari dataset, for imitation learning and
+offline learning.
+"""
 
 from __future__ import annotations
 
@@ -30,18 +32,20 @@ def record_episodes(
     seed: int = 0,
     name: str | None = None,
 ) -> Any:
-    """Run a policy in an environment, and store the episodes as a dataset in the Minari format (HDF5).
+    """Run a policy in an environment, and store the episodes as a dataset in the Minari format
+    (HDF5).
 
     Parameters
     ----------
     env : gymnasium.Env
         An environment of Shoal, made by ``gymnasium.make``.
     policy : str, object or callable
-        A policy of `shoal.swarm` or a planner of `shoal.steering`, by name or as an object, or a function (observation, info) ->
-        action. If a policy stops before the task is complete, the dataset stores the episode as truncated.
+        A policy of `shoal.swarm` or a planner of `shoal.steering`, by name or as an object, or a
+        function (observation, info) -> action. If a policy stops before the task is complete, the
+        dataset stores the episode as truncated.
     path : path
-        Path of the new folder for the dataset. No file or folder may exist at this path. `minari.MinariDataset` can open the
-        written folder.
+        Path of the new folder for the dataset. No file or folder may exist at this path.
+        `minari.MinariDataset` can open the written folder.
     episodes : int
     seed : int
         Seed of the first episode; episode k, counted from 0, has the seed ``seed + k``.
@@ -51,8 +55,8 @@ def record_episodes(
     Returns
     -------
     minari.MinariDataset
-        The written dataset. Each episode of the dataset has ``observations`` (one more than actions), ``actions``, ``rewards``,
-        ``terminations``, ``truncations`` and ``infos``.
+        The written dataset. Each episode of the dataset has ``observations`` (one more than
+        actions), ``actions``, ``rewards``, ``terminations``, ``truncations`` and ``infos``.
 
     Raises
     ------
@@ -72,16 +76,28 @@ def record_episodes(
         from minari.data_collector import EpisodeBuffer
         from minari.dataset.minari_storage import MinariStorage
     except ImportError:
-        raise MissingExtraError('datasets need the extra "envs": pip install "shoal[envs]"') from None
-    episodes, seed = check_integer(episodes, what="episodes", least=1), check_integer(seed, what="seed", least=0)
+        raise MissingExtraError(
+            'datasets need the extra "envs": pip install "shoal[envs]"'
+        ) from None
+    episodes, seed = (
+        check_integer(episodes, what="episodes", least=1),
+        check_integer(seed, what="seed", least=0),
+    )
     if not hasattr(env.unwrapped, "expert_actions"):
         raise OptionError(f"env: expected an environment of Shoal, got {shortened(env)}")
     target = Path(path)
     if target.exists():
         raise OutputError(f"cannot write {target}: expected a folder that does not exist yet")
-    label = policy if isinstance(policy, str) else str(getattr(policy, "name", getattr(policy, "__name__", type(policy).__name__)))
+    label = (
+        policy
+        if isinstance(policy, str)
+        else str(getattr(policy, "name", getattr(policy, "__name__", type(policy).__name__)))
+    )
     told = {
-        "dataset_id": name or f"{_plain(env.spec.id if env.spec else type(env.unwrapped).__name__)}/{_plain(label)}-v0",
+        "dataset_id": (
+            name
+            or f"{_plain(env.spec.id if env.spec else type(env.unwrapped).__name__)}/{_plain(label)}-v0"
+        ),
         "algorithm_name": label,
         "requirements": [f"shoal=={__version__}"],
         "minari_version": minari.__version__,
@@ -89,10 +105,16 @@ def record_episodes(
     temporary = target.parent / f".{target.name[:40]}-{secrets.token_hex(6)}"
     try:
         temporary.mkdir(parents=True)
-        spaces = {"observation_space": env.observation_space, "action_space": env.action_space, "env_spec": _spec_of(env)}
+        spaces = {
+            "observation_space": env.observation_space,
+            "action_space": env.action_space,
+            "env_spec": _spec_of(env),
+        }
         storage = MinariStorage.new(temporary, **spaces, data_format="hdf5", jpeg_encoding=False)
         storage.update_metadata(told)
-        storage.update_episodes(EpisodeBuffer(**_episode(env, policy, seed + k)) for k in range(episodes))
+        storage.update_episodes(
+            EpisodeBuffer(**_episode(env, policy, seed + k)) for k in range(episodes)
+        )
         temporary.replace(target)
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
@@ -106,7 +128,8 @@ def _episode(env: gymnasium.Env[Any, Any], policy: Any, seed: int) -> dict[str, 
     observation, info = env.reset(seed=seed)
     observations, infos, actions, rewards = [observation], [info], [], []
     ends: list[tuple[bool, bool]] = []
-    plan = None if callable(policy) else iter(env.unwrapped.expert_actions(policy))  # type: ignore[attr-defined]  # all of Shoal's have it
+    # all of Shoal's have it
+    plan = None if callable(policy) else iter(env.unwrapped.expert_actions(policy))  # type: ignore[attr-defined]
     while not (ends and any(ends[-1])):
         action = _next_action(plan, policy, observation, info)
         if action is None:
@@ -118,32 +141,51 @@ def _episode(env: gymnasium.Env[Any, Any], policy: Any, seed: int) -> dict[str, 
         rewards.append(float(reward))
         ends.append((terminated, truncated))
     if not ends:
-        raise OptionError(f"policy: expected at least one action in the episode of seed {seed}, got none")
+        raise OptionError(
+            f"policy: expected at least one action in the episode of seed {seed}, got none"
+        )
     if not any(ends[-1]):
         ends[-1] = False, True
     terminations, truncations = zip(*ends, strict=True)
     return {
-        "seed": seed, "observations": _stacked(observations), "actions": np.array(actions), "rewards": rewards,
-        "terminations": list(terminations), "truncations": list(truncations), "infos": _stacked(infos),
-    }  # fmt: skip
+        "seed": seed,
+        "observations": _stacked(observations),
+        "actions": np.array(actions),
+        "rewards": rewards,
+        "terminations": list(terminations),
+        "truncations": list(truncations),
+        "infos": _stacked(infos),
+    }
 
 
-def _next_action(plan: Iterator[Any] | None, policy: Any, observation: Any, info: dict[str, Any]) -> Any:
+def _next_action(
+    plan: Iterator[Any] | None, policy: Any, observation: Any, info: dict[str, Any]
+) -> Any:
     return policy(observation, info) if plan is None else next(plan, None)
 
 
 def _stacked(steps: list[Any]) -> Any:
     """Return the data of all steps of an episode as arrays, whose first axis is the step."""
-    return {key: _stacked([step[key] for step in steps]) for key in steps[0]} if isinstance(steps[0], dict) else np.array(steps)
+    return (
+        {key: _stacked([step[key] for step in steps]) for key in steps[0]}
+        if isinstance(steps[0], dict)
+        else np.array(steps)
+    )
 
 
 def _plain(text: str) -> str:
     """Return a text in lower case that contains only characters allowed in dataset names."""
-    return "".join(letter if letter.isalnum() or letter in "-_/" else "-" for letter in text).strip("-/").lower() or "policy"
+    return (
+        "".join(letter if letter.isalnum() or letter in "-_/" else "-" for letter in text)
+        .strip("-/")
+        .lower()
+        or "policy"
+    )
 
 
 def _spec_of(env: gymnasium.Env[Any, Any]) -> Any:
-    """Return the spec of an environment, or None if JSON cannot represent the options of the environment.
+    """Return the spec of an environment, or None if JSON cannot represent the options of the
+    environment.
 
     With the spec, a user of the dataset can create the environment again.
     """

@@ -1,7 +1,8 @@
-"""A search as a parallel PettingZoo environment: each robot is an agent, messages can be lost, and robots can fail.
+"""A search as a parallel PettingZoo environment: each robot is an agent, messages can be lost, and
+robots can fail.
 
-The function ``search_v0.parallel_env(**options)`` creates the parallel environment, and ``search_v0.env(**options)`` creates its
-turn-based form.
+The function ``search_v0.parallel_env(**options)`` creates the parallel environment, and
+``search_v0.env(**options)`` creates its turn-based form.
 """
 
 from __future__ import annotations
@@ -16,62 +17,81 @@ import pettingzoo
 from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
-from shoal.envs.options import SEEDS, SearchEnvOptions, check_render_mode, check_running, option_errors, split_fields
-from shoal.envs.rendering import MODES, close_window, enlarged, rendered
-from shoal.search.allocation.layers import layers_of
-from shoal.search.allocation.plan import plan_search
-from shoal.search.allocation.starts import start_points
+from shoal.envs.options import (
+    MODES,
+    SEEDS,
+    SearchEnvOptions,
+    check_render_mode,
+    check_running,
+    close_window,
+    enlarged,
+    option_errors,
+    rendered,
+    split_fields,
+)
+from shoal.search.cells.layers import layers_of
+from shoal.search.planning.plan import plan_search, start_points
 from shoal.search.problem import SearchProblem
-from shoal.search.protocol.inference import obstacles, reachable
 from shoal.search.protocol.robot import Decision, head_for
-from shoal.search.protocol.state import Robot
+from shoal.search.protocol.state import Robot, obstacles, reachable
 from shoal.search.simulation.scenario import scenario_of
 from shoal.search.simulation.world import SearchWorld
-from shoal.search.tours.bitset import at_least, bits_to_array
+from shoal.search.tours.masks import at_least, bits_to_array
 
 PLANES = ("region", "own", "searched", "obstacles", "found")
-"""Planes of an agent's observation: the cells of the region, the agent's position, and what the agent knows.
-
-The planes ``searched``, ``obstacles`` and ``found`` show the searched cells, the obstacles and the cells with findings that the
+"""Planes of an agent's observation: the cells of the region, the agent's position, and what the
 agent knows.
+
+The planes ``searched``, ``obstacles`` and ``found`` show the searched cells, the obstacles and the
+cells with findings that the agent knows.
 """
 
 DIRECTIONS = ((0, 0, 0), (0, 0, -1), (0, -1, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0), (-1, 0, 0))
-"""Meaning of the actions 1 to 5: stay, left, up, right, down. With several layers, 6 and 7 move to the layer above and below."""
+"""Meaning of the actions 1 to 5: stay, left, up, right, down. With several layers, 6 and 7 move to
+the layer above and below.
+"""
 
 Observation = dict[str, NDArray[Any]]
 
 
-class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type: ignore[misc]  # PettingZoo has no types
-    """An environment in which robots search a region without a coordinator; the agents are ``robot_1``, ``robot_2``, ....
+# PettingZoo has no types
+class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type: ignore[misc]
+    """An environment in which robots search a region without a coordinator; the agents are
+    ``robot_1``, ``robot_2``, ....
 
-    A step of the environment takes the time that the fastest robot needs for one cell. Action 0 lets an idle robot wait, and lets a
-    moving or searching robot continue. With the option ``action="direction"``, each other action selects the next cell that the
-    robot searches: its present cell or a neighbouring cell (see `DIRECTIONS`). With the option ``action="cell"``, action 1 + i
-    selects cell i of the tour, counted from 0. An action that ``infos[agent]["action_mask"]`` excludes counts as action 0. The
-    environment simulates occupied cells, obstacles, energy, faults and messages as `shoal.search` does. After ``reset(seed=s)``,
+    A step of the environment takes the time that the fastest robot needs for one cell. Action 0
+    lets an idle robot wait, and lets a moving or searching robot continue. With the option
+    ``action="direction"``, each other action selects the next cell that the robot searches: its
+    present cell or a neighbouring cell (see `DIRECTIONS`). With the option ``action="cell"``,
+    action 1 + i selects cell i of the tour, counted from 0. An action that
+    ``infos[agent]["action_mask"]`` excludes counts as action 0. The environment simulates occupied
+    cells, obstacles, energy, faults and messages as `shoal.search` does. After ``reset(seed=s)``,
     the start cells and the faults equal those of ``shoal.run(problem, seed=s)``.
 
-    The observation of an agent contains only what its robot knows. The entry ``planes`` is uint8, shape (5, H, W) or (5, L, H, W),
-    with the planes that `PLANES` names. The entry ``position`` holds the row and the column of the robot's cell, after the layer if
-    the grid has several layers. The entry ``heard`` holds, for each robot, the number of steps since a message last brought new
-    data about the robot. In ``heard``, the agent's own robot has the value 0, and a robot without any message has the value -1. The
-    entry ``told`` holds, for each robot, the number of cells that the robot has reported as searched. The entry ``energy`` is the
-    remaining fraction of the robot's energy, and the entry ``time`` is the number of steps since the start. When a robot fails, its
-    agent is terminated and leaves ``agents``. All agents are terminated when all reachable cells are searched. All agents are
-    truncated after ``max_steps`` steps.
+    The observation of an agent contains only what its robot knows. The entry ``planes`` is uint8,
+    shape (5, H, W) or (5, L, H, W), with the planes that `PLANES` names. The entry ``position``
+    holds the row and the column of the robot's cell, after the layer if the grid has several
+    layers. The entry ``heard`` holds, for each robot, the number of steps since a message last
+    brought new data about the robot. In ``heard``, the agent's own robot has the value 0, and a
+    robot without any message has the value -1. The entry ``told`` holds, for each robot, the number
+    of cells that the robot has reported as searched. The entry ``energy`` is the remaining fraction
+    of the robot's energy, and the entry ``time`` is the number of steps since the start. When a
+    robot fails, its agent is terminated and leaves ``agents``. All agents are terminated when all
+    reachable cells are searched. All agents are truncated after ``max_steps`` steps.
 
     Parameters
     ----------
     render_mode : str, optional
-        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a window).
+        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a
+        window).
     **fields
         Fields of the classes `SearchProblem` and `SearchEnvOptions`.
 
     Raises
     ------
     OptionError
-        If an option is invalid. OptionError is a subclass of ValueError and of gymnasium.error.Error.
+        If an option is invalid. OptionError is a subclass of ValueError and of
+        gymnasium.error.Error.
 
     Notes
     -----
@@ -85,10 +105,17 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     (['robot_1', 'robot_2'], (5, 3, 3), [1, 1, 1, 1, 1, 1])
     """
 
-    metadata: dict[str, Any] = {"name": "shoal_search_v0", "render_modes": MODES, "render_fps": 10, "is_parallelizable": True}  # noqa: RUF012 - as in its base
+    metadata: dict[str, Any] = {
+        "name": "shoal_search_v0",
+        "render_modes": MODES,
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }  # noqa: RUF012 - as in its base
 
     def __init__(self, *, render_mode: str | None = None, **fields: Any) -> None:
-        self.problem, self.options = split_fields({"region": "square:100", **fields}, SearchProblem, SearchEnvOptions)
+        self.problem, self.options = split_fields(
+            {"region": "square:100", **fields}, SearchProblem, SearchEnvOptions
+        )
         self.render_mode = check_render_mode(render_mode, MODES)
         with option_errors():
             self._plan = plan_search(self.problem)
@@ -97,18 +124,31 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         self._numbers = {f"robot_{number}": number for number in range(1, self.problem.robots + 1)}
         self.possible_agents = list(self._numbers)
         self.agents: list[str] = []
-        cells, robots, shape, most = len(self._tour), self.problem.robots, self._tour.position.shape, self.options.max_steps
+        cells, robots, shape, most = (
+            len(self._tour),
+            self.problem.robots,
+            self._tour.position.shape,
+            self.options.max_steps,
+        )
         spaces: dict[str, gymnasium.Space[Any]] = {
             "planes": gymnasium.spaces.Box(0, 1, (len(PLANES), *shape), np.uint8),
-            "position": gymnasium.spaces.Box(np.zeros(len(shape), np.int64), np.array(shape) - 1, dtype=np.int64),
+            "position": gymnasium.spaces.Box(
+                np.zeros(len(shape), np.int64), np.array(shape) - 1, dtype=np.int64
+            ),
             "heard": gymnasium.spaces.Box(-1.0, float(most), (robots,), np.float32),
             "told": gymnasium.spaces.Box(0, cells, (robots,), np.int64),
             "energy": gymnasium.spaces.Box(0.0, 1.0, (1,), np.float32),
             "time": gymnasium.spaces.Box(0, most, (1,), np.int64),
         }
-        self._count = 1 + (cells if self.options.action == "cell" else len(DIRECTIONS) - 2 * (len(shape) == 2))
-        self.observation_spaces = {agent: gymnasium.spaces.Dict(spaces) for agent in self.possible_agents}
-        self.action_spaces = {agent: gymnasium.spaces.Discrete(self._count) for agent in self.possible_agents}
+        self._count = 1 + (
+            cells if self.options.action == "cell" else len(DIRECTIONS) - 2 * (len(shape) == 2)
+        )
+        self.observation_spaces = {
+            agent: gymnasium.spaces.Dict(spaces) for agent in self.possible_agents
+        }
+        self.action_spaces = {
+            agent: gymnasium.spaces.Discrete(self._count) for agent in self.possible_agents
+        }
         self._rng = np.random.default_rng()
         self._world: SearchWorld | None = None
 
@@ -134,9 +174,13 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         self._drawn = int(self._rng.integers(SEEDS)) if seed is None else seed
         plan, problem = self._plan, self.problem
         with option_errors():
-            places = start_points(problem, layers_of(plan.grid)[0], np.random.default_rng(self._drawn))
+            places = start_points(
+                problem, layers_of(plan.grid)[0], np.random.default_rng(self._drawn)
+            )
             starts = self._tour.position[tuple(plan.grid.cell_of(places).T)]
-            self._scenario = scenario_of(problem, replace(plan, places=places, starts=starts), self._drawn)
+            self._scenario = scenario_of(
+                problem, replace(plan, places=places, starts=starts), self._drawn
+            )
         self._orders: dict[int, int] = {}
         self._world = SearchWorld(self._scenario, decide=self._decide)
         self.steps, self._length = 0, 1 / max(self._scenario.rates)
@@ -147,7 +191,13 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
 
     def step(
         self, actions: dict[str, Any]
-    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+    ) -> tuple[
+        dict[str, Observation],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
         """Apply the actions of all agents, and advance the simulation by one step.
 
         Raises
@@ -168,12 +218,16 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         before = dict(world.searched)
         self.steps += 1
         world.run(until=self.steps * self._length + 1e-9)
-        done = not self._scenario.goal & ~at_least(list(world.searched.values()), self.problem.multiplicity)
+        done = not self._scenario.goal & ~at_least(
+            list(world.searched.values()), self.problem.multiplicity
+        )
         dead = {agent: not world.vehicles[self._numbers[agent]].alive for agent in agents}
         late = self.steps >= self.options.max_steps
         rewards = self._rewards(agents, before)
         for agent in agents:
-            rewards[agent] += self.options.final_bonus * (done and not dead[agent]) - self.options.step_price
+            rewards[agent] += (
+                self.options.final_bonus * (done and not dead[agent]) - self.options.step_price
+            )
         terminations = {agent: done or dead[agent] for agent in agents}
         truncations = {agent: late and not terminations[agent] for agent in agents}
         self.agents = [agent for agent in agents if not (terminations[agent] or truncations[agent])]
@@ -184,17 +238,25 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         last = self._count - 1
         choice: Any = actions.get(agent) if isinstance(actions, dict) else actions
         if not isinstance(actions, dict) or not self.action_spaces[agent].contains(choice):
-            raise gymnasium.error.InvalidAction(f"{agent}: expected an action from 0 to {last}, got {shortened(choice)}")
+            raise gymnasium.error.InvalidAction(
+                f"{agent}: expected an action from 0 to {last}, got {shortened(choice)}"
+            )
         return int(choice)
 
     def _rewards(self, agents: list[str], before: dict[int, int]) -> dict[str, float]:
-        """Return the reward of each agent for newly searched cells, or the mean of all rewards if the reward is shared."""
+        """Return the reward of each agent for newly searched cells, or the mean of all rewards if
+        the reward is shared.
+        """
         assert self._world is not None
         found: dict[str, float] = {}
         for agent in agents:
             number = self._numbers[agent]
             searched = self._world.searched[number]
-            new = searched & ~before[number] & ~at_least(list(before.values()), self.problem.multiplicity)
+            new = (
+                searched
+                & ~before[number]
+                & ~at_least(list(before.values()), self.problem.multiplicity)
+            )
             before[number] = searched
             found[agent] = self.options.searched_reward * new.bit_count()
         mean = sum(found.values()) / len(agents)
@@ -203,20 +265,30 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     # Decisions and knowledge of the agents.
 
     def _decide(self, robot: Robot, time: float) -> Decision:
-        """Return the decision to go to the cell that the agent has chosen, or to wait (see `shoal.search.protocol.robot`)."""
+        """Return the decision to go to the cell that the agent has chosen, or to wait (see
+        `shoal.search.protocol.robot`).
+        """
         cell = self._orders.pop(robot.number, None)
-        return (robot.but(status="waiting"), None, inf) if cell is None else head_for(robot.but(aim=cell), cell, time)
+        return (
+            (robot.but(status="waiting"), None, inf)
+            if cell is None
+            else head_for(robot.but(aim=cell), cell, time)
+        )
 
     def _robot(self, number: int) -> Robot:
         assert self._world is not None
         return self._world.vehicles[number].robot
 
     def _cell(self, number: int, choice: int) -> int:
-        """Return the tour index of the cell that an action selects, or -1 if the action selects no cell."""
+        """Return the tour index of the cell that an action selects, or -1 if the action selects no
+        cell.
+        """
         if self.options.action == "cell":
             return choice - 1
         position = self._tour.position
-        cell = self._tour.cells[self._robot(number).cell] + np.array(DIRECTIONS[choice - 1][-position.ndim :])
+        cell = self._tour.cells[self._robot(number).cell] + np.array(
+            DIRECTIONS[choice - 1][-position.ndim :]
+        )
         inside = (cell >= 0).all() and (cell < position.shape).all()
         return int(position[tuple(cell)]) if inside else -1
 
@@ -226,7 +298,11 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         robot, vehicle = self._robot(number), self._world.vehicles[number]
         mask = np.zeros(self._count, dtype=np.int8)
         mask[0] = 1
-        if vehicle.alive and robot.target is None and vehicle.paused_until <= self.steps * self._length:
+        if (
+            vehicle.alive
+            and robot.target is None
+            and vehicle.paused_until <= self.steps * self._length
+        ):
             there = reachable(robot, -inf)[0] & ~obstacles(robot)
             cells = [self._cell(number, choice) for choice in range(1, len(mask))]
             mask[1:] = [cell >= 0 and there >> cell & 1 for cell in cells]
@@ -238,7 +314,13 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def _observation(self, number: int) -> Observation:
         robot, robots, n = self._robot(number), self.problem.robots, len(self._tour)
         known = at_least(list(robot.searched.values()), self.problem.multiplicity)
-        sets = (robot.brief.everything, 1 << robot.cell, known, obstacles(robot), sum(1 << cell for cell in robot.found))
+        sets = (
+            robot.brief.everything,
+            1 << robot.cell,
+            known,
+            obstacles(robot),
+            sum(1 << cell for cell in robot.found),
+        )
         planes = np.zeros((len(PLANES), *self._tour.position.shape), dtype=np.uint8)
         for plane, bits in zip(planes, sets, strict=True):
             plane[tuple(self._tour.cells[bits_to_array(bits, n)].T)] = 1
@@ -247,7 +329,10 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             if other <= robots:
                 heard[other - 1] = self.steps - peer.heard / self._length
         heard[number - 1] = 0.0
-        told = np.array([robot.searched.get(other, 0).bit_count() for other in range(1, robots + 1)], dtype=np.int64)
+        told = np.array(
+            [robot.searched.get(other, 0).bit_count() for other in range(1, robots + 1)],
+            dtype=np.int64,
+        )
         left = 1.0 if robot.brief.energy == inf else robot.left / robot.brief.energy
         return {
             "planes": planes,
@@ -259,7 +344,10 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         }
 
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
-        return {agent: {"action_mask": self._mask(self._numbers[agent]), "seed": self._drawn} for agent in agents}
+        return {
+            agent: {"action_mask": self._mask(self._numbers[agent]), "seed": self._drawn}
+            for agent in agents
+        }
 
     # Rendering.
 
@@ -268,7 +356,8 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             self.render()
 
     def render(self) -> Any:
-        """Return a picture (mode "rgb_array") or a text (mode "ansi"), or show a picture in a window (mode "human").
+        """Return a picture (mode "rgb_array") or a text (mode "ansi"), or show a picture in a
+        window (mode "human").
 
         Raises
         ------
@@ -279,23 +368,35 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return rendered(self, self._picture, self._text)
 
     def _codes(self) -> NDArray[np.int64]:
-        """Return a code for each cell: 0 outside, 1 unsearched, 2 searched, and other codes for the robots.
+        """Return a code for each cell: 0 outside, 1 unsearched, 2 searched, and other codes for the
+        robots.
 
-        A cell has the code 2 + k for live robot k of n robots, and the code 2 + k + n for dead robot k, counted from 1. If the grid
-        has several layers, the array stacks them vertically, with the lowest layer on top and an empty row between two layers.
+        A cell has the code 2 + k for live robot k of n robots, and the code 2 + k + n for dead
+        robot k, counted from 1. If the grid has several layers, the array stacks them vertically,
+        with the lowest layer on top and an empty row between two layers.
         """
         assert self._world is not None
         codes = (self._tour.position >= 0).astype(np.int64)
         done = at_least(list(self._world.searched.values()), self.problem.multiplicity)
         codes[tuple(self._tour.cells[bits_to_array(done, len(self._tour))].T)] = 2
         for number, vehicle in self._world.vehicles.items():
-            codes[tuple(self._tour.cells[vehicle.place])] = 2 + number + self.problem.robots * (not vehicle.alive)
-        return codes if codes.ndim == 2 else np.pad(codes, ((0, 0), (0, 1), (0, 0))).reshape(-1, codes.shape[2])[:-1]
+            codes[tuple(self._tour.cells[vehicle.place])] = (
+                2 + number + self.problem.robots * (not vehicle.alive)
+            )
+        return (
+            codes
+            if codes.ndim == 2
+            else np.pad(codes, ((0, 0), (0, 1), (0, 0))).reshape(-1, codes.shape[2])[:-1]
+        )
 
     def _text(self) -> str:
-        """Return one character per cell: blank outside, ? unsearched, . searched, a digit for a robot, x for a dead robot."""
+        """Return one character per cell: blank outside, ? unsearched, . searched, a digit for a
+        robot, x for a dead robot.
+        """
         robots = self.problem.robots
-        signs = np.array([*" ?.", *(str(number % 10) for number in range(1, robots + 1)), *"x" * robots])
+        signs = np.array(
+            [*" ?.", *(str(number % 10) for number in range(1, robots + 1)), *"x" * robots]
+        )
         return "\n".join("".join(row) for row in signs[self._codes()])
 
     def _picture(self) -> NDArray[np.uint8]:
@@ -303,7 +404,13 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         from shoal.views.search.history import robot_colour
 
         robots = self.problem.robots
-        colours = ["#ffffff", "#b9c0ca", "#e8f1e4", *(robot_colour(k) for k in range(robots)), *[MUTED] * robots]
+        colours = [
+            "#ffffff",
+            "#b9c0ca",
+            "#e8f1e4",
+            *(robot_colour(k) for k in range(robots)),
+            *[MUTED] * robots,
+        ]
         rgb = np.array([tuple(bytes.fromhex(colour[1:])) for colour in colours], dtype=np.uint8)
         return enlarged(rgb[self._codes()])
 
@@ -318,7 +425,9 @@ def parallel_env(**fields: Any) -> SearchParallelEnv:
 
 
 def env(**fields: Any) -> Any:
-    """Return the environment in the turn-based form of PettingZoo, with the options of `SearchParallelEnv`."""
+    """Return the environment in the turn-based form of PettingZoo, with the options of
+    `SearchParallelEnv`.
+    """
     from pettingzoo.utils.conversions import parallel_to_aec
 
     return parallel_to_aec(parallel_env(**fields))

@@ -1,4 +1,6 @@
-"""The common base class of the environments with one simulated world: `SwarmEnv` and `SteeringEnv`."""
+"""The common base class of the environments with one simulated world: `SwarmEnv` and
+`SteeringEnv`.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +9,25 @@ from typing import Any, ClassVar
 
 import gymnasium
 
-from shoal.envs.options import check_render_mode, check_running
-from shoal.envs.rendering import MODES, close_window, rendered
-from shoal.envs.steering_worlds import SteeringWorlds
-from shoal.envs.swarm_worlds import SwarmWorlds
+from shoal.envs.options import MODES, check_render_mode, check_running, close_window, rendered
+from shoal.envs.worlds import SteeringWorlds, SwarmWorlds
 
 
 class WorldEnv(gymnasium.Env[Any, Any], ABC):
-    """One simulated world with the interface of Gymnasium; a subclass sets the class of its worlds and checks actions.
+    """One simulated world with the interface of Gymnasium; a subclass sets the class of its worlds
+    and checks actions.
 
     Parameters
     ----------
     render_mode : str, optional
-        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a window).
+        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a
+        window).
     **fields
         Fields of the problem, and additional fields of the environment.
     """
 
-    metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}  # noqa: RUF012 - as in its base
+    # noqa: RUF012 - as in its base
+    metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}
     worlds: ClassVar[type[SwarmWorlds | SteeringWorlds]]
     problem: Any
     options: Any
@@ -33,19 +36,24 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
         self._worlds: Any = self.worlds(1, pictured=True, **fields)
         self.render_mode = check_render_mode(render_mode, MODES)
         self.problem, self.options = self._worlds.problem, self._worlds.options
-        self.observation_space, self.action_space = self._worlds.observation_space, self._worlds.action_space
+        self.observation_space, self.action_space = (
+            self._worlds.observation_space,
+            self._worlds.action_space,
+        )
         self._begun = self._running = False
         self._effects: Any = None  # of the last step
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in the environment.
 
         Parameters
         ----------
         seed : int, optional
         options : dict, optional
-            In a swarm environment, ``{"map": k}`` selects map k of ``maps`` instead of a random map. A steering environment has no
-            reset options.
+            In a swarm environment, ``{"map": k}`` selects map k of ``maps`` instead of a random
+            map. A steering environment has no reset options.
 
         Raises
         ------
@@ -80,16 +88,26 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
         """Return an action in the form for a batch with one world, or raise InvalidAction."""
 
     def _told(self) -> tuple[Any, dict[str, Any]]:
-        """Return the observation and the info; in the render mode "human", show the picture of the world."""
+        """Return the observation and the info; in the render mode "human", show the picture of the
+        world.
+        """
         if self.render_mode == "human":
             self.render()
         seen = self._worlds.observed()
-        observation = {name: values[0] for name, values in seen.items()} if isinstance(seen, dict) else seen[0]
+        observation = (
+            {name: values[0] for name, values in seen.items()}
+            if isinstance(seen, dict)
+            else seen[0]
+        )
         info = self._worlds.info()
-        return observation, {name: values[0] if values.ndim > 1 else values[0].item() for name, values in info.items()}
+        return observation, {
+            name: values[0] if values.ndim > 1 else values[0].item()
+            for name, values in info.items()
+        }
 
     def render(self) -> Any:
-        """Return a picture (mode "rgb_array") or a text (mode "ansi"), or show a picture in a window (mode "human").
+        """Return a picture (mode "rgb_array") or a text (mode "ansi"), or show a picture in a
+        window (mode "human").
 
         Raises
         ------

@@ -1,4 +1,6 @@
-"""Vector environments: many simulated worlds with the vector interface of Gymnasium, moved together by compiled code."""
+"""Vector environments: many simulated worlds with the vector interface of Gymnasium, moved together
+by compiled code.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,15 @@ from gymnasium.vector.utils import batch_space, iterate
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer, shortened
-from shoal.envs.options import OptionError, check_render_mode, check_running, option_errors
-from shoal.envs.rendering import MODES, rendered
-from shoal.envs.steering_worlds import SteeringWorlds
-from shoal.envs.swarm_worlds import SwarmWorlds
+from shoal.envs.options import (
+    MODES,
+    OptionError,
+    check_render_mode,
+    check_running,
+    option_errors,
+    rendered,
+)
+from shoal.envs.worlds import SteeringWorlds, SwarmWorlds
 
 Infos = dict[str, Any]
 Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]
@@ -44,13 +51,26 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
             self.num_envs = check_integer(num_envs, what="num_envs", least=1)
         if autoreset_mode not in {*AutoresetMode, *(mode.value for mode in AutoresetMode)}:
             names = ", ".join(mode.value for mode in AutoresetMode)
-            raise OptionError(f"autoreset_mode: expected one of {names}, got {shortened(autoreset_mode)}")
+            raise OptionError(
+                f"autoreset_mode: expected one of {names}, got {shortened(autoreset_mode)}"
+            )
         self.autoreset_mode, self.copy = AutoresetMode(autoreset_mode), copy
         self.render_mode = check_render_mode(render_mode, modes)
-        self.metadata = {"render_modes": modes, "render_fps": 10, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {
+            "render_modes": modes,
+            "render_fps": 10,
+            "autoreset_mode": self.autoreset_mode,
+        }
         self._worlds = self.worlds(self.num_envs, pictured=render_mode is not None, **fields)
-        self.problem, self.options, self.batch = self._worlds.problem, self._worlds.options, self._worlds.batch
-        self.single_observation_space, self.single_action_space = self._worlds.observation_space, self._worlds.action_space
+        self.problem, self.options, self.batch = (
+            self._worlds.problem,
+            self._worlds.options,
+            self._worlds.batch,
+        )
+        self.single_observation_space, self.single_action_space = (
+            self._worlds.observation_space,
+            self._worlds.action_space,
+        )
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
@@ -58,17 +78,22 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         self._last: Any = None
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[Any], Infos]:
         """Start episodes in all environments, or in the environments that a mask selects.
 
         Parameters
         ----------
         seed : int, or sequence of int or None, optional
-            One integer, or one seed for each environment. If ``seed`` is an integer, environment i gets the seed ``seed + i``.
+            One integer, or one seed for each environment. If ``seed`` is an integer, environment i
+            gets the seed ``seed + i``.
         options : dict, optional
-            ``reset_mask``: mask of the environments to reset, ndarray of bool, shape (num_envs,). ``map`` (only for swarms): one
-            index of a map for all environments, or one index for each environment.
+            ``reset_mask``: mask of the environments to reset, ndarray of bool, shape (num_envs,).
+            ``map`` (only for swarms): one index of a map for all environments, or one index for
+            each environment.
 
         Raises
         ------
@@ -77,9 +102,15 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         super().reset(seed=seed if isinstance(seed, int) else None)
         given = dict(options or {})
         mask = given.pop("reset_mask", None)
-        if mask is not None and not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
+        if mask is not None and not (
+            isinstance(mask, np.ndarray)
+            and mask.dtype == np.bool_
+            and mask.shape == (self.num_envs,)
+        ):
             got = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else shortened(mask)
-            raise OptionError(f"reset: reset_mask: expected an array of {self.num_envs} booleans, got {got}")
+            raise OptionError(
+                f"reset: reset_mask: expected an array of {self.num_envs} booleans, got {got}"
+            )
         check_running(self._begun or mask is None)
         self._worlds.reset(mask, seed=seed, options=given)
         self._ended[slice(None) if mask is None else mask] = False
@@ -92,7 +123,8 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         Raises
         ------
         gymnasium.error.ResetNeeded
-            If the method is called before a reset, or if an episode has ended and the autoreset mode is "Disabled".
+            If the method is called before a reset, or if an episode has ended and the autoreset
+            mode is "Disabled".
         gymnasium.error.InvalidAction
             If an action is outside the action space.
         """
@@ -102,7 +134,8 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
             if self.autoreset_mode == AutoresetMode.DISABLED:
                 over = int(np.argmax(self._ended))
                 raise gymnasium.error.ResetNeeded(
-                    f"step: expected a reset of environment {over} first, because its episode has ended, got an action"
+                    f"step: expected a reset of environment {over} first, because its episode has"
+                    " ended, got an action"
                 )
             resetting = self._ended.copy()
         rewards, _ = self._worlds.step(actions, None if resetting is None else ~resetting)
@@ -127,7 +160,8 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         return self._last
 
     def _infos(self, mask: NDArray[np.bool_] | None) -> Infos:
-        """Return infos in the vector form of Gymnasium: for each name, an array of values and a mask of the environments.
+        """Return infos in the vector form of Gymnasium: for each name, an array of values and a
+        mask of the environments.
 
         For environments outside ``mask``, the values are zero.
         """
@@ -142,20 +176,32 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
     def _final(self, ended: NDArray[np.bool_]) -> Infos:
         """Return the final observations and infos of the episodes that have just ended."""
         last = np.full(self.num_envs, None, dtype=object)
-        each = iterate(batch_space(self.single_observation_space, int(ended.sum())), self._worlds.observed(ended))
+        each = iterate(
+            batch_space(self.single_observation_space, int(ended.sum())),
+            self._worlds.observed(ended),
+        )
         for world, observation in zip(np.flatnonzero(ended), each, strict=True):
             last[world] = observation
-        return {"final_obs": last, "_final_obs": ended.copy(), "final_info": self._infos(ended), "_final_info": ended.copy()}
+        return {
+            "final_obs": last,
+            "_final_obs": ended.copy(),
+            "final_info": self._infos(ended),
+            "_final_info": ended.copy(),
+        }
 
     def render(self) -> tuple[Any, ...]:
         """Return one picture (mode "rgb_array") or one text (mode "ansi") for each environment."""
         check_running(self._begun)
         worlds = self._worlds
-        return tuple(rendered(self, partial(worlds.picture, i), partial(worlds.characters, i)) for i in range(self.num_envs))
+        return tuple(
+            rendered(self, partial(worlds.picture, i), partial(worlds.characters, i))
+            for i in range(self.num_envs)
+        )
 
 
 class SwarmVectorEnv(WorldsVectorEnv):
-    """A vector of environments, each of which behaves exactly like a `shoal.envs.SwarmEnv` with the same seed.
+    """A vector of environments, each of which behaves exactly like a `shoal.envs.SwarmEnv` with the
+    same seed.
 
     The function `gymnasium.make_vec` returns a SwarmVectorEnv.
 
@@ -163,12 +209,14 @@ class SwarmVectorEnv(WorldsVectorEnv):
     ----------
     num_envs : int
     autoreset_mode : str or gymnasium.vector.AutoresetMode
-        The rule that determines when an environment starts its next episode after the end of an episode: "NextStep", "SameStep", or
-        "Disabled". In the mode "Disabled", a call of ``reset`` with the option ``reset_mask`` starts the next episode, as in
-        Gymnasium's own vector environments.
+        The rule that determines when an environment starts its next episode after the end of an
+        episode: "NextStep", "SameStep", or "Disabled". In the mode "Disabled", a call of ``reset``
+        with the option ``reset_mask`` starts the next episode, as in Gymnasium's own vector
+        environments.
     copy : bool
-        Whether each observation is a separate array. If ``copy`` is false and the option ``observation`` is "planes", each step
-        overwrites the array of the previous observation. Other observations are always separate arrays.
+        Whether each observation is a separate array. If ``copy`` is false and the option
+        ``observation`` is "planes", each step overwrites the array of the previous observation.
+        Other observations are always separate arrays.
     render_mode : str, optional
         Render mode of the environments: "rgb_array" (pictures) or "ansi" (texts).
     **fields
@@ -177,7 +225,8 @@ class SwarmVectorEnv(WorldsVectorEnv):
     Raises
     ------
     OptionError
-        If an option is invalid. OptionError is a subclass of ValueError and of gymnasium.error.Error.
+        If an option is invalid. OptionError is a subclass of ValueError and of
+        gymnasium.error.Error.
 
     Notes
     -----
@@ -196,7 +245,8 @@ class SwarmVectorEnv(WorldsVectorEnv):
 
 
 class SteeringVectorEnv(WorldsVectorEnv):
-    """A vector of environments, each of which behaves exactly like a `shoal.envs.SteeringEnv` with the same seed.
+    """A vector of environments, each of which behaves exactly like a `shoal.envs.SteeringEnv` with
+    the same seed.
 
     The function `gymnasium.make_vec` returns a SteeringVectorEnv.
 
@@ -213,7 +263,8 @@ class SteeringVectorEnv(WorldsVectorEnv):
     Raises
     ------
     OptionError
-        If an option is invalid. OptionError is a subclass of ValueError and of gymnasium.error.Error.
+        If an option is invalid. OptionError is a subclass of ValueError and of
+        gymnasium.error.Error.
 
     Notes
     -----

@@ -1,9 +1,10 @@
 """The cache of machine code: its folders, its files, and the content key of a kernel.
 
-For each kernel that Python calls, the cache has one file for each processor and each combination of argument types. A file begins
-with a checksum and with the content key of its kernel (see `content_key`), so that a damaged file, or the file of a kernel that has
-changed since, is never run. Shoal then compiles the kernel again and replaces the file. If the cache folder is read-only or the
-disk is full, Shoal compiles kernels again in each run, but the run continues.
+For each kernel that Python calls, the cache has one file for each processor and each combination of
+argument types. A file begins with a checksum and with the content key of its kernel (see
+`content_key`), so that a damaged file, or the file of a kernel that has changed since, is never
+run. Shoal then compiles the kernel again and replaces the file. If the cache folder is read-only or
+the disk is full, Shoal compiles kernels again in each run, but the run continues.
 """
 
 from __future__ import annotations
@@ -37,14 +38,21 @@ ENVIRONMENT = "SHOAL_CACHE"
 
 @cache
 def folder_of(sources: Path) -> Path | None:
-    """Return the cache folder for the kernels of a source folder, or None if no folder is writable."""
-    subfolder = f"{sources.name}-{hashlib.blake2b(str(sources).encode(), digest_size=6).hexdigest()}"
+    """Return the cache folder for the kernels of a source folder, or None if no folder
+    is writable.
+    """
+    subfolder = (
+        f"{sources.name}-{hashlib.blake2b(str(sources).encode(), digest_size=6).hexdigest()}"
+    )
     named = os.environ.get(ENVIRONMENT)
     if named:
         folder = Path(named).expanduser() / subfolder
         if _is_usable(folder):
             return folder
-        tell_once(f"{ENVIRONMENT}: expected a folder that can be written, got {named}; kernels are compiled without a cache")
+        tell_once(
+            f"{ENVIRONMENT}: expected a folder that can be written, got {named}; kernels are"
+            " compiled without a cache"
+        )
         return None
     for folder in (sources / "__pycache__", users_cache() / subfolder):
         if _is_usable(folder):
@@ -52,19 +60,21 @@ def folder_of(sources: Path) -> Path | None:
     private = _private_folder()
     if private is None:
         tell_once(
-            f"kernels are compiled anew by each run: no cache folder can be written (the variable {ENVIRONMENT} chooses "
-            "another folder)"
+            "kernels are compiled anew by each run: no cache folder can be written (the variable"
+            f" {ENVIRONMENT} chooses another folder)"
         )
         return None
     tell_once(
-        f"compiled kernels are kept in {private}: no other folder can be written (the variable {ENVIRONMENT} chooses another "
-        "folder)"
+        f"compiled kernels are kept in {private}: no other folder can be written (the variable"
+        f" {ENVIRONMENT} chooses another folder)"
     )
     return private / subfolder if _is_usable(private / subfolder) else None
 
 
 def _is_usable(folder: Path) -> bool:
-    """Return whether Shoal can create files in a folder. If the folder is missing, create the folder first."""
+    """Return whether Shoal can create files in a folder. If the folder is missing, create the
+    folder first.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -77,7 +87,8 @@ def _is_usable(folder: Path) -> bool:
 def _private_folder() -> Path | None:
     """Return a private folder for temporary files, or None if no safe folder exists.
 
-    Only the current user can write to the private folder, because Shoal runs the code in the folder.
+    Only the current user can write to the private folder, because Shoal runs the code in the
+    folder.
     """
     user = os.getuid() if hasattr(os, "getuid") else 0
     folder = Path(tempfile.gettempdir()) / f"shoal-kernels-{user}"
@@ -85,7 +96,9 @@ def _private_folder() -> Path | None:
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700)
         found = folder.lstat()
-        if hasattr(os, "getuid") and (folder.is_symlink() or found.st_uid != user or found.st_mode & 0o077):
+        if hasattr(os, "getuid") and (
+            folder.is_symlink() or found.st_uid != user or found.st_mode & 0o077
+        ):
             return None
     except OSError:
         return None
@@ -96,8 +109,12 @@ def _private_folder() -> Path | None:
 
 
 def load_machine_code(kernel: Any, kinds: Any) -> Any:
-    """Load a kernel's machine code for given argument types from the cache, or return None if Numba must compile the kernel."""
-    with suppress(Exception):  # no file, a damaged one, or one that this version of Python cannot read
+    """Load a kernel's machine code for given argument types from the cache, or return None if Numba
+    must compile the kernel.
+    """
+    with suppress(
+        Exception
+    ):  # no file, a damaged one, or one that this version of Python cannot read
         file = _file_of(kernel.function, kinds)
         if file is not None:
             header, content = _header(file, kernel), without_checksum(file.read_bytes())
@@ -123,37 +140,55 @@ def save_machine_code(kernel: Any, kinds: Any, stored: bytes) -> None:
 
 
 def _header(file: Path, kernel: Any) -> bytes:
-    """Return the beginning of a cache file: what it was compiled from, and its name, so that no file is taken for another one."""
+    """Return the beginning of a cache file: what it was compiled from, and its name, so that no
+    file is taken for another one.
+    """
     return content_key(kernel) + file.name.encode() + b"\n"
 
 
 def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
     source = Path(function.__code__.co_filename)
     folder = folder_of(source.parent) if source.is_file() else None
-    digest = hashlib.blake2b(repr((compiled_form(kinds), _maker())).encode(), digest_size=8).hexdigest()
+    digest = hashlib.blake2b(
+        repr((compiled_form(kinds), _maker())).encode(), digest_size=8
+    ).hexdigest()
     name = re.sub(r"[^\w.-]", "", f"{source.stem}.{function.__qualname__}")
     return folder and folder / f"{name}-{digest}.kernel"
 
 
 @cache
 def _maker() -> tuple[Any, ...]:
-    """Return the data that, with the code of a kernel, determine its machine code: versions, settings and the processor."""
+    """Return the data that, with the code of a kernel, determine its machine code: versions,
+    settings and the processor.
+    """
     compiler = find_spec("shoal.jit.compiler")
     code = compiler.loader.get_code(compiler.name)  # type: ignore[union-attr]
-    settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
+    settings = sorted(
+        (name, value) for name, value in os.environ.items() if name.startswith("NUMBA_")
+    )
     versions = version_of_numba(), llvmlite.__version__, sys.implementation.cache_tag
-    processor = binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
-    return *versions, hashlib.blake2b(repr(_described(code)).encode()).hexdigest(), settings, *processor
+    processor = (
+        binding.get_process_triple(),
+        binding.get_host_cpu_name(),
+        binding.get_host_cpu_features().flatten(),
+    )
+    return (
+        *versions,
+        hashlib.blake2b(repr(_described(code)).encode()).hexdigest(),
+        settings,
+        *processor,
+    )
 
 
 # Content keys
 
 
 def content_key(kernel: Any) -> bytes:
-    """Return a digest of the code that is compiled with a kernel: its own, that of all kernels that it calls, and constants.
+    """Return a digest of the code that is compiled with a kernel: its own, that of all kernels that
+    it calls, and constants.
 
-    Changes of docstrings, comments, layout and places in files leave the key as it is. So do changes of kernels and constants
-    that the kernel does not use.
+    Changes of docstrings, comments, layout and places in files leave the key as it is. So do
+    changes of kernels and constants that the kernel does not use.
     """
     digest, waiting, seen = hashlib.blake2b(digest_size=16), [kernel], {id(kernel)}
     while waiting:
@@ -168,24 +203,37 @@ def content_key(kernel: Any) -> bytes:
 
 @cache
 def _own_content(kernel: Any) -> tuple[bytes, tuple[Any, ...]]:
-    """Return a description of a kernel without those that it calls, and the kernels and functions that it calls, in order."""
+    """Return a description of a kernel without those that it calls, and the kernels and functions
+    that it calls, in order.
+    """
     function = getattr(kernel, "function", kernel)
     called: list[Any] = []
     closure = [cell.cell_contents for cell in function.__closure__ or ()]
-    used = [*_globals_used(function.__code__, function.__globals__), *zip(function.__code__.co_freevars, closure, strict=True)]
+    used = [
+        *_globals_used(function.__code__, function.__globals__),
+        *zip(function.__code__.co_freevars, closure, strict=True),
+    ]
     values = [(name, _content(value, called)) for name, value in used]
-    defaults = _content((function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items()))), called)
+    defaults = _content(
+        (function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items()))), called
+    )
     options = sorted(getattr(kernel, "options", {}).items())
     return repr((_described(function.__code__), values, defaults, options)).encode(), tuple(called)
 
 
 def _globals_used(code: CodeType, known: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the names and values of the globals that code uses, and of the attributes of modules that are not libraries."""
+    """Yield the names and values of the globals that code uses, and of the attributes of modules
+    that are not libraries.
+    """
     for name in code.co_names:
         if name in known:
             yield name, known[name]
             if isinstance(known[name], ModuleType) and not _is_library(known[name].__name__):
-                yield from ((each, vars(known[name])[each]) for each in code.co_names if each in vars(known[name]))
+                yield from (
+                    (each, vars(known[name])[each])
+                    for each in code.co_names
+                    if each in vars(known[name])
+                )
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             yield from _globals_used(constant, known)
@@ -199,9 +247,17 @@ def _described(code: Any) -> Any:
         return tuple(_described(each) for each in code)
     if not isinstance(code, CodeType):
         return code
-    constants, flags, has_docstring = code.co_consts, code.co_flags & ~_HAS_DOCSTRING, bool(code.co_flags & _HAS_DOCSTRING)
+    constants, flags, has_docstring = (
+        code.co_consts,
+        code.co_flags & ~_HAS_DOCSTRING,
+        bool(code.co_flags & _HAS_DOCSTRING),
+    )
     if sys.version_info < (3, 13):  # the first constant of a function is its docstring or None
-        has_docstring = bool(code.co_flags & _OF_FUNCTION) and isinstance((*constants, None)[0], str) and code.co_name[0] != "<"
+        has_docstring = (
+            bool(code.co_flags & _OF_FUNCTION)
+            and isinstance((*constants, None)[0], str)
+            and code.co_name[0] != "<"
+        )
     if has_docstring:
         constants = (None, *constants[1:])
     names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
@@ -209,12 +265,19 @@ def _described(code: Any) -> Any:
     return code.co_code, code.co_exceptiontable, names, counts, _described(constants)
 
 
-_OF_FUNCTION, _HAS_DOCSTRING = 0x2, 0x4000000  # flags of Python's code objects: CO_NEWLOCALS, and CO_HAS_DOCSTRING since 3.13
+_OF_FUNCTION, _HAS_DOCSTRING = (
+    0x2,
+    0x4000000,
+)  # flags of Python's code objects: CO_NEWLOCALS, and CO_HAS_DOCSTRING since 3.13
 
 
 def _content(value: Any, called: list[Any]) -> Any:
-    """Return a description of a value that a kernel uses. Kernels and functions are added to ``called``."""
-    if hasattr(value, "function") or (isinstance(value, FunctionType) and not _is_library(value.__module__)):
+    """Return a description of a value that a kernel uses. Kernels and functions are added to
+    ``called``.
+    """
+    if hasattr(value, "function") or (
+        isinstance(value, FunctionType) and not _is_library(value.__module__)
+    ):
         called.append(value)
         return "calls", value.__qualname__
     if isinstance(value, tuple):
@@ -233,4 +296,11 @@ def _content(value: Any, called: list[Any]) -> Any:
 
 
 def _is_library(module: str | None) -> bool:
-    return (module or "").split(".")[0] in {"builtins", "math", "numba", "numpy", "_operator", "operator"}
+    return (module or "").split(".")[0] in {
+        "builtins",
+        "math",
+        "numba",
+        "numpy",
+        "_operator",
+        "operator",
+    }

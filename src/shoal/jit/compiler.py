@@ -1,13 +1,16 @@
-"""Compilation of kernels with Numba: a kernel is either an entry, which Python calls, or a part of another kernel.
+"""Compilation of kernels with Numba: a kernel is either an entry, which Python calls, or a part of
+another kernel.
 
-Numba infers the types of a part and translates the part to LLVM code. LLVM optimizes an entry once, together with all parts of the
-entry. Plain Numba would optimize each kernel again at every level of calls, and would make machine code, a Python wrapper and a
-cache file for each kernel.
+Numba infers the types of a part and translates the part to LLVM code. LLVM optimizes an entry once,
+together with all parts of the entry. Plain Numba would optimize each kernel again at every level of
+calls, and would make machine code, a Python wrapper and a cache file for each kernel.
 
-Named tuples pass from kernel to kernel by pointer. Plain Numba passes each number of each array of a named tuple on its own: of the
-LLVM code of the planner, two fifths only took named tuples apart and put them together again.
+Named tuples pass from kernel to kernel by pointer. Plain Numba passes each number of each array of
+a named tuple on its own: of the LLVM code of the planner, two fifths only took named tuples apart
+and put them together again.
 
-The files docs/adr/0012-kernels-compiled-once.md and docs/adr/0017-kernels-keyed-by-content.md contain the measurements.
+The files docs/adr/0012-kernels-compiled-once.md and docs/adr/0017-kernels-keyed-by-content.md
+contain the measurements.
 """
 
 from __future__ import annotations
@@ -40,13 +43,22 @@ from shoal.jit.loader import MachineCode
 _OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy"}
 _WRAPPER = "_ZN7cpython"  # prefix of the names of functions that accept Python objects
 _UNUSED_PASSES = {
-    "with_lifting", "inline_inlinables", "make_function_op_code_to_jit_function", "Rewrite dynamic raises", "literal_unroll",
-    "LiteralPropagation", "find_literally", "dump_parfor_diagnostics", "annotate_types",
-}  # fmt: skip
+    "with_lifting",
+    "inline_inlinables",
+    "make_function_op_code_to_jit_function",
+    "Rewrite dynamic raises",
+    "literal_unroll",
+    "LiteralPropagation",
+    "find_literally",
+    "dump_parfor_diagnostics",
+    "annotate_types",
+}
 
 
 class PlainForms:
-    """The compiled form of a kernel by Numba alone, for versions of Numba that Shoal does not know."""
+    """The compiled form of a kernel by Numba alone, for versions of Numba that Shoal
+    does not know.
+    """
 
     def __init__(self, function: Callable[..., Any], **_options: bool) -> None:
         self.entry = njit(nogil=True, error_model="numpy")(function)
@@ -58,7 +70,9 @@ class PlainForms:
 
 
 class CompiledForms:
-    """The two compiled forms of a kernel: an entry, which Python calls, and a part, which other kernels contain."""
+    """The two compiled forms of a kernel: an entry, which Python calls, and a part, which other
+    kernels contain.
+    """
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
         self._function, self._options = function, {**_OPTIONS, "no_cfunc_wrapper": True, **options}
@@ -66,7 +80,9 @@ class CompiledForms:
     @cached_property
     def entry(self) -> Any:
         """The compiled form of the kernel that Python calls."""
-        return _Dispatcher(self._function, targetoptions=self._options, pipeline_class=_EntryCompiler)
+        return _Dispatcher(
+            self._function, targetoptions=self._options, pipeline_class=_EntryCompiler
+        )
 
     @cached_property
     def _part(self) -> Any:
@@ -77,7 +93,8 @@ class CompiledForms:
     def part_type(self) -> Any:
         """The Numba type of the part, which is the form of the kernel that other kernels contain.
 
-        The Numba type has only a weak reference to the part, so ``CompiledForms`` keeps the part alive.
+        The Numba type has only a weak reference to the part, so ``CompiledForms`` keeps the part
+        alive.
         """
         return types.Dispatcher(self._part)
 
@@ -101,7 +118,9 @@ class CompiledForms:
 
 @contextmanager
 def _garbage_collector_paused() -> Iterator[None]:
-    """Pause Python's garbage collector, which else takes an eighth of the compilation time and finds hardly any garbage."""
+    """Pause Python's garbage collector, which else takes an eighth of the compilation time and
+    finds hardly any garbage.
+    """
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -112,17 +131,24 @@ def _garbage_collector_paused() -> Iterator[None]:
 
 
 def _machine_code(result: Any) -> MachineCode:
-    """Return the machine code of a compiled kernel, with the data that a call of the kernel needs."""
+    """Return the machine code of a compiled kernel, with the data that a call of the
+    kernel needs.
+    """
     description, module = result.fndesc, result.library._final_module
-    outside = [one.name for one in (*module.functions, *module.global_variables) if one.is_declaration]
-    # Environments are Numba's objects for constants. Those without constants are useless, and would take imports to load.
+    outside = [
+        one.name for one in (*module.functions, *module.global_variables) if one.is_declaration
+    ]
+    # Environments are Numba's objects for constants. Those without constants are useless, and would
+    # take imports to load.
     environments = [each for each in result._find_referenced_environments() if each.consts]
     return MachineCode(
         code=result.library._get_compiled_object(),
         name=description.qualname.split(".")[-1],
         entry=description.llvm_cpython_wrapper_name,
         own=description.env_name,
-        constants={each.env_name: list(each.consts) for each in (result.environment, *environments)},
+        constants={
+            each.env_name: list(each.consts) for each in (result.environment, *environments)
+        },
         required=tuple(name for name in outside if not name.startswith("llvm.")),
     )
 
@@ -131,7 +157,9 @@ def _machine_code(result: Any) -> MachineCode:
 
 
 class _Structure(types.NamedTuple):
-    """The type of a named tuple that Python passes to a kernel, or that is a part of such a named tuple."""
+    """The type of a named tuple that Python passes to a kernel, or that is a part of such a named
+    tuple.
+    """
 
     def __init__(self, kinds: Any, cls: Any) -> None:
         super().__init__(kinds, cls)
@@ -166,7 +194,8 @@ class _StructureModel(TupleModel):
 
 
 def _place_of(builder: Any, value: Any) -> Any:
-    """Return a pointer to a structure in the memory of a caller, or None if the structure is not there.
+    """Return a pointer to a structure in the memory of a caller, or None if the structure is not
+    there.
 
     The memory of a caller does not change while the kernel runs, so the pointer stays right.
     """
@@ -179,12 +208,16 @@ def _place_of(builder: Any, value: Any) -> Any:
         outer = _place_of(builder, value.aggregate)
         if outer is not None:
             index = ir.IntType(32)
-            return builder.gep(outer, [index(0), *(index(each) for each in value.indices)], inbounds=True)
+            return builder.gep(
+                outer, [index(0), *(index(each) for each in value.indices)], inbounds=True
+            )
     return None
 
 
 class _Lower(Lower):
-    """Numba's translation to LLVM code, with less code for named tuples and for single elements of arrays."""
+    """Numba's translation to LLVM code, with less code for named tuples and for single elements of
+    arrays.
+    """
 
     def storevar(self, value: Any, name: str, argidx: int | None = None) -> None:
         if self._may_point(name):
@@ -197,10 +230,14 @@ class _Lower(Lower):
     def _may_point(self, name: str) -> bool:
         if self.context.enable_nrt or name in self.varmap or name in self._singly_assigned_vars:
             return False
-        return isinstance(self.typeof(name), _Structure) and len(self.func_ir._definitions[name]) == 1
+        return (
+            isinstance(self.typeof(name), _Structure) and len(self.func_ir._definitions[name]) == 1
+        )
 
     def delvar(self, name: str) -> None:
-        if not isinstance(self.varmap.get(name), ir.Argument | GEPInstr):  # else zeros would be written to the caller's memory
+        if not isinstance(
+            self.varmap.get(name), ir.Argument | GEPInstr
+        ):  # else zeros would be written to the caller's memory
             super().delvar(name)
 
     def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:
@@ -208,11 +245,15 @@ class _Lower(Lower):
         place = self._place_of_element(value, index)
         if place is None or not array.dtype == signature.return_type == resty:
             return super().lower_getitem(resty, expr, value, index, signature)
-        return self.context.unpack_value(self.builder, array.dtype, place, align=None if array.aligned else 1)
+        return self.context.unpack_value(
+            self.builder, array.dtype, place, align=None if array.aligned else 1
+        )
 
     def lower_setitem(self, target_var: Any, index_var: Any, value_var: Any, signature: Any) -> Any:
         array, kind = self.typeof(target_var.name), self.typeof(value_var.name)
-        if not isinstance(kind, types.Number | types.Boolean) or not isinstance(getattr(array, "dtype", None), types.Number):
+        if not isinstance(kind, types.Number | types.Boolean) or not isinstance(
+            getattr(array, "dtype", None), types.Number
+        ):
             return super().lower_setitem(target_var, index_var, value_var, signature)
         place = self._place_of_element(target_var, index_var)
         if place is None:
@@ -224,21 +265,33 @@ class _Lower(Lower):
     def _place_of_element(self, array_var: Any, index_var: Any) -> Any:
         """Return a pointer to the element of an array at whole numbers, or None for anything else.
 
-        Numba's own code for this first copies the fields of the array to memory, which doubles the LLVM code of a typical kernel.
+        Numba's own code for this first copies the fields of the array to memory, which doubles the
+        LLVM code of a typical kernel.
         """
         array, index = self.typeof(array_var.name), self.typeof(index_var.name)
         kinds = getattr(index, "types", (index,))
-        if type(array) is not types.Array or len(kinds) != array.ndim or self.context.enable_boundscheck:
+        if (
+            type(array) is not types.Array
+            or len(kinds) != array.ndim
+            or self.context.enable_boundscheck
+        ):
             return None
         if not all(isinstance(kind, types.Integer) for kind in kinds):
             return None
         builder, model = self.builder, self.context.data_model_manager[array]
         value, at = self.loadvar(array_var.name), self.loadvar(index_var.name)
-        shape, strides = (unpack_tuple(builder, model.get(builder, value, name), array.ndim) for name in ("shape", "strides"))
-        numbers = unpack_tuple(builder, at, array.ndim) if isinstance(index, types.BaseTuple) else (at,)
+        shape, strides = (
+            unpack_tuple(builder, model.get(builder, value, name), array.ndim)
+            for name in ("shape", "strides")
+        )
+        numbers = (
+            unpack_tuple(builder, at, array.ndim) if isinstance(index, types.BaseTuple) else (at,)
+        )
         indices = []
         for kind, number, length in zip(kinds, numbers, shape, strict=True):
-            number = self.context.cast(builder, number, kind, types.intp if kind.signed else types.uintp)  # noqa: PLW2901
+            number = self.context.cast(
+                builder, number, kind, types.intp if kind.signed else types.uintp
+            )  # noqa: PLW2901
             indices.append(fix_index(builder, number, length) if kind.signed else number)
         data = model.get(builder, value, "data")
         return get_item_pointer2(self.context, builder, data, shape, strides, array.layout, indices)
@@ -272,8 +325,8 @@ class Entry(JITCodeLibrary):
 def _hide_parts(module: Any) -> None:
     """Tell LLVM that no code outside the module calls the parts of an entry.
 
-    Without calls from outside, LLVM inlines each part that has only one call, and removes unused arguments. In LLVM code, one array
-    argument consists of seven arguments.
+    Without calls from outside, LLVM inlines each part that has only one call, and removes unused
+    arguments. In LLVM code, one array argument consists of seven arguments.
     """
     wrappers = [one.name for one in module.functions if one.name.startswith(_WRAPPER)]
     called = {*wrappers, *(name.replace(_WRAPPER, "_ZN", 1) for name in wrappers)}
@@ -284,7 +337,9 @@ def _hide_parts(module: Any) -> None:
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _EntryLowering(NativeLowering):
-    """The lowering pass for a kernel that Python calls. The pass translates the kernel to LLVM code."""
+    """The lowering pass for a kernel that Python calls. The pass translates the kernel to LLVM
+    code.
+    """
 
     _name = "entry_lowering"
     library_class: type[Any] = Entry
@@ -301,7 +356,9 @@ class _EntryLowering(NativeLowering):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _PartLowering(_EntryLowering):
-    """The lowering pass for a kernel that other kernels call. The pass translates the kernel to LLVM code."""
+    """The lowering pass for a kernel that other kernels call. The pass translates the kernel to
+    LLVM code.
+    """
 
     _name = "part_lowering"
     library_class = LinkedPart
@@ -312,7 +369,9 @@ class _PartLowering(_EntryLowering):
         lowered = state["cr"]
         name = lowered.fndesc.qualname.split(".")[-1]
         libraries = (state.library,)
-        key = _dynfunc.make_function(lowered.fndesc.lookup_module(), name, "", 0, lowered.env, libraries)  # never called
+        key = _dynfunc.make_function(
+            lowered.fndesc.lookup_module(), name, "", 0, lowered.env, libraries
+        )  # never called
         state.targetctx.insert_user_function(key, lowered.fndesc, libraries)
         state["cr"] = lowered._replace(cfunc=key)
         return True
@@ -321,21 +380,27 @@ class _PartLowering(_EntryLowering):
 def _load_array_functions() -> None:
     """Load Numba's array functions without SciPy's linear algebra.
 
-    The import of SciPy's linear algebra takes a third of a second, and only ``np.cov`` needs the linear algebra.
+    The import of SciPy's linear algebra takes a third of a second, and only ``np.cov`` needs the
+    linear algebra.
     """
     blas = "scipy.linalg.cython_blas"
     if blas in sys.modules or "numba.np.arraymath" in sys.modules:
         return
-    sys.modules[blas] = None  # type: ignore[assignment]  # until the entry is deleted, an import of ``blas`` fails
+    # until the entry is deleted, an import of ``blas`` fails
+    sys.modules[blas] = None  # type: ignore[assignment]
     try:
         from numba.np import arraymath
     finally:
         del sys.modules[blas]
-    arraymath._HAVE_BLAS = True  # SciPy is installed, although the import of ``blas`` failed on purpose
+    arraymath._HAVE_BLAS = (
+        True  # SciPy is installed, although the import of ``blas`` failed on purpose
+    )
 
 
 class _EntryCompiler(CompilerBase):
-    """Numba's compiler pipeline with the pass ``lowering`` in place of Numba's own lowering pass."""
+    """Numba's compiler pipeline with the pass ``lowering`` in place of Numba's own
+    lowering pass.
+    """
 
     lowering: type[Any] = _EntryLowering
 
@@ -370,7 +435,9 @@ class _Dispatcher(CPUDispatcher):
 
 
 class _PartDispatcher(_Dispatcher):
-    """The dispatcher of a kernel that other kernels call. A literal number as an argument does not cause another compilation."""
+    """The dispatcher of a kernel that other kernels call. A literal number as an argument does not
+    cause another compilation.
+    """
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         plain = {name: types.unliteral(one) for name, one in kws.items()}

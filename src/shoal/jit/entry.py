@@ -1,7 +1,7 @@
 """Kernels in the form that Python calls, and a stopwatch that does not count their compilation.
 
-Shoal loads the machine code of a kernel from the cache, without Numba. Shoal imports Numba and compiles a kernel only if the cache
-does not contain the kernel.
+Shoal loads the machine code of a kernel from the cache, without Numba. Shoal imports Numba and
+compiles a kernel only if the cache does not contain the kernel.
 """
 
 from __future__ import annotations
@@ -19,16 +19,20 @@ from shoal.jit.loader import kinds_of_arguments, numba_is_tested
 
 COMPILING = "compiling kernels: once after an installation, some seconds for each kind of run ..."
 PLAIN = "SHOAL_PLAIN_KERNELS"
-"""Name of the environment variable with which Numba alone compiles and calls kernels, in each process again."""
+"""Name of the environment variable with which Numba alone compiles and calls kernels, in each
+process again.
+"""
 
 _lock = threading.RLock()
 _times = threading.local()
 
 
 class Kernel:
-    """A function that Shoal compiles at its first call. A call from Python runs the function's own machine code.
+    """A function that Shoal compiles at its first call. A call from Python runs the function's own
+    machine code.
 
-    If another kernel calls the function, the code of the function becomes a part of the code of the caller.
+    If another kernel calls the function, the code of the function becomes a part of the code of the
+    caller.
     """
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
@@ -37,7 +41,9 @@ class Kernel:
         self._loaded: dict[Any, Callable[..., Any]] = {}  # machine code, by the argument types
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the kernel. The first call for each combination of argument types loads or compiles the kernel."""
+        """Call the kernel. The first call for each combination of argument types loads or compiles
+        the kernel.
+        """
         try:
             kinds = kinds_of_arguments(arguments)
         except TypeError:  # only Numba can tell the types
@@ -50,7 +56,9 @@ class Kernel:
         return found(*arguments)
 
     def _compile(self, arguments: tuple[Any, ...], kinds: Any = None) -> Any:
-        """Compile the kernel for some arguments, store the machine code, and return the compiled function."""
+        """Compile the kernel for some arguments, store the machine code, and return the compiled
+        function.
+        """
         with _lock, Compiling():
             tell_once(COMPILING)
             if _is_plain():
@@ -64,7 +72,9 @@ class Kernel:
     def _forms(self) -> Any:
         from shoal.jit import compiler  # imported only here, because the import of Numba is slow
 
-        return (compiler.PlainForms if _is_plain() else compiler.CompiledForms)(self.function, **self.options)
+        return (compiler.PlainForms if _is_plain() else compiler.CompiledForms)(
+            self.function, **self.options
+        )
 
     @property
     def entry(self) -> Any:
@@ -77,7 +87,8 @@ class Kernel:
         return self._forms.part_type
 
     def __reduce__(self) -> str:
-        return self.__qualname__  # type: ignore[attr-defined, no-any-return]  # pickle adds the name of the module
+        # pickle adds the name of the module
+        return self.__qualname__  # type: ignore[attr-defined, no-any-return]
 
 
 def _is_plain() -> bool:
@@ -87,9 +98,10 @@ def _is_plain() -> bool:
 def _named_apart(function: Callable[..., Any]) -> None:
     """Make the name of a kernel unique if the kernel is defined inside a function.
 
-    The unique name contains the names of the objects in the kernel's closure. The linker finds machine code by name. Numba
-    distinguishes kernels with equal names by a number, which starts again in each process. Without unique names, the linker could
-    confuse a kernel from the cache with a kernel that the process has compiled.
+    The unique name contains the names of the objects in the kernel's closure. The linker finds
+    machine code by name. Numba distinguishes kernels with equal names by a number, which starts
+    again in each process. Without unique names, the linker could confuse a kernel from the cache
+    with a kernel that the process has compiled.
     """
     if "<locals>" in function.__qualname__:
         made_of = [cell.cell_contents for cell in function.__closure__ or ()]
@@ -99,7 +111,9 @@ def _named_apart(function: Callable[..., Any]) -> None:
 
 def _compiled(function: Callable[..., Any], **options: bool) -> Any:
     _named_apart(function)
-    return function if int(os.environ.get("NUMBA_DISABLE_JIT") or 0) else Kernel(function, **options)
+    return (
+        function if int(os.environ.get("NUMBA_DISABLE_JIT") or 0) else Kernel(function, **options)
+    )
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -108,12 +122,16 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def in_place_kernel(function: Callable[..., Any]) -> Any:
-    """Return ``function`` as a `Kernel` without reference counting. The function must not create arrays."""
+    """Return ``function`` as a `Kernel` without reference counting. The function must not create
+    arrays.
+    """
     return _compiled(function, _nrt=False)
 
 
 class Compiling:
-    """A context manager that measures the time for loading or compiling kernels. The time of nested blocks counts only once."""
+    """A context manager that measures the time for loading or compiling kernels. The time of nested
+    blocks counts only once.
+    """
 
     def __enter__(self) -> None:
         _times.depth = getattr(_times, "depth", 0) + 1
@@ -132,16 +150,18 @@ def seconds_compiling() -> float:
 
 
 def working_time() -> float:
-    """Return seconds on a clock that stands still while the current thread loads or compiles kernels; its zero has no meaning.
+    """Return seconds on a clock that stands still while the current thread loads or compiles
+    kernels; its zero has no meaning.
 
-    Time limits are compared with this clock. On any other clock, a limit of two seconds is over before a first use has compiled its
-    kernels.
+    Time limits are compared with this clock. On any other clock, a limit of two seconds is over
+    before a first use has compiled its kernels.
     """
     return time.perf_counter() - seconds_compiling()
 
 
 class Stopwatch:
-    """Measure the time since the creation of the stopwatch, without the time for loading and compiling kernels.
+    """Measure the time since the creation of the stopwatch, without the time for loading and
+    compiling kernels.
 
     Examples
     --------
@@ -155,5 +175,7 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Return the seconds since the creation of the stopwatch, without the time for loading and compiling kernels."""
+        """Return the seconds since the creation of the stopwatch, without the time for loading and
+        compiling kernels.
+        """
         return working_time() - self._began

@@ -1,12 +1,14 @@
 """What Shoal takes from Numba's inside in order to call machine code without Numba.
 
-The import of Numba takes longer than most commands of Shoal. The machine code of kernels needs only LLVM's loader, which is public
-(llvmlite), and three modules of Numba that are written in C: `_dynfunc` makes the function object and holds its constants,
-`_helperlib` and `_nrt_python` define the symbols that machine code calls. No other module of Shoal uses them. `compiler` subclasses
+The import of Numba takes longer than most commands of Shoal. The machine code of kernels needs only
+LLVM's loader, which is public (llvmlite), and three modules of Numba that are written in C:
+`_dynfunc` makes the function object and holds its constants, `_helperlib` and `_nrt_python` define
+the symbols that machine code calls. No other module of Shoal uses them. `compiler` subclasses
 Numba's compiler.
 
-Tested with the versions of Numba in `TESTED`. With any other version, and if the environment variable SHOAL_PLAIN_KERNELS is set,
-Shoal uses neither this module nor its own compiler: `numba.njit` compiles and calls kernels, in each process again.
+Tested with the versions of Numba in `TESTED`. With any other version, and if the environment
+variable SHOAL_PLAIN_KERNELS is set, Shoal uses neither this module nor its own compiler:
+`numba.njit` compiles and calls kernels, in each process again.
 """
 
 from __future__ import annotations
@@ -32,10 +34,16 @@ from shoal.core.dataclass import dataclass
 TESTED = ("0.68.",)
 """Beginnings of the versions of Numba whose inside is as this module expects it."""
 
-_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = 0x1, 0x2, 0x100 | 0x400  # NumPy's array flags that change the compiled code
+_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = (
+    0x1,
+    0x2,
+    0x100 | 0x400,
+)  # NumPy's array flags that change the compiled code
 _SAME = {int: np.int64, float: np.float64, bool: np.bool_}
 _of_array = attrgetter("dtype", "ndim", "flags.num")
-_PLAIN = frozenset([bool, float, type(None), np.random.Generator, *(np.dtype(name).type for name in "?bhilBHILfd")])
+_PLAIN = frozenset(
+    [bool, float, type(None), np.random.Generator, *(np.dtype(name).type for name in "?bhilBHILfd")]
+)
 
 
 @dataclass(frozen=True)
@@ -46,15 +54,17 @@ class MachineCode:
     name: str  # name of the function
     entry: str  # symbol of the function that accepts Python objects
     own: str  # symbol of the variable that points to the kernel's constants
-    constants: dict[str, list[Any]]  # lists of constants, by the symbol of the variable that points to the list
+    constants: dict[
+        str, list[Any]
+    ]  # lists of constants, by the symbol of the variable that points to the list
     required: tuple[str, ...]  # symbols that the machine code uses but does not define
 
 
 def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return one key for each argument of a kernel. All keys together determine the compiled code.
 
-    For example, the key of an array contains the dtype and the memory order of the array. Every call of a kernel runs this
-    function, so the function must be fast.
+    For example, the key of an array contains the dtype and the memory order of the array. Every
+    call of a kernel runs this function, so the function must be fast.
 
     Raises
     ------
@@ -84,12 +94,17 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
 def compiled_form(kinds: Any) -> Any:
     """Return a key for the code that Numba compiles for given argument types.
 
-    Argument types for which Numba compiles equal code have equal keys. The key leaves out array flags that do not change the code.
-    An array that is contiguous in row-major order and in column-major order counts as an array in row-major order. A Python number
-    counts as the NumPy number with equal bits.
+    Argument types for which Numba compiles equal code have equal keys. The key leaves out array
+    flags that do not change the code. An array that is contiguous in row-major order and in
+    column-major order counts as an array in row-major order. A Python number counts as the NumPy
+    number with equal bits.
     """
     if not isinstance(kinds, tuple):
-        return (kinds, fields) if (fields := getattr(kinds, "_fields", None)) else _SAME.get(kinds, kinds)
+        return (
+            (kinds, fields)
+            if (fields := getattr(kinds, "_fields", None))
+            else _SAME.get(kinds, kinds)
+        )
     if kinds and isinstance(kinds[0], np.dtype):
         order = kinds[2] & _C_ORDER or kinds[2] & _FORTRAN_ORDER
         return *kinds[:2], order | kinds[2] & _ALIGNED_AND_WRITABLE
@@ -116,7 +131,9 @@ def _folder_of_numba() -> Path:
 
 
 def _extension(name: str) -> ModuleType:
-    """Import a module of Numba that is written in C, without the import of the whole Numba package."""
+    """Import a module of Numba that is written in C, without the import of the whole
+    Numba package.
+    """
     if name in sys.modules:
         return sys.modules[name]
     found = PathFinder.find_spec(name, [str(_folder_of_numba().joinpath(*name.split(".")[1:-1]))])
@@ -138,7 +155,10 @@ class _Linker:
         machine = target.create_target_machine(reloc=reloc, codemodel="jitdefault", jit=True)
         self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
         self._functions = _extension("numba._dynfunc")
-        helpers, runtime = _extension("numba._helperlib").c_helpers, _extension("numba.core.runtime._nrt_python").c_helpers
+        helpers, runtime = (
+            _extension("numba._helperlib").c_helpers,
+            _extension("numba.core.runtime._nrt_python").c_helpers,
+        )
         binding.add_symbol("_Py_NoneStruct", id(None))
         for name, address in (helpers | self._functions.c_helpers).items():
             binding.add_symbol(f"numba_{name}", address)
@@ -153,7 +173,9 @@ class _Linker:
         if not all(binding.address_of_symbol(name) for name in stored.required):
             from numba.core.registry import cpu_target
 
-            _ = cpu_target.target_context  # the access to this property tells LLVM all symbols that Numba knows
+            _ = (
+                cpu_target.target_context
+            )  # the access to this property tells LLVM all symbols that Numba knows
         self._engine.add_object_file(binding.ObjectFileRef.from_data(stored.code))
         self._engine.finalize_object()
         environments = {}
@@ -164,7 +186,9 @@ class _Linker:
             ctypes.c_void_p.from_address(address).value = id(environments[symbol])
         address = self._engine.get_function_address(stored.entry)
         own, module = environments[stored.own], SimpleNamespace(__name__=function.__module__)
-        return self._functions.make_function(module, stored.name, "", address, own, (self._engine, environments))
+        return self._functions.make_function(
+            module, stored.name, "", address, own, (self._engine, environments)
+        )
 
 
 @cache

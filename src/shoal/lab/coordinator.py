@@ -1,4 +1,6 @@
-"""Run a sweep: distribute missing trials to workers, commit the results of trials, and recover from the death of workers."""
+"""Run a sweep: distribute missing trials to workers, commit the results of trials, and recover from
+the death of workers.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +17,22 @@ from pathlib import Path
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError, UnknownNameError
 from shoal.core.notices import tell_once
+from shoal.lab.batches import (
+    Answer,
+    Batch,
+    Gap,
+    Piece,
+    SweepProgress,
+    SweepStatus,
+    lost_batch,
+    placed,
+    play_batch,
+)
 from shoal.lab.problems import check_trial
-from shoal.lab.storage.lock import locked
-from shoal.lab.storage.store import Store
-from shoal.lab.sweeps.batches import Answer, Batch, Piece, lost_batch, placed, play_batch
-from shoal.lab.sweeps.progress import Gap, SweepProgress, SweepStatus
-from shoal.lab.sweeps.sweep import Point, Sweep, digest_of, distinct_places
+from shoal.lab.store import Store, locked
+from shoal.lab.sweep import Point, Sweep, digest_of, distinct_places
 from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
-from shoal.lab.worker_pools import WorkerPool, make_worker_pool
+from shoal.lab.workers import WorkerPool, make_worker_pool
 from shoal.swarm.problem import SwarmProblem
 
 BATCH_SECONDS = 0.5
@@ -52,19 +62,21 @@ def run_sweep(
     ----------
     sweep : Sweep
     store : path
-        Path of the store file, which is created if it does not exist. The store may contain the results of several sweeps.
+        Path of the store file, which is created if it does not exist. The store may contain the
+        results of several sweeps.
     workers : int, optional
-        Number of worker processes on the local machine. The default is one process per processor. If ``workers`` is 0, all trials
-        run in the current process.
+        Number of worker processes on the local machine. The default is one process per processor.
+        If ``workers`` is 0, all trials run in the current process.
     dask : str, optional
-        Address of a Dask scheduler. The scheduler's workers run all trials, in place of processes on the local machine.
+        Address of a Dask scheduler. The scheduler's workers run all trials, in place of processes
+        on the local machine.
     extend : bool
         Whether the sweep may add trials or points to a stored sweep with an equal name.
     on_progress : callable, optional
         Function that `run_sweep` calls with a `SweepProgress` after every batch of trials.
     batch_seconds : float
-        Desired duration of a batch of trials, in seconds. Shoal commits the results of a batch together. Results do not depend on
-        the duration of batches.
+        Desired duration of a batch of trials, in seconds. Shoal commits the results of a batch
+        together. Results do not depend on the duration of batches.
 
     Returns
     -------
@@ -73,11 +85,13 @@ def run_sweep(
     Raises
     ------
     InvalidInputError
-        Raised if the store contains a different sweep with an equal name, or if another process runs the sweep. Also raised if a
-        point (a combination of axis values) cannot run, or if a worker has other versions of software than the current process.
-        An error inside a trial does not raise an exception: the store records the trial as failed.
+        Raised if the store contains a different sweep with an equal name, or if another process
+        runs the sweep. Also raised if a point (a combination of axis values) cannot run, or if a
+        worker has other versions of software than the current process. An error inside a trial does
+        not raise an exception: the store records the trial as failed.
     OutputError
-        Raised if Shoal cannot write the store. After an error, the store keeps all committed results.
+        Raised if Shoal cannot write the store. After an error, the store keeps all committed
+        results.
     MissingExtraError
 
     Warns
@@ -103,7 +117,9 @@ def run_sweep(
             gaps = opened.missing(sweep)
             if gaps:
                 _warn_of_others(opened, sweep.name)
-                _run(sweep, opened, gaps, make_worker_pool(workers, dask), batch_seconds, on_progress)
+                _run(
+                    sweep, opened, gaps, make_worker_pool(workers, dask), batch_seconds, on_progress
+                )
             elif on_progress is not None:
                 on_progress(SweepProgress(sweep.total, sweep.total, 0, 0, 0, 0.0))
         return opened.status(sweep.name)
@@ -113,16 +129,22 @@ def _warn_of_others(store: Store, name: str) -> None:
     mixed = mixture(store.versions(name))
     if mixed:
         warnings.warn(
-            f"{store.path}: sweep {name}: expected rows of this version, got {mixed}. All rows are kept, and this version runs "
-            "the missing trials. If its results differ, the rows are not comparable. To get rows of one version, continue with "
-            "the version that began, or use another name or store for the sweep",
+            f"{store.path}: sweep {name}: expected rows of this version, got {mixed}. All rows are"
+            " kept, and this version runs the missing trials. If its results differ, the rows are"
+            " not comparable. To get rows of one version, continue with the version that began, or"
+            " use another name or store for the sweep",
             MixedVersionsWarning,
             stacklevel=3,
         )
 
 
 def _run(
-    sweep: Sweep, store: Store, gaps: list[Gap], pool: WorkerPool, batch_seconds: float, on_progress: OnProgress | None
+    sweep: Sweep,
+    store: Store,
+    gaps: list[Gap],
+    pool: WorkerPool,
+    batch_seconds: float,
+    on_progress: OnProgress | None,
 ) -> None:
     finished = False
     try:
@@ -133,12 +155,14 @@ def _run(
 
 
 def prepare(sweep: Sweep) -> dict[str, str]:
-    """Check that every point of a sweep can run. Return a digest of each map, workspace and region in the sweep.
+    """Check that every point of a sweep can run. Return a digest of each map, workspace and region
+    in the sweep.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        Raised if a point cannot run. The error message gives the axis values of the first point that cannot run.
+        Raised if a point cannot run. The error message gives the axis values of the first point
+        that cannot run.
     """
     inputs: dict[str, str] = {}
     for point in distinct_places(sweep.points):
@@ -154,7 +178,9 @@ def prepare(sweep: Sweep) -> dict[str, str]:
 
 @contextmanager
 def _errors_at(sweep: Sweep, point: Point) -> Iterator[None]:
-    """Turn errors inside the ``with`` block into an error that gives the axis values of a point that cannot run."""
+    """Turn errors inside the ``with`` block into an error that gives the axis values of a point
+    that cannot run.
+    """
     try:
         yield
     except Exception as error:  # third-party code may raise any exception
@@ -165,7 +191,9 @@ def _errors_at(sweep: Sweep, point: Point) -> Iterator[None]:
 
 
 def _load_kernels(sweep: Sweep) -> None:
-    """Compile or load the kernels of a sweep, so that the workers need not all compile the kernels at the same time."""
+    """Compile or load the kernels of a sweep, so that the workers need not all compile the kernels
+    at the same time.
+    """
     for point in sweep.points:
         if isinstance(point.problem, SwarmProblem):
             from shoal.swarm.run import load_kernels
@@ -193,7 +221,9 @@ class _Run:
     on_progress: OnProgress | None
     paces: dict[int, float] = field(default_factory=dict)
     pace: float | None = None
-    sound: set[str] = field(default_factory=set)  # workers on which batches fail that also fail on others
+    sound: set[str] = field(
+        default_factory=set
+    )  # workers on which batches fail that also fail on others
     fresh: int = 0
     failures: int = 0
     deaths: int = 0
@@ -205,15 +235,19 @@ class _Run:
         self.done = self.sweep.total - sum(gap.stop - gap.first for gap in gaps)
         self._tell()
         suspects = self._give_out(self._batches(_rounds(gaps)), at_once=2)
-        # A batch whose workers died three times is run trial by trial, so that a death can be assigned to a trial.
+        # A batch whose workers died three times is run trial by trial, so that a death can be
+        # assigned to a trial.
         for single in [single for job in suspects for single in _singles(job.batch)]:
             for again in self._give_out(iter([single]), at_once=0, most=1):
                 self._take(lost_batch(again.batch, f"the worker died {_DEATHS + 1} times"))
 
-    def _give_out(self, batches: Iterator[Batch], *, at_once: int, most: int = _DEATHS) -> list[_Job]:
+    def _give_out(
+        self, batches: Iterator[Batch], *, at_once: int, most: int = _DEATHS
+    ) -> list[_Job]:
         """Run batches of trials, and return the batches during which workers died too often.
 
-        At most ``at_once`` batches per worker run at the same time. If ``at_once`` is 0, only one batch runs at a time.
+        At most ``at_once`` batches per worker run at the same time. If ``at_once`` is 0, only one
+        batch runs at a time.
         """
         pending: dict[Future[Answer], _Job] = {}
         again: deque[_Job] = deque()
@@ -229,25 +263,38 @@ class _Run:
                         exhausted = True
                         break
                     job = _Job(batch)
-                pending[self.pool.submit(play_batch, job.batch, apart_from=job.doubted.worker if job.doubted else "")] = job
+                pending[
+                    self.pool.submit(
+                        play_batch, job.batch, apart_from=job.doubted.worker if job.doubted else ""
+                    )
+                ] = job
                 room -= 1
             if not pending:
                 return suspects
             ready = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED).done
             if not ready and not self.pool.workers:
-                tell_once(f"shoal: sweep {self.sweep.name}: no workers are left; the sweep continues when workers connect")
+                tell_once(
+                    f"shoal: sweep {self.sweep.name}: no workers are left; the sweep continues when"
+                    " workers connect"
+                )
             for job in self._collect(pending, ready):
                 (suspects if job.deaths >= most else again).append(job)
 
-    def _collect(self, pending: dict[Future[Answer], _Job], ready: Iterable[Future[Answer]]) -> Iterator[_Job]:
-        """Commit finished batches. Yield the batches that must run again, for example after the death of a worker."""
+    def _collect(
+        self, pending: dict[Future[Answer], _Job], ready: Iterable[Future[Answer]]
+    ) -> Iterator[_Job]:
+        """Commit finished batches. Yield the batches that must run again, for example after the
+        death of a worker.
+        """
         broken = False
         for future in ready:
             job = pending.pop(future)
             error = future.exception()
             if error is None:
                 answer = future.result()
-                check_versions(answer.versions, worker=answer.worker)  # workers of a cluster may join and leave
+                check_versions(
+                    answer.versions, worker=answer.worker
+                )  # workers of a cluster may join and leave
                 if self._doubts(job, answer):
                     yield job
                 else:
@@ -263,19 +310,31 @@ class _Run:
             self._tell()
 
     def _doubts(self, job: _Job, answer: Answer) -> bool:
-        """Return whether another worker should repeat a batch, because all trials of the batch failed on one worker.
+        """Return whether another worker should repeat a batch, because all trials of the batch
+        failed on one worker.
 
-        If all trials of a batch fail on one worker and some succeed on another worker, the first worker gets no more batches.
+        If all trials of a batch fail on one worker and some succeed on another worker, the first
+        worker gets no more batches.
         """
         first, job.doubted = job.doubted, answer
         if first is None:
-            return not answer.rows and answer.worker not in self.sound and self.pool.has_others(answer.worker)
+            return (
+                not answer.rows
+                and answer.worker not in self.sound
+                and self.pool.has_others(answer.worker)
+            )
         if not answer.rows:
             self.sound |= {first.worker, answer.worker}
         elif answer.worker != first.worker:
             self.pool.set_aside(first.worker)
-            what = f"trials that failed on worker {first.worker} succeeded on another worker ({first.failures[0][3][:200]})"
-            tell_once(f"shoal: sweep {self.sweep.name}: {what}; the worker {first.worker} gets no more trials")
+            what = (
+                f"trials that failed on worker {first.worker} succeeded on another worker"
+                f" ({first.failures[0][3][:200]})"
+            )
+            tell_once(
+                f"shoal: sweep {self.sweep.name}: {what}; the worker {first.worker} gets no more"
+                " trials"
+            )
         return False
 
     def _take(self, answer: Answer) -> None:
@@ -290,22 +349,36 @@ class _Run:
     def _tell(self) -> None:
         if self.on_progress is not None:
             seconds = time.monotonic() - self.began
-            self.on_progress(SweepProgress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
+            self.on_progress(
+                SweepProgress(
+                    self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds
+                )
+            )
 
     def _batches(self, gaps: Iterable[Gap]) -> Iterator[Batch]:
-        """Divide missing trials into batches of about the desired duration, by means of the measured durations of trials."""
+        """Divide missing trials into batches of about the desired duration, by means of the
+        measured durations of trials.
+        """
         pieces: list[Piece] = []
         expected, trials = 0.0, 0
         for gap in gaps:
             first = gap.first
             while first < gap.stop:
                 pace = self.paces.get(gap.id, self.pace)
-                fitting = 1 if pace is None else max(1, int((self.batch_seconds - expected) / max(pace, 1e-7)))
+                fitting = (
+                    1
+                    if pace is None
+                    else max(1, int((self.batch_seconds - expected) / max(pace, 1e-7)))
+                )
                 stop = min(gap.stop, first + min(fitting, _LARGEST - trials))
                 pieces.append(self._piece(gap, first, stop))
                 expected += (stop - first) * (self.batch_seconds if pace is None else pace)
                 trials, first = trials + stop - first, stop
-                if expected >= 0.8 * self.batch_seconds or trials >= _LARGEST or len(pieces) >= _PIECES:
+                if (
+                    expected >= 0.8 * self.batch_seconds
+                    or trials >= _LARGEST
+                    or len(pieces) >= _PIECES
+                ):
                     yield Batch(self.sweep.seed, tuple(pieces))
                     pieces, expected, trials = [], 0.0, 0
         if pieces:
@@ -313,13 +386,22 @@ class _Run:
 
     def _piece(self, gap: Gap, first: int, stop: int) -> Piece:
         problem = gap.point.problem
-        return Piece(gap.id, problem, gap.point.seeds, first, stop, placed(problem).place if problem.place_is_file() else None)
+        return Piece(
+            gap.id,
+            problem,
+            gap.point.seeds,
+            first,
+            stop,
+            placed(problem).place if problem.place_is_file() else None,
+        )
 
 
 def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
-    """Yield the missing trials in rounds over all points of the sweep, so that each point gets early results.
+    """Yield the missing trials in rounds over all points of the sweep, so that each point gets
+    early results.
 
-    With each round, the number of yielded trials per point grows by the factor 4, until no trial of the point is missing.
+    With each round, the number of yielded trials per point grows by the factor 4, until no trial of
+    the point is missing.
     """
     begun, most = {gap.id: 0 for gap in gaps}, _FIRST_ROUND
     while gaps:
@@ -338,4 +420,7 @@ def _singles(batch: Batch) -> Iterator[Batch]:
     """Divide a batch into batches of a single trial."""
     for piece in batch.pieces:
         for trial in range(piece.first, piece.stop):
-            yield Batch(batch.sweep_seed, (Piece(piece.point, piece.problem, piece.seeds, trial, trial + 1, piece.place),))
+            yield Batch(
+                batch.sweep_seed,
+                (Piece(piece.point, piece.problem, piece.seeds, trial, trial + 1, piece.place),),
+            )

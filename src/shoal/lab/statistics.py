@@ -1,14 +1,21 @@
-"""Statistics of trials: means with confidence intervals, paired comparisons, and effect sizes."""
+"""Statistics of trials: means, intervals, paired differences, and the summaries of sweeps."""
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
+from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
+from shoal.lab.batches import is_storable
+from shoal.lab.store import Store
+from shoal.parts import PARTS, problem_type
 
 Method = Literal["auto", "t", "log", "bootstrap"]
 METHODS: tuple[Method, ...] = ("auto", "t", "log", "bootstrap")
@@ -16,7 +23,8 @@ RESAMPLES = 2000
 
 
 def number_text(value: float) -> str:
-    """Return a number as text: rounded to a whole number if it is 1000 or more, otherwise with four significant digits.
+    """Return a number as text: rounded to a whole number if it is 1000 or more, otherwise with four
+    significant digits.
 
     Examples
     --------
@@ -60,7 +68,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Paired comparison of a measure for two settings a and b. The two trials of a pair have equal seeds.
+    """Paired comparison of a measure for two settings a and b. The two trials of a pair have equal
+    seeds.
 
     Parameters
     ----------
@@ -69,17 +78,19 @@ class Comparison:
     ratio : float
         Mean of the values for b, divided by the mean of the values for a.
     effect : float
-        Effect size: Cohen's d of paired values, which is the mean of the differences divided by the standard deviation of the
-        differences. The effect size is 0 if all differences are 0, and infinite if all differences are equal but not 0.
+        Effect size: Cohen's d of paired values, which is the mean of the differences divided by the
+        standard deviation of the differences. The effect size is 0 if all differences are 0, and
+        infinite if all differences are equal but not 0.
     smaller : float
-        Fraction of the pairs in which the value for b is smaller than the value for a. A pair of equal values counts one half.
+        Fraction of the pairs in which the value for b is smaller than the value for a. A pair of
+        equal values counts one half.
     p_value : float
         P-value of Wilcoxon's two-sided signed-rank test, or 1 if all differences are 0.
     unfinished : int
         Number of pairs in which at least one of the two trials did not complete its task.
     bound : float, optional
-        Upper limit of the compared values: the smallest value at which an unfinished trial ended. In the comparison, a value above
-        ``bound`` counts as ``bound``.
+        Upper limit of the compared values: the smallest value at which an unfinished trial ended.
+        In the comparison, a value above ``bound`` counts as ``bound``.
     ratio_low, ratio_high : float, optional
         Lower and upper end of the confidence interval of the ratio, if the method is "log".
     """
@@ -102,18 +113,25 @@ class Comparison:
         return f"{self.ratio:.4g} [{self.ratio_low:.4g}, {self.ratio_high:.4g}]"
 
     def __str__(self) -> str:
-        return f"difference {self.difference}, ratio {self.ratio_text}, effect {self.effect:.3g}, p {self.p_value:.2g}{self.note}"
+        return (
+            f"difference {self.difference}, ratio {self.ratio_text}, effect {self.effect:.3g}, p"
+            f" {self.p_value:.2g}{self.note}"
+        )
 
     @property
     def note(self) -> str:
-        """Text with the number of unfinished pairs and the limit of the values. If all pairs are finished, the text is empty."""
+        """Text with the number of unfinished pairs and the limit of the values. If all pairs are
+        finished, the text is empty.
+        """
         if not self.unfinished:
             return ""
         restricted = "" if self.bound is None else f", values restricted to {self.bound:.6g}"
         return f" ({self.unfinished} of {self.difference.count} pairs unfinished{restricted})"
 
 
-def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto", seed: int = 0) -> Estimate:
+def estimate(
+    values: ArrayLike, *, level: float = 0.95, method: Method = "auto", seed: int = 0
+) -> Estimate:
     """Return the mean of independent values with a confidence interval.
 
     Parameters
@@ -123,12 +141,13 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
     level : float
         Confidence level of the interval, above 0 and below 1.
     method : str
-        Method for the confidence interval. "t" is Student's interval, which suits many values or normally distributed values.
-        "log" is Student's interval of the logarithm of the mean. For n values with the standard deviation std, the delta method
-        estimates the standard error of the logarithm of the mean as std / (mean * sqrt(n)). The interval of "log" never extends
-        below zero, and covers the mean of skewed values more often than the interval of "t". "bootstrap" is the bias-corrected
-        and accelerated bootstrap. "auto" means "log" if no value is below zero, as for counts and times, and "t" if some value
-        is below zero.
+        Method for the confidence interval. "t" is Student's interval, which suits many values or
+        normally distributed values. "log" is Student's interval of the logarithm of the mean. For n
+        values with the standard deviation std, the delta method estimates the standard error of the
+        logarithm of the mean as std / (mean * sqrt(n)). The interval of "log" never extends below
+        zero, and covers the mean of skewed values more often than the interval of "t". "bootstrap"
+        is the bias-corrected and accelerated bootstrap. "auto" means "log" if no value is below
+        zero, as for counts and times, and "t" if some value is below zero.
     seed : int
         Seed of the random numbers in the bootstrap.
 
@@ -150,18 +169,28 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
     if method == "auto":
         method = "log" if array.min() >= 0 else "t"
     std = float(array.std(ddof=1)) if count > 1 else float("nan")
-    low, high = (float("nan"),) * 2 if count < 2 else (mean, mean) if std == 0 else _interval(array, std, level, method, seed)
+    low, high = (
+        (float("nan"),) * 2
+        if count < 2
+        else (mean, mean)
+        if std == 0
+        else _interval(array, std, level, method, seed)
+    )
     return Estimate(mean, low, high, std, count, level, method)
 
 
-def _interval(array: NDArray[np.float64], std: float, level: float, method: Method, seed: int) -> tuple[float, float]:
+def _interval(
+    array: NDArray[np.float64], std: float, level: float, method: Method, seed: int
+) -> tuple[float, float]:
     """Return the ends of the confidence interval for values that are not all equal."""
     from scipy import stats
 
     mean, count = float(array.mean()), len(array)
     if method == "bootstrap":
         rng = np.random.default_rng(seed)
-        found = stats.bootstrap((array,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=rng).confidence_interval
+        found = stats.bootstrap(
+            (array,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=rng
+        ).confidence_interval
         return float(found.low), float(found.high)
     half = float(stats.t.ppf((1 + level) / 2, count - 1)) * std / count**0.5
     if method == "log":
@@ -178,21 +207,27 @@ def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         raise InvalidInputError(f"values: expected numbers, got {values!r:.80}") from None
     if array.ndim != 1 or not array.size or not np.isfinite(array).all():
-        raise InvalidInputError(f"values: expected one finite number or more in a row, got shape {array.shape}")
+        raise InvalidInputError(
+            f"values: expected one finite number or more in a row, got shape {array.shape}"
+        )
     return array
 
 
-def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0) -> Comparison:
-    """Compare the values of two settings a and b. For each k, the k-th values of a and b must come from trials with equal seeds.
+def compare(
+    a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0
+) -> Comparison:
+    """Compare the values of two settings a and b. For each k, the k-th values of a and b must come
+    from trials with equal seeds.
 
     Parameters
     ----------
     a, b : array_like of float, shape (n,)
         Values of the two settings: at least two values for each setting.
     level, method, seed
-        Options ``level``, ``method`` and ``seed`` of the function `estimate`. A difference has no logarithm; with the method "log",
-        the comparison therefore has a confidence interval of the ratio on a logarithmic scale, and Student's interval of the
-        difference. The delta method estimates the standard error of the logarithm of the ratio as s / sqrt(n), where s is the
+        Options ``level``, ``method`` and ``seed`` of the function `estimate`. A difference has no
+        logarithm; with the method "log", the comparison therefore has a confidence interval of the
+        ratio on a logarithmic scale, and Student's interval of the difference. The delta method
+        estimates the standard error of the logarithm of the ratio as s / sqrt(n), where s is the
         standard deviation of b / mean(b) - a / mean(a) over the n pairs.
 
     Raises
@@ -210,14 +245,19 @@ def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method =
     before, after = _checked(a, level), _checked(b, level)
     if len(before) != len(after) or len(before) < 2:
         raise InvalidInputError(
-            f"compare: expected two rows of equal length with 2 values or more, got {len(before)} and {len(after)} values"
+            f"compare: expected two rows of equal length with 2 values or more, got {len(before)}"
+            f" and {len(after)} values"
         )
     least = float(min(before.min(), after.min()))
     if method == "log" and least < 0:
         raise InvalidInputError(f"method log: expected values of 0 or more, got {least:g}")
     differences = after - before
     found = estimate(differences, level=level, method="t" if method == "log" else method, seed=seed)
-    effect = found.mean / found.std if found.std else (0.0 if found.mean == 0 else float(np.copysign(np.inf, found.mean)))
+    effect = (
+        found.mean / found.std
+        if found.std
+        else (0.0 if found.mean == 0 else float(np.copysign(np.inf, found.mean)))
+    )
     smaller = float(np.mean((differences < 0) + 0.5 * (differences == 0)))
     p_value = 1.0
     if differences.any():
@@ -229,8 +269,12 @@ def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method =
     return Comparison(found, ratio, effect, smaller, p_value, ratio_low=low, ratio_high=high)
 
 
-def _ratio_interval(before: NDArray[np.float64], after: NDArray[np.float64], level: float) -> tuple[float, float]:
-    """Return the ends of the confidence interval of the ratio of two paired means, or NaN if a mean is 0."""
+def _ratio_interval(
+    before: NDArray[np.float64], after: NDArray[np.float64], level: float
+) -> tuple[float, float]:
+    """Return the ends of the confidence interval of the ratio of two paired means, or NaN if a mean
+    is 0.
+    """
     from scipy import stats
 
     if not (before.mean() > 0 and after.mean() > 0):
@@ -239,3 +283,253 @@ def _ratio_interval(before: NDArray[np.float64], after: NDArray[np.float64], lev
     half = float(stats.t.ppf((1 + level) / 2, len(before) - 1)) * spread / len(before) ** 0.5
     ratio = float(after.mean() / before.mean())
     return ratio / float(np.exp(half)), ratio * float(np.exp(half))
+
+
+_DONE = tuple(str(status) for status in Status if status.done)
+
+
+@dataclass(frozen=True)
+class Row:
+    """The statistics of one measure at one point of a sweep.
+
+    Parameters
+    ----------
+    values : dict
+        Values of the sweep's axes at the point, by axis name.
+    estimate : Estimate or None
+        Estimate of the mean of the measure. The estimate is None if no trial has the measure. For a
+        measure that grows until the task is done, the estimate is None if no trial completed its
+        task.
+    missing : int
+        Number of trials that have not yet run, have failed, or returned None as the measure.
+    counted : int
+        Number of trials with a value of the measure.
+    completed : int or None
+        Number of completed trials that have a value of the measure. ``completed`` is None if trials
+        have no status.
+    bound : float or None
+        Upper limit of the values in the mean: a value above ``bound`` counts as ``bound``.
+        ``bound`` is the smallest value at which an unfinished trial ended, and makes the estimated
+        mean smaller than the true mean. ``bound`` is None if all trials are finished, or if the
+        measure does not grow until the task is done.
+    """
+
+    values: dict[str, Any]
+    estimate: Estimate | None
+    missing: int
+    counted: int
+    completed: int | None = None
+    bound: float | None = None
+
+    def __str__(self) -> str:
+        if not self.counted:
+            return f"no trial yet, {self.missing} missing"
+        missing = f", {self.missing} missing" if self.missing else ""
+        if self.estimate is None:
+            return f"more than {self.bound:.6g}: 0 of {self.counted} trials completed{missing}"
+        if self.completed is None or self.completed == self.counted:
+            return f"{self.estimate} ({self.counted} trials{missing})"
+        told = (
+            f"{self.estimate}"
+            if self.bound is None
+            else f"restricted mean to {self.bound:.6g}: {self.estimate}"
+        )
+        return f"{told} ({self.completed} of {self.counted} trials completed{missing})"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The values of one measure at a point of a sweep.
+
+    Parameters
+    ----------
+    values : dict
+        Values of the sweep's axes at the point, by axis name.
+    trials : dict of int to float
+        Value of the measure by trial number. Trials without a numeric value are omitted.
+    unfinished : set of int
+        Numbers of the trials that did not complete their task.
+    has_status : bool
+        Whether trials have a status.
+    censored : bool
+        Whether the measure grows until the task is done. For a growing measure, the value of an
+        unfinished trial is a lower bound.
+    """
+
+    values: dict[str, Any]
+    trials: dict[int, float]
+    unfinished: frozenset[int]
+    has_status: bool
+    censored: bool
+
+    def bound(self) -> float | None:
+        """Return the smallest value at which an unfinished trial ended.
+
+        Return None if all trials are finished, or if the measure does not grow until the task is
+        done.
+        """
+        return (
+            min((self.trials[trial] for trial in self.unfinished), default=None)
+            if self.censored
+            else None
+        )
+
+
+def measured(store: Store, name: str, measure: str) -> list[Measured]:
+    """Return the values of a measure at each point of a sweep, in the order of the points.
+
+    The function imports no third-party code.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+    """
+    stored = store.stored(name)
+    axes, kind, measures = stored.axes, stored.form.problem.get("kind"), stored.measures
+    if measure not in measures:
+        raise InvalidInputError(f"measure: expected one of {', '.join(measures)}, got {measure!r}")
+    censored = kind in PARTS and measure in problem_type(kind).censored
+    at = len(axes) + 2 + measures.index(measure)
+    status = (
+        len(axes) + 2 + measures.index("status") if kind in PARTS and "status" in measures else None
+    )
+    trials: dict[str, dict[int, float]] = {}
+    unfinished: dict[str, set[int]] = {}
+    for row in store.rows(name):
+        value, trial = row[at], row[len(axes)]
+        if value is not None and not (isinstance(value, int | float) and is_storable(value)):
+            raise InvalidInputError(
+                f"measure: expected a measure with numbers, got {measure!r}, which is"
+                f" {shortened(value)} in trial {trial}"
+            )
+        if value is not None:
+            key = repr(row[: len(axes)])
+            trials.setdefault(key, {})[trial] = float(value)
+            if status is not None and row[status] not in _DONE:
+                unfinished.setdefault(key, set()).add(trial)
+    return [
+        Measured(
+            values,
+            trials.get(key, {}),
+            frozenset(unfinished.get(key, ())),
+            status is not None,
+            censored,
+        )
+        for _, values in store.points(name)
+        for key in [repr(tuple(values.values()))]
+    ]
+
+
+def first_measure(measures: Sequence[str]) -> str:
+    """Return the name of the measure that a summary shows by default."""
+    return next((name for name in ("moves", "share") if name in measures), next(iter(measures), ""))
+
+
+def summarise(
+    store: Store, name: str, measure: str, *, level: float = 0.95, method: Method = "auto"
+) -> list[Row]:
+    """Return the mean of a measure, with a confidence interval, at each point of a sweep.
+
+    For a measure that grows until the task is done, an unfinished trial gives only a lower bound of
+    its value. The estimate of such a measure is a restricted mean: a value above the row's field
+    ``bound`` counts as ``bound``.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+    """
+    expected = store.stored(name).trials
+    rows = []
+    for point in measured(store, name, measure):
+        bound, count = point.bound(), len(point.trials)
+        completed = count - len(point.unfinished) if point.has_status else None
+        found = None
+        if count and not (bound is not None and completed == 0):
+            found = estimate(_restricted(point, [*point.trials], bound), level=level, method=method)
+        rows.append(Row(point.values, found, expected - count, count, completed, bound))
+    return rows
+
+
+def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> list[float]:
+    """Return the values of the given trials at one point, with every value above ``bound`` replaced
+    by ``bound``.
+    """
+    return [
+        point.trials[trial] if bound is None else min(point.trials[trial], bound)
+        for trial in trials
+    ]
+
+
+def compare_along(
+    store: Store,
+    name: str,
+    measure: str,
+    axis: str,
+    *,
+    level: float = 0.95,
+    method: Method = "auto",
+) -> list[tuple[dict[str, Any], Any, Any, Comparison | None]]:
+    """Compare a measure at each value of a paired axis with the measure at the axis's first value.
+
+    For each later value of the paired axis, and for each combination of values of the other axes,
+    there is one comparison.
+
+    Returns
+    -------
+    list of (values of the other axes, first value, other value, Comparison)
+        The comparison is None if fewer than two trials have results for both values of the axis, or
+        if no trial completed its task.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the axis is not paired. Points along an axis that is not paired have different
+        seeds.
+    UnknownNameError
+    """
+    paired = store.stored(name).form.paired
+    if axis not in paired:
+        raise InvalidInputError(
+            f"axis: expected a paired axis ({', '.join(paired) or 'none'}), whose points share"
+            f" their seeds, got {axis!r}"
+        )
+    groups: dict[str, list[Measured]] = {}
+    for point in measured(store, name, measure):
+        groups.setdefault(repr(_without(point.values, axis)), []).append(point)
+    return [
+        (
+            _without(point.values, axis),
+            group[0].values[axis],
+            point.values[axis],
+            _compared(group[0], point, level, method),
+        )
+        for group in groups.values()
+        for point in group[1:]
+    ]
+
+
+def _without(values: dict[str, Any], axis: str) -> dict[str, Any]:
+    return {other: value for other, value in values.items() if other != axis}
+
+
+def _compared(first: Measured, second: Measured, level: float, method: Method) -> Comparison | None:
+    """Compare two points of a sweep by the trials that have results at both points.
+
+    Return None if fewer than two trials have results at both points, or if no trial completed its
+    task.
+    """
+    both = sorted(first.trials.keys() & second.trials.keys())
+    unfinished = [
+        trial for trial in both if trial in first.unfinished or trial in second.unfinished
+    ]
+    bounds = [bound for bound in (first.bound(), second.bound()) if bound is not None]
+    bound = min(bounds, default=None)
+    if len(both) < 2 or (bound is not None and first.unfinished & second.unfinished >= {*both}):
+        return None
+    found = compare(
+        _restricted(first, both, bound),
+        _restricted(second, both, bound),
+        level=level,
+        method="t" if method == "auto" else method,
+    )
+    return replace(found, unfinished=len(unfinished), bound=bound)

@@ -2,24 +2,70 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import pickle
+import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import nullcontext
 from functools import partial
 from threading import Event
 from typing import Any
 
-from shoal.core.checks import check_integer
-from shoal.core.counts import MOST_TRIALS
+from shoal.core.checks import MOST_TRIALS, check_integer
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import stop_on_interruption
-from shoal.lab.executors import default_workers, give_up, make_executor
+from shoal.core.registry import load_users_modules, users_modules
 from shoal.swarm import SwarmEpisode, SwarmProblem
 from shoal.swarm.policies import Compiled
 from shoal.swarm.run import run
 from shoal.swarm.simulation.loop import OnMoves
+
+
+def default_workers() -> int:
+    """Return the number of processors that the current process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def make_executor(workers: int, *, compiled: bool) -> Executor:
+    """Return an executor with ``workers`` threads or processes.
+
+    If ``compiled`` is true, the executor has threads, because compiled code releases Python's
+    interpreter lock, and threads start faster than processes. If ``compiled`` is false, as for
+    policies written in Python, the executor has processes.
+    """
+    if compiled:
+        return ThreadPoolExecutor(workers, thread_name_prefix="shoal")
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(
+        workers, mp_context=context, initializer=begin_worker, initargs=users_modules()
+    )
+
+
+def begin_worker(folders: list[str], modules: list[str]) -> None:
+    """Initialize a worker process: ignore Ctrl-C, which a terminal sends to all processes, and
+    import the user's modules.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    load_users_modules(folders, modules)
+
+
+def give_up(executor: Executor) -> None:
+    """End the worker processes of an executor immediately, even in the middle of a trial."""
+    for process in list((getattr(executor, "_processes", None) or {}).values()):
+        process.terminate()
+
 
 OnTrial = Callable[[int], None]
 """Function that `run_trials` calls with the number of finished trials."""
@@ -41,21 +87,24 @@ def run_trials(
     ----------
     problem : SwarmProblem
     trials : int
-        Number of trials, at least 1. Trial k uses the random generator for (seed, k), for any number of workers. Several trials of
-        a policy written in Python run in worker processes, which import the policy. A policy that worker processes import must be
-        in a module, or in a script with the guard that Python's multiprocessing requires.
+        Number of trials, at least 1. Trial k uses the random generator for (seed, k), for any
+        number of workers. Several trials of a policy written in Python run in worker processes,
+        which import the policy. A policy that worker processes import must be in a module, or in a
+        script with the guard that Python's multiprocessing requires.
     workers : int, optional
         Number of trials that run at the same time. The default is one trial per processor.
     seed : int
     on_trial : callable, optional
         Function that `run_trials` calls with the number of finished trials.
     on_moves : callable, optional
-        Function that is called during the first trial, with the number of moves made and the number of remaining frontier cells.
-        The function is not called if the first trial runs in another process.
+        Function that is called during the first trial, with the number of moves made and the number
+        of remaining frontier cells. The function is not called if the first trial runs in another
+        process.
     keep : bool
-        Whether Ctrl-C keeps the results so far. Running trials then end after the moves made so far, with the status "interrupted",
-        and trials that have not begun have no episode. If ``keep`` is false, if trials run in other processes, or at a second
-        Ctrl-C, the function raises KeyboardInterrupt.
+        Whether Ctrl-C keeps the results so far. Running trials then end after the moves made so
+        far, with the status "interrupted", and trials that have not begun have no episode. If
+        ``keep`` is false, if trials run in other processes, or at a second Ctrl-C, the function
+        raises KeyboardInterrupt.
 
     Returns
     -------
@@ -86,11 +135,15 @@ def run_trials(
     episodes: dict[int, SwarmEpisode] = {}
     try:
         with stop_on_interruption(stop) if keep and threads else nullcontext():
-            for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed, stop):
+            for index, episode in _finished(
+                executor, problem, trials, 2 * workers, watch, seed, stop
+            ):
                 episodes[index] = episode
                 if on_trial is not None:
                     on_trial(len(episodes))
-    except BrokenExecutor as error:  # for example if every worker starts a script without a guard again
+    except (
+        BrokenExecutor
+    ) as error:  # for example if every worker starts a script without a guard again
         raise _not_importable(problem.policy, error) from error
     except BaseException:
         give_up(executor)
@@ -101,7 +154,11 @@ def run_trials(
     if not episodes:  # interrupted before the first trial
         raise KeyboardInterrupt
     ordered = [episodes[index] for index in sorted(episodes)]
-    return [episode for episode in ordered if episode.trial == 0 or episode.moves or episode.status is not Status.INTERRUPTED]
+    return [
+        episode
+        for episode in ordered
+        if episode.trial == 0 or episode.moves or episode.status is not Status.INTERRUPTED
+    ]
 
 
 def _check_importable(policy: Any) -> None:
@@ -115,15 +172,18 @@ def _check_importable(policy: Any) -> None:
 def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
     name = policy if isinstance(policy, str) else policy.name
     return InvalidInputError(
-        f"policy {name}: expected a policy that other processes can import, got the error: {' '.join(str(error).split())[:200]} "
-        "(put the policy into a module and start scripts under if __name__ == '__main__', or use workers=1)"
+        f"policy {name}: expected a policy that other processes can import, got the error:"
+        f" {' '.join(str(error).split())[:200]} (put the policy into a module and start scripts"
+        " under if __name__ == '__main__', or use workers=1)"
     )
 
 
 def _watch(stop: Event, on_moves: OnMoves | None, keep: bool, trial: int) -> dict[str, Any]:
-    """Return the functions that a trial in a thread calls after moves. They end the trial as soon as ``stop`` is set.
+    """Return the functions that a trial in a thread calls after moves. They end the trial as soon
+    as ``stop`` is set.
 
-    With ``keep``, the trial ends as an interrupted episode. In trial 0, the functions also call ``on_moves``.
+    With ``keep``, the trial ends as an interrupted episode. In trial 0, the functions also call
+    ``on_moves``.
     """
 
     def watch(moves: int, frontier: int) -> None:
@@ -144,7 +204,8 @@ def _finished(
     seed: int,
     stop: Event,
 ) -> Iterator[tuple[int, SwarmEpisode]]:
-    """Yield (trial number, episode) in the order in which trials finish. Submit at most ``at_once`` trials at the same time.
+    """Yield (trial number, episode) in the order in which trials finish. Submit at most ``at_once``
+    trials at the same time.
 
     As soon as ``stop`` is set, no further trial begins.
     """
@@ -153,7 +214,9 @@ def _finished(
     while pending or (following < trials and not stop.is_set()):
         while following < trials and len(pending) < at_once and not stop.is_set():
             watched = {} if watch is None else watch(following)
-            pending[executor.submit(run, problem, seed=seed, trial=following, **watched)] = following
+            pending[executor.submit(run, problem, seed=seed, trial=following, **watched)] = (
+                following
+            )
             following += 1
         if stop.is_set():
             pending = {future: index for future, index in pending.items() if not future.cancel()}

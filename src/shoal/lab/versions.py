@@ -1,4 +1,6 @@
-"""The versions on which results may depend: Shoal, the libraries for computation, and a digest of Shoal's code."""
+"""The versions on which results may depend: Shoal, the libraries for computation, and a digest of
+Shoal's code.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ class MixedVersionsWarning(UserWarning):
 
 
 def worker_versions() -> dict[str, str]:
-    """Return the versions on which results of the current process depend, and a digest of Shoal's code."""
+    """Return the versions on which results of the current process depend, and a digest of Shoal's
+    code.
+    """
     return versions() | {"code": code_digest()}
 
 
@@ -25,9 +29,15 @@ def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
     InvalidInputError
     """
     ours = worker_versions()
-    wrong = [f"{name} {theirs.get(name, 'none')} instead of {ours[name]}" for name in ours if theirs.get(name) != ours[name]]
+    wrong = [
+        f"{name} {theirs.get(name, 'none')} instead of {ours[name]}"
+        for name in ours
+        if theirs.get(name) != ours[name]
+    ]
     if wrong:
-        raise InvalidInputError(f"worker {worker}: expected the versions of this process, got {', '.join(wrong)}")
+        raise InvalidInputError(
+            f"worker {worker}: expected the versions of this process, got {', '.join(wrong)}"
+        )
 
 
 def written(found: Mapping[str, str]) -> str:
@@ -50,13 +60,18 @@ def parsed(text: str) -> dict[str, str]:
     {'shoal': '0.1.0', 'code': '5f0c'}
     """
     pairs = [part.partition(" ") for part in text.split(", ")]
-    return {name: value for name, _, value in pairs} if all(value for _, _, value in pairs) else {"shoal": text}
+    return (
+        {name: value for name, _, value in pairs}
+        if all(value for _, _, value in pairs)
+        else {"shoal": text}
+    )
 
 
 def told_apart(texts: Iterable[str]) -> dict[str, str]:
     """Return a short name for each of several sets of versions.
 
-    Each name contains Shoal's version, and the versions of all libraries that differ between the sets.
+    Each name contains Shoal's version, and the versions of all libraries that differ between the
+    sets.
 
     Examples
     --------
@@ -65,12 +80,20 @@ def told_apart(texts: Iterable[str]) -> dict[str, str]:
     """
     all_of = {text: parsed(text) for text in texts}
     names = dict.fromkeys(name for found in all_of.values() for name in found)
-    kept = [name for name in names if name == "shoal" or len({found.get(name) for found in all_of.values()}) > 1]
-    return {text: written({name: found.get(name, "unknown") for name in kept}) for text, found in all_of.items()}
+    kept = [
+        name
+        for name in names
+        if name == "shoal" or len({found.get(name) for found in all_of.values()}) > 1
+    ]
+    return {
+        text: written({name: found.get(name, "unknown") for name in kept})
+        for text, found in all_of.items()
+    }
 
 
 def mixture(rows: Mapping[str, int]) -> str:
-    """Return a text with the number of rows per set of versions, or an empty text if the current versions wrote all rows.
+    """Return a text with the number of rows per set of versions, or an empty text if the current
+    versions wrote all rows.
 
     Examples
     --------

@@ -1,10 +1,13 @@
-"""Claims: the statement of a paper, Shoal's result, and a verdict (agrees, differs or not comparable).
+"""Claims: the statement of a paper, Shoal's result, and a verdict (agrees, differs or not
+comparable).
 
-One rule determines the verdicts on all claims. The rounding of a paper's printed value gives a range of values. The statistical
-error of Shoal's result gives a confidence interval. A claim agrees if the confidence interval of Shoal's result lies in the range
-of the printed value. A claim differs if the confidence interval of Shoal's result and the range of the printed value are disjoint.
-If the confidence interval and the range of the printed value overlap partly, the claim is not comparable, because a decision needs
-more trials. If the printed value of a claim depends on unpublished data, the claim is not comparable.
+One rule determines the verdicts on all claims. The rounding of a paper's printed value gives a
+range of values. The statistical error of Shoal's result gives a confidence interval. A claim agrees
+if the confidence interval of Shoal's result lies in the range of the printed value. A claim differs
+if the confidence interval of Shoal's result and the range of the printed value are disjoint. If the
+confidence interval and the range of the printed value overlap partly, the claim is not comparable,
+because a decision needs more trials. If the printed value of a claim depends on unpublished data,
+the claim is not comparable.
 """
 
 from __future__ import annotations
@@ -18,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.dataclass import dataclass
-from shoal.lab.statistics import Estimate
-from shoal.lab.summaries import Row
+from shoal.lab.statistics import Estimate, Row
 from shoal.views.drawing.curves import Published
 
 
@@ -40,7 +42,8 @@ class Claim:
     what : str
     printed, ours : str
     criterion : str
-        The condition for agreement, or the reason why the printed value and Shoal's value are not comparable.
+        The condition for agreement, or the reason why the printed value and Shoal's value are not
+        comparable.
     verdict : Verdict
     """
 
@@ -56,7 +59,13 @@ Found = float | Estimate | tuple[float, float, float]
 
 
 def claim(
-    what: str, printed: str | float, ours: Found, *, within: tuple[float, float] | None = None, why: str = "", unlike: str = ""
+    what: str,
+    printed: str | float,
+    ours: Found,
+    *,
+    within: tuple[float, float] | None = None,
+    why: str = "",
+    unlike: str = "",
 ) -> Claim:
     """Return a claim with its verdict.
 
@@ -67,12 +76,13 @@ def claim(
     printed : str or float
     ours : float, Estimate or (value, low, high)
     within : (low, high), optional
-        The range of values that agree with the printed words or the printed number. By default, all numbers that round to the
-        printed number.
+        The range of values that agree with the printed words or the printed number. By default, all
+        numbers that round to the printed number.
     why : str
         The reason for the choice of the range ``within``.
     unlike : str
-        The reason why the printed value and Shoal's value are not comparable; an empty text if they are comparable.
+        The reason why the printed value and Shoal's value are not comparable; an empty text if they
+        are comparable.
 
     Examples
     --------
@@ -82,16 +92,35 @@ def claim(
     <Verdict.NOT_COMPARABLE: 'not comparable'>
     """
     text = printed if isinstance(printed, str) else f"{printed:g}"
-    value, low, high = (ours.mean, ours.low, ours.high) if isinstance(ours, Estimate) else _interval(ours)
+    value, low, high = (
+        (ours.mean, ours.low, ours.high) if isinstance(ours, Estimate) else _interval(ours)
+    )
     exact = low == high
-    said = f"{value:.4g}" if exact else f"{value:.4g}, one trial" if isnan(low) else f"{value:.4g} [{low:.4g}, {high:.4g}]"
+    said = (
+        f"{value:.4g}"
+        if exact
+        else f"{value:.4g}, one trial"
+        if isnan(low)
+        else f"{value:.4g} [{low:.4g}, {high:.4g}]"
+    )
     if unlike:
         return Claim(what, text, said, unlike, Verdict.NOT_COMPARABLE)
     least, most = _rounded(text) if within is None else within
-    criterion = f"{'ours' if exact else 'our 95 % interval'} {_range_words(least, most)}{f': {why}' if why else ''}"
+    criterion = (
+        f"{'ours' if exact else 'our 95 % interval'}"
+        f" {_range_words(least, most)}{f': {why}' if why else ''}"
+    )
     if isnan(low) or not ((least <= low and high <= most) or high < least or low > most):
-        return Claim(what, text, said, f"{criterion}; too few trials to tell", Verdict.NOT_COMPARABLE)
-    return Claim(what, text, said, criterion, Verdict.AGREES if least <= low and high <= most else Verdict.DIFFERS)
+        return Claim(
+            what, text, said, f"{criterion}; too few trials to tell", Verdict.NOT_COMPARABLE
+        )
+    return Claim(
+        what,
+        text,
+        said,
+        criterion,
+        Verdict.AGREES if least <= low and high <= most else Verdict.DIFFERS,
+    )
 
 
 def _interval(ours: float | tuple[float, float, float]) -> tuple[float, float, float]:
@@ -112,13 +141,18 @@ def _range_words(least: float, most: float) -> str:
     return f"is {least:.6g} at least" if most == inf else f"lies in {least:.6g} to {most:.6g}"
 
 
-def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str) -> Claim:
-    """Return the claim that Shoal's curve of means agrees with a published curve within a relative margin.
+def curve_claim(
+    what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str
+) -> Claim:
+    """Return the claim that Shoal's curve of means agrees with a published curve within a relative
+    margin.
 
-    For each number of particles, the comparison uses the logarithm of Shoal's mean divided by the published mean. The interval of
-    this ratio contains the statistical errors of both means. The curves agree if the 95 % interval of the mean ratio over all
-    numbers of particles lies within the margin, and if the interval of the ratio at each single number of particles overlaps the
-    margin. The intervals at single numbers of particles are so wide that chance refutes only one in twenty correct curves.
+    For each number of particles, the comparison uses the logarithm of Shoal's mean divided by the
+    published mean. The interval of this ratio contains the statistical errors of both means. The
+    curves agree if the 95 % interval of the mean ratio over all numbers of particles lies within
+    the margin, and if the interval of the ratio at each single number of particles overlaps the
+    margin. The intervals at single numbers of particles are so wide that chance refutes only one in
+    twenty correct curves.
 
     Parameters
     ----------
@@ -136,19 +170,36 @@ def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials:
     from scipy.stats import norm
 
     ours = {row.values["particles"]: row.estimate for row in rows}
-    pairs = [(ours[int(n)], mean, std) for n, mean, std in zip(published.x, published.mean, _deviations(published), strict=True)]
-    found = np.array([(e.mean, e.std / e.count**0.5, mean, std / trials**0.5) for e, mean, std in pairs if e is not None])
+    pairs = [
+        (ours[int(n)], mean, std)
+        for n, mean, std in zip(published.x, published.mean, _deviations(published), strict=True)
+    ]
+    found = np.array(
+        [
+            (e.mean, e.std / e.count**0.5, mean, std / trials**0.5)
+            for e, mean, std in pairs
+            if e is not None
+        ]
+    )
     ratio = np.log(found[:, 0] / found[:, 2])
     error = np.hypot(found[:, 1] / found[:, 0], found[:, 3] / found[:, 2])
     half, bound = float(norm.ppf(1 - 0.025 / len(ratio))), float(np.log1p(margin))
     worst = int(np.argmax(np.abs(ratio)))
     mean, spread = float(ratio.mean()), 1.96 * float(np.sqrt(np.sum(error**2))) / len(ratio)
-    said = f"mean ratio {np.exp(mean):.3f} [{np.exp(mean - spread):.3f}, {np.exp(mean + spread):.3f}] over {len(ratio)} n"
+    said = (
+        f"mean ratio {np.exp(mean):.3f} [{np.exp(mean - spread):.3f}, {np.exp(mean + spread):.3f}]"
+        f" over {len(ratio)} n"
+    )
     said += f", farthest {np.exp(ratio[worst]):.3f} at n = {published.x[worst]:g}"
-    criterion = f"the interval of the mean ratio lies within {100 * margin:.0f} % of 1, and no n is outside: {why}"
+    criterion = (
+        f"the interval of the mean ratio lies within {100 * margin:.0f} % of 1, and no n is"
+        f" outside: {why}"
+    )
     outside = bool(np.any(np.abs(ratio) - half * error > bound)) or abs(mean) - spread > bound
     if isnan(spread) or (not outside and abs(mean) + spread > bound):
-        return Claim(what, "curve", said, f"{criterion}; too few trials to tell", Verdict.NOT_COMPARABLE)
+        return Claim(
+            what, "curve", said, f"{criterion}; too few trials to tell", Verdict.NOT_COMPARABLE
+        )
     return Claim(what, "curve", said, criterion, Verdict.DIFFERS if outside else Verdict.AGREES)
 
 
@@ -157,23 +208,36 @@ def _deviations(published: Published) -> np.ndarray:
 
 
 def ratio(above: Estimate, below: Estimate) -> tuple[float, float, float]:
-    """Return ``above`` / ``below`` for two independent means, and both ends of the ratio's 95 % interval."""
+    """Return ``above`` / ``below`` for two independent means, and both ends of the ratio's 95 %
+    interval.
+    """
     value = above.mean / below.mean
     spread = 1.96 * float(np.hypot(*(e.std / e.mean / e.count**0.5 for e in (above, below))))
     return value, value * float(np.exp(-spread)), value * float(np.exp(spread))
 
 
-def mean_ratio(above: Mapping[int, Estimate], below: Mapping[int, Estimate], counts: list[int]) -> tuple[float, float, float]:
-    """Return the mean of ``above[n]`` / ``below[n]`` over all n in ``counts``, and both ends of the 95 % interval of this mean."""
+def mean_ratio(
+    above: Mapping[int, Estimate], below: Mapping[int, Estimate], counts: list[int]
+) -> tuple[float, float, float]:
+    """Return the mean of ``above[n]`` / ``below[n]`` over all n in ``counts``, and both ends of the
+    95 % interval of this mean.
+    """
     ratios = np.array([ratio(above[n], below[n]) for n in counts])
-    mean, half = float(ratios[:, 0].mean()), float(np.sqrt(np.sum(np.diff(ratios[:, 1:]) ** 2))) / 2 / len(ratios)
+    mean, half = (
+        float(ratios[:, 0].mean()),
+        float(np.sqrt(np.sum(np.diff(ratios[:, 1:]) ** 2))) / 2 / len(ratios),
+    )
     return mean, mean - half, mean + half
 
 
-def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger: Mapping[int, Estimate]) -> Claim:
-    """Return the claim that ``smaller[n]`` / ``larger[n]`` is below 1 on average over all numbers of particles n.
+def order_claim(
+    what: str, printed: str, smaller: Mapping[int, Estimate], larger: Mapping[int, Estimate]
+) -> Claim:
+    """Return the claim that ``smaller[n]`` / ``larger[n]`` is below 1 on average over all numbers
+    of particles n.
 
-    The verdict is also "differs" if the ratio is significantly above 1 at more than 5 % of the numbers of particles.
+    The verdict is also "differs" if the ratio is significantly above 1 at more than 5 % of the
+    numbers of particles.
     """
     counts = [n for n in smaller if smaller[n].mean > 0 and larger[n].mean > 0]
     contrary = sum(ratio(smaller[n], larger[n])[1] > 1 for n in counts)
@@ -188,7 +252,9 @@ def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger
 
 
 def exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
-    """Return the exponent of a power law y(x), fitted as a straight line in logarithms, and both ends of its 95 % interval."""
+    """Return the exponent of a power law y(x), fitted as a straight line in logarithms, and both
+    ends of its 95 % interval.
+    """
     from scipy.stats import linregress, t
 
     found = linregress(np.log(x), np.log(y))
@@ -199,8 +265,11 @@ def exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
 def verdict_of(claims: Iterable[Claim]) -> Verdict:
     """Return the common verdict on all claims of a figure.
 
-    The verdict is "differs" if at least one claim differs. If no claim differs, the verdict is "agrees" if at least one claim
-    agrees. If no claim differs and no claim agrees, the verdict is "not comparable".
+    The verdict is "differs" if at least one claim differs. If no claim differs, the verdict is
+    "agrees" if at least one claim agrees. If no claim differs and no claim agrees, the verdict is
+    "not comparable".
     """
     answers = [claim.verdict for claim in claims]
-    return next((one for one in (Verdict.DIFFERS, Verdict.AGREES) if one in answers), Verdict.NOT_COMPARABLE)
+    return next(
+        (one for one in (Verdict.DIFFERS, Verdict.AGREES) if one in answers), Verdict.NOT_COMPARABLE
+    )

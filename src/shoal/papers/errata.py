@@ -1,7 +1,8 @@
-"""Errata of the papers: for each erratum, the printed statement, the correct statement, and the result of a check.
+"""Errata of the papers: for each erratum, the printed statement, the correct statement, and the
+result of a check.
 
-The folder ``docs/errata`` of the repository contains the checks of the errata. Without the repository, an installed Shoal shows the
-recorded results of the checks.
+The folder ``docs/errata`` of the repository contains the checks of the errata. Without the
+repository, an installed Shoal shows the recorded results of the checks.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ def check_errata() -> list[Erratum]:
         return recorded()
     name = "shoal_errata"  # without a parent package, so that the checks run from any folder
     if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, CHECKS, submodule_search_locations=[str(CHECKS.parent)])
+        spec = importlib.util.spec_from_file_location(
+            name, CHECKS, submodule_search_locations=[str(CHECKS.parent)]
+        )
         assert spec is not None
         assert spec.loader is not None
         sys.modules[name] = importlib.util.module_from_spec(spec)
@@ -72,4 +75,6 @@ def recorded() -> list[Erratum]:
 
 def record(errata: Sequence[Erratum]) -> None:
     """Record the results of the checks in a file of the package."""
-    write_text(RECORD, json.dumps([asdict(one) for one in errata], indent=1, ensure_ascii=False) + "\n")
+    write_text(
+        RECORD, json.dumps([asdict(one) for one in errata], indent=1, ensure_ascii=False) + "\n"
+    )

@@ -1,4 +1,6 @@
-"""Recipe: how Shoal reproduces a figure or theorem of a paper, from sweeps to a drawing, and to claims with verdicts."""
+"""Recipe: how Shoal reproduces a figure or theorem of a paper, from sweeps to a drawing, and to
+claims with verdicts.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.lab.statistics import Estimate
-from shoal.lab.storage.store import Store
-from shoal.lab.summaries import Row
-from shoal.lab.sweeps.sweep import Sweep
+from shoal.lab.statistics import Estimate, Row
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
 from shoal.papers.claims import Claim, Verdict, verdict_of
 from shoal.views.drawing.curves import Curve, Published
 
@@ -52,9 +53,11 @@ class Settings:
     seed: int = 0
 
     def of(self, whole: int, quick: int) -> int:
-        """Return the number of trials for each point of a sweep: the user's number, or else ``quick`` or ``whole``.
+        """Return the number of trials for each point of a sweep: the user's number, or else
+        ``quick`` or ``whole``.
 
-        The number ``quick`` applies to a quick reproduction, and the number ``whole`` to a full reproduction.
+        The number ``quick`` applies to a quick reproduction, and the number ``whole`` to a full
+        reproduction.
         """
         return self.trials if self.trials is not None else quick if self.quick else whole
 
@@ -84,7 +87,8 @@ class Outcome:
     claims : tuple of Claim
         The statements of the paper, each with Shoal's result and a verdict.
     sentence : str
-        Explanations of the result, such as reasons for differences from the paper, with computed numbers.
+        Explanations of the result, such as reasons for differences from the paper, with computed
+        numbers.
     tables : tuple of Table
     note : str
         Note about published data; Shoal writes the note below the figure.
@@ -172,21 +176,33 @@ def measuring(*names: str) -> Callable[[Function], Function]:
     return marked
 
 
-def function_sweep(name: str, function: Callable[..., Any], axes: dict[str, Any], trials: int, settings: Settings) -> Sweep:
-    """Return a sweep of a function with the decorator `measuring`; the axes of the sweep are the function's arguments."""
+def function_sweep(
+    name: str, function: Callable[..., Any], axes: dict[str, Any], trials: int, settings: Settings
+) -> Sweep:
+    """Return a sweep of a function with the decorator `measuring`; the axes of the sweep are the
+    function's arguments.
+    """
     problem = {"kind": "function", "function": f"{function.__module__}:{function.__name__}"}
     return Sweep(name=name, problem=problem, axes=axes, trials=trials, seed=settings.seed)
 
 
 def trials_of(store: Store, sweep: Sweep) -> list[dict[str, Any]]:
-    """Return all trials of a sweep, each as a dict from the names of axes and measures to values."""
+    """Return all trials of a sweep, each as a dict from the names of axes and measures
+    to values.
+    """
     columns = store.columns(sweep.name)
     return [dict(zip(columns, row, strict=True)) for row in store.rows(sweep.name)]
 
 
-def trials_table(trials: Sequence[Mapping[str, Any]], columns: Sequence[str], *, title: str = "trials") -> Table:
-    """Return a table of trials, which Shoal stores as CSV but does not show on the page of results."""
-    return Table(title, columns, [[trial[name] for name in columns] for trial in trials], shown=False)
+def trials_table(
+    trials: Sequence[Mapping[str, Any]], columns: Sequence[str], *, title: str = "trials"
+) -> Table:
+    """Return a table of trials, which Shoal stores as CSV but does not show on the page
+    of results.
+    """
+    return Table(
+        title, columns, [[trial[name] for name in columns] for trial in trials], shown=False
+    )
 
 
 @cache
@@ -198,14 +214,28 @@ def published_table(name: str) -> tuple[dict[str, str], ...]:
 
 def published_curve(name: str, *, points: bool = False, **only: str) -> Published:
     """Return a published curve from a file with the columns n, mean_moves and std_moves."""
-    rows = [row for row in published_table(name) if all(row[key] == value for key, value in only.items())]
-    numbers = np.array([[float(row[key] or "nan") for key in ("n", "mean_moves", "std_moves")] for row in rows]).reshape(-1, 3)
+    rows = [
+        row
+        for row in published_table(name)
+        if all(row[key] == value for key, value in only.items())
+    ]
+    numbers = np.array(
+        [[float(row[key] or "nan") for key in ("n", "mean_moves", "std_moves")] for row in rows]
+    ).reshape(-1, 3)
     return Published(numbers[:, 0], numbers[:, 1], numbers[:, 2], points)
 
 
-def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published | None = None, **others: Any) -> Curve:
-    """Return the curve of means along ``axis``, from all rows whose other axes have the values in ``others``."""
-    kept = [(row.values[axis], row.estimate) for row in rows if all(row.values[key] == value for key, value in others.items())]
+def curve_of(
+    label: str, rows: Sequence[Row], axis: str, *, published: Published | None = None, **others: Any
+) -> Curve:
+    """Return the curve of means along ``axis``, from all rows whose other axes have the values in
+    ``others``.
+    """
+    kept = [
+        (row.values[axis], row.estimate)
+        for row in rows
+        if all(row.values[key] == value for key, value in others.items())
+    ]
     found = [(float(x), e.mean, *ends(e)) for x, e in kept if e is not None]
     x, mean, low, high = np.array(found, dtype=np.float64).reshape(-1, 4).T
     return Curve(label, x, mean, low, high, published)
@@ -223,14 +253,25 @@ def table_of(title: str, rows: Sequence[Row], *, shown: bool = True) -> Table:
     """Return a table of the estimates in ``rows``."""
     axes = [*rows[0].values] if rows else []
     lines = [
-        [*row.values.values(), *(("", "", "", "", 0) if row.estimate is None else _line(row.estimate)), row.missing] for row in rows
+        [
+            *row.values.values(),
+            *(("", "", "", "", 0) if row.estimate is None else _line(row.estimate)),
+            row.missing,
+        ]
+        for row in rows
     ]
     return Table(title, [*axes, "mean", "low", "high", "std", "trials", "missing"], lines, shown)
 
 
 def _line(found: Estimate) -> tuple[Any, ...]:
     low, high = ends(found)
-    return round(found.mean, 4), round(low, 4), round(high, 4), "" if found.count < 2 else round(found.std, 4), found.count
+    return (
+        round(found.mean, 4),
+        round(low, 4),
+        round(high, 4),
+        "" if found.count < 2 else round(found.std, 4),
+        found.count,
+    )
 
 
 def compared(curves: Sequence[Curve]) -> Table:
@@ -238,13 +279,26 @@ def compared(curves: Sequence[Curve]) -> Table:
     rows = []
     for curve in curves:
         known = curve.published
-        for n, mean in () if known is None else zip(known.x.tolist(), known.mean.tolist(), strict=True):
+        for n, mean in (
+            () if known is None else zip(known.x.tolist(), known.mean.tolist(), strict=True)
+        ):
             if curve.x.min() <= n <= curve.x.max():
-                ours, low, high = (near(curve.x, values, n) for values in (curve.mean, curve.low, curve.high))
-                rows.append(
-                    [curve.label, int(n), round(ours, 1), f"{low:.1f} to {high:.1f}", mean, f"{100 * (ours / mean - 1):+.1f}"]
+                ours, low, high = (
+                    near(curve.x, values, n) for values in (curve.mean, curve.low, curve.high)
                 )
-    return Table("ours and published", ["", "n", "ours", "95 % interval", "published", "difference, %"], rows)
+                rows.append(
+                    [
+                        curve.label,
+                        int(n),
+                        round(ours, 1),
+                        f"{low:.1f} to {high:.1f}",
+                        mean,
+                        f"{100 * (ours / mean - 1):+.1f}",
+                    ]
+                )
+    return Table(
+        "ours and published", ["", "n", "ours", "95 % interval", "published", "difference, %"], rows
+    )
 
 
 def capital(text: str) -> str:
@@ -253,10 +307,14 @@ def capital(text: str) -> str:
 
 
 def counts_of(n_free: int, parts: int = 50) -> list[int]:
-    """Return increasing numbers of particles in equal steps, up to one particle in each free cell."""
+    """Return increasing numbers of particles in equal steps, up to one particle in each
+    free cell.
+    """
     return sorted({max(1, round(n_free * k / parts)) for k in range(1, parts + 1)})
 
 
 def near(x: NDArray[np.float64], mean: NDArray[np.float64], at: float) -> float:
-    """Return the value of the curve ``mean`` over ``x`` at the number of particles ``at``, interpolated on logarithmic scales."""
+    """Return the value of the curve ``mean`` over ``x`` at the number of particles ``at``,
+    interpolated on logarithmic scales.
+    """
     return float(np.exp(np.interp(np.log(at), np.log(x), np.log(np.maximum(mean, 1e-9)))))

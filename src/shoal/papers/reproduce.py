@@ -17,8 +17,8 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import atomic, write_json
 from shoal.core.registry import Registry
 from shoal.lab.coordinator import OnProgress, run_sweep
-from shoal.lab.storage.store import Store
-from shoal.lab.sweeps.sweep import Sweep
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
 from shoal.papers.errata import check_errata
 from shoal.papers.mapping import curves, instances, line
 from shoal.papers.page import write_page
@@ -26,7 +26,7 @@ from shoal.papers.recipe import Outcome, Recipe, Result, Settings
 from shoal.papers.search import baselines, expected_time
 from shoal.papers.steering import constructions, shortest_paths
 from shoal.papers.steering import recipes as steering
-from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.files import open_map
 from shoal.views.drawing.charts import save_figure
 from shoal.views.drawing.curves import add_note
 
@@ -61,8 +61,8 @@ def reproduce(
     name : str
         Name of the figure, such as "m-fig7"; `recipes` returns all names.
     out : path
-        Output folder for NAME.png, NAME.json, the data NAME*.csv, and results.sqlite. A later call of the function continues with
-        the stored results in results.sqlite.
+        Output folder for NAME.png, NAME.json, the data NAME*.csv, and results.sqlite. A later call
+        of the function continues with the stored results in results.sqlite.
     quick : bool
         Whether to save time by fewer trials and coarser maps.
     trials : int, optional
@@ -80,20 +80,29 @@ def reproduce(
     """
     recipe, folder = recipes().get(name), Path(out)
     if on_map is not None and not recipe.on_map:
-        raise InvalidInputError(f"map: expected a figure that is computed on the complex map, got {name}, which uses other maps")
+        raise InvalidInputError(
+            f"map: expected a figure that is computed on the complex map, got {name}, which uses"
+            " other maps"
+        )
     if trials is not None:
         trials = check_integer(trials, what="trials", least=1)
     if workers is not None:
         check_integer(workers, what="workers", least=0)
-    settings = Settings(quick, trials, on_map, check_integer(seed, what="seed", least=0, most=2**63 - 1))
+    settings = Settings(
+        quick, trials, on_map, check_integer(seed, what="seed", least=0, most=2**63 - 1)
+    )
     began, sweeps = time.perf_counter(), []
     planned = list(recipe.sweeps(settings))
     folder.mkdir(parents=True, exist_ok=True)  # once nothing can be refused
     for sweep in planned:
         kept = _no_fewer(folder / STORE, sweep)
-        status = run_sweep(kept, folder / STORE, workers=workers, extend=True, on_progress=on_progress)
+        status = run_sweep(
+            kept, folder / STORE, workers=workers, extend=True, on_progress=on_progress
+        )
         if status.failures:
-            raise InvalidInputError(f"{name}: expected every trial to end, got {_failures(folder / STORE, kept)}")
+            raise InvalidInputError(
+                f"{name}: expected every trial to end, got {_failures(folder / STORE, kept)}"
+            )
         sweeps.append(kept)
     with Store(folder / STORE, write=not sweeps) as store:  # figures without sweeps have none
         outcome = recipe.view(store, sweeps, settings)
@@ -103,7 +112,9 @@ def reproduce(
 
 
 def _failures(path: Path, sweep: Sweep) -> str:
-    """Return a text with the number of failed trials of a sweep, and the error of the first failed trial."""
+    """Return a text with the number of failed trials of a sweep, and the error of the first failed
+    trial.
+    """
     with Store(path) as store:
         failed = store.failures(sweep.name)
     values, trial, _, error = failed[0]
@@ -112,7 +123,9 @@ def _failures(path: Path, sweep: Sweep) -> str:
 
 
 def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
-    """Return a copy of a sweep with at least as many trials as the stored sweep of the same name."""
+    """Return a copy of a sweep with at least as many trials as the stored sweep of the
+    same name.
+    """
     if not path.exists():
         return sweep
     with Store(path) as store:
@@ -120,7 +133,9 @@ def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
     return replace(sweep, trials=max(sweep.trials, stored))
 
 
-def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Sweep]) -> tuple[Path, ...]:
+def _write(
+    folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Sweep]
+) -> tuple[Path, ...]:
     files = [folder / f"{recipe.name}.png"]
     add_note(outcome.figure, outcome.note)
     save_figure(outcome.figure, files[0])
@@ -132,22 +147,33 @@ def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Swee
             writer.writerows(table.rows)
         files.append(path)
     summary = {
-        "figure": recipe.name, "source": recipe.source, "title": recipe.title, "verdict": outcome.verdict,
-        "claims": [asdict(claim) for claim in outcome.claims], "sentence": outcome.sentence,
-        "sweeps": [sweep.describe() for sweep in sweeps], "files": [path.name for path in files],
+        "figure": recipe.name,
+        "source": recipe.source,
+        "title": recipe.title,
+        "verdict": outcome.verdict,
+        "claims": [asdict(claim) for claim in outcome.claims],
+        "sentence": outcome.sentence,
+        "sweeps": [sweep.describe() for sweep in sweeps],
+        "files": [path.name for path in files],
         "tables": [table.title for table in outcome.tables],
-    }  # fmt: skip
+    }
     files.append(folder / f"{recipe.name}.json")
     write_json(files[-1], summary)
     return tuple(files)
 
 
 def reproduce_all(
-    out: str | os.PathLike[str], *, on_result: Callable[[Result], None] | None = None, on_map: str | None = None, **options: Any
+    out: str | os.PathLike[str],
+    *,
+    on_result: Callable[[Result], None] | None = None,
+    on_map: str | None = None,
+    **options: Any,
 ) -> Path:
-    """Reproduce every figure, run the checks of all errata, and write the page of results; return the path of the page.
+    """Reproduce every figure, run the checks of all errata, and write the page of results; return
+    the path of the page.
 
-    A failed figure does not stop the other figures. For a failed figure, the page of results gives the reason.
+    A failed figure does not stop the other figures. For a failed figure, the page of results gives
+    the reason.
 
     Parameters
     ----------
@@ -175,7 +201,9 @@ def reproduce_all(
         try:
             result = reproduce(name, out, on_map=on_map if recipe.on_map else None, **options)
         except Exception as error:  # any exception: the other figures are still made
-            said = str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
+            said = (
+                str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
+            )
             result = Result(recipe, None, (), time.perf_counter() - began, 0, said)
         results.append(result)
         if on_result is not None:

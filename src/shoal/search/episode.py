@@ -1,4 +1,6 @@
-"""SearchEpisode: a search problem with its plan, its scenario, and the trace of what the robots did."""
+"""SearchEpisode: a search problem with its plan, its scenario, and the trace of what the robots
+did.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +16,36 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_bool, check_integer, check_number, parse_json, read_text, shortened
+from shoal.core.checks import (
+    check_bool,
+    check_integer,
+    check_number,
+    parse_json,
+    read_text,
+    shortened,
+)
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import check_suffix, write_json
-from shoal.search.allocation.layers import layers_of
-from shoal.search.allocation.plan import SearchPlan, Sorties, end_of, plan_search
+from shoal.search.cells.layers import layers_of
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
+from shoal.search.planning.plan import SearchPlan, Sorties, end_of, plan_search
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.faults import Liar
-from shoal.search.regions.coverage import AreaCoverage, together
-from shoal.search.simulation.coverages import coverages
-from shoal.search.simulation.findings import Finding, merge_findings
+from shoal.search.problem.network import Liar
+from shoal.search.regions.region import AreaCoverage, together
 from shoal.search.simulation.scenario import Scenario, scenario_of
-from shoal.search.simulation.trace import RobotLog, SearchTrace, planned_trace, searched_at, simulated_trace
-from shoal.search.tours.bitset import bitset_of
+from shoal.search.simulation.trace import (
+    RobotLog,
+    SearchTrace,
+    coverages,
+    planned_trace,
+    searched_at,
+    simulated_trace,
+)
+from shoal.search.simulation.world import Finding, merge_findings
+from shoal.search.tours.masks import bitset_of
 
 FORMAT: Literal[2] = 2
 
@@ -48,7 +63,8 @@ class SearchEpisode(Episode):
         The scenario of the search, with lengths in cell sides and times in units of `cell_time`.
     trace : SearchTrace
     simulated : bool
-        Whether Shoal simulated robots and messages. If false, the search was live, or the trace only repeats the plan.
+        Whether Shoal simulated robots and messages. If false, the search was live, or the trace
+        only repeats the plan.
     seed : int
     seconds : float
         Computing time of the planning and the simulation, in seconds.
@@ -68,8 +84,14 @@ class SearchEpisode(Episode):
 
     @cached_property
     def status(self) -> Status:  # type: ignore[override]  # computed on first use
-        """``complete`` if robots searched all reachable cells, and every working robot knows that the search is complete."""
-        return Status.COMPLETE if self.trace.covered_at < inf and not self._unaware else Status.INCOMPLETE
+        """``complete`` if robots searched all reachable cells, and every working robot knows that
+        the search is complete.
+        """
+        return (
+            Status.COMPLETE
+            if self.trace.covered_at < inf and not self._unaware
+            else Status.INCOMPLETE
+        )
 
     @property
     def reason(self) -> str:
@@ -81,7 +103,10 @@ class SearchEpisode(Episode):
             return f"{left} of {cells} cells that robots can reach were {often}"
         by = "" if count == 1 else f" by {count} robots"
         back = ", and every vehicle that works was back," if self.plan.flies else ""
-        told = f"all {cells} cells that robots can reach were searched{by}{back} after {duration_text(self.makespan or 0.0)}"
+        told = (
+            f"all {cells} cells that robots can reach were searched{by}{back} after"
+            f" {duration_text(self.makespan or 0.0)}"
+        )
         if self._as_planned:
             return f"{told}, according to the plan: nothing was simulated"
         if self._unaware:
@@ -97,15 +122,22 @@ class SearchEpisode(Episode):
         """Numbers of the robots that still work but have not declared the search complete."""
         if self._as_planned:
             return []
-        living = [number for number, log in enumerate(self.trace.robots, start=1) if log.status not in ("dead", "paused")]
-        return [number for number in living if number not in self.trace.declared] or ([] if self.trace.declared else [0])
+        living = [
+            number
+            for number, log in enumerate(self.trace.robots, start=1)
+            if log.status not in ("dead", "paused")
+        ]
+        return [number for number in living if number not in self.trace.declared] or (
+            [] if self.trace.declared else [0]
+        )
 
     @property
     def makespan(self) -> float | None:
         """Time of the search in seconds, or None if a reachable cell was never searched.
 
-        If the problem names a vehicle, the time ends when the last working vehicle is back from its last sortie, with all charges
-        in between. Otherwise, the time ends when all reachable cells have been searched.
+        If the problem names a vehicle, the time ends when the last working vehicle is back from its
+        last sortie, with all charges in between. Otherwise, the time ends when all reachable cells
+        have been searched.
         """
         if self.trace.covered_at == inf:
             return None
@@ -113,7 +145,9 @@ class SearchEpisode(Episode):
 
     @cached_property
     def _back(self) -> float:
-        """Time in seconds at which the last working vehicle is back, by the flights along the cells that the vehicles searched."""
+        """Time in seconds at which the last working vehicle is back, by the flights along the cells
+        that the vehicles searched.
+        """
         plan, times = self.plan, []
         if self._faultless:
             return plan.planned_seconds
@@ -123,29 +157,41 @@ class SearchEpisode(Episode):
             if not any(log.detours) and np.array_equal(log.cells, plan.stops(robot)):
                 sorties = plan.sorties[robot]
             else:
-                sorties = plan.sorties_along(robot, log.cells, log.detours, cells=float(log.times[-1]))
+                sorties = plan.sorties_along(
+                    robot, log.cells, log.detours, cells=float(log.times[-1])
+                )
             times.append(end_of(sorties) + self._waited(log) * plan.cell_seconds)
         return max(times, default=0.0)
 
     @property
     def _faultless(self) -> bool:
-        """Whether nothing can go wrong in the search. Then every vehicle flies its missions, and needs no help."""
+        """Whether nothing can go wrong in the search. Then every vehicle flies its missions, and
+        needs no help.
+        """
         scenario = self.scenario
-        return not (scenario.faults or scenario.network.media or scenario.obstacles) and self.problem.live is None
+        return (
+            not (scenario.faults or scenario.network.media or scenario.obstacles)
+            and self.problem.live is None
+        )
 
     @staticmethod
     def _waited(log: RobotLog) -> float:
-        """Return how long a robot waited or paused between its searches, in units of `cell_time`."""
+        """Return how long a robot waited or paused between its searches, in units of
+        `cell_time`.
+        """
         last = float(log.times[-1])
         moments = [*log.states, (last, "")]
         return sum(
-            max(min(then, last) - since, 0.0) for (since, state), (then, _) in pairwise(moments) if state in ("waiting", "paused")
+            max(min(then, last) - since, 0.0)
+            for (since, state), (then, _) in pairwise(moments)
+            if state in ("waiting", "paused")
         )
 
     def clock(self, moment: float) -> float:
         """Convert a moment of the trace to seconds since the start of the search.
 
-        The end of the search is at `makespan`. If the problem names a vehicle, earlier moments are in proportion.
+        The end of the search is at `makespan`. If the problem names a vehicle, earlier moments are
+        in proportion.
         """
         if not self.plan.flies or not 0 < self.trace.covered_at < inf:
             return self.plan.seconds(moment)
@@ -158,13 +204,19 @@ class SearchEpisode(Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by the least time of one robot alone."""
+        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by the
+        least time of one robot alone.
+        """
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
             "cells": plan.grid.n_cells,
             "makespan": self.makespan,
-            "share": None if self.makespan is None else self._in_cells(trace.covered_at, self.makespan) / plan.tour_cost.least,
+            "share": (
+                None
+                if self.makespan is None
+                else self._in_cells(trace.covered_at, self.makespan) / plan.tour_cost.least
+            ),
             "planned": plan.planned_seconds,
             "lower_bound": plan.seconds(plan.allocation.lower_bound),
             "sent": trace.sent,
@@ -177,7 +229,10 @@ class SearchEpisode(Episode):
     @cached_property
     def routes(self) -> tuple[Route, ...]:
         """The path of each robot in metres."""
-        return tuple(self.plan.route(robot, log.cells, log.detours) for robot, log in enumerate(self.trace.robots))
+        return tuple(
+            self.plan.route(robot, log.cells, log.detours)
+            for robot, log in enumerate(self.trace.robots)
+        )
 
     @cached_property
     def liars(self) -> frozenset[int]:
@@ -186,35 +241,50 @@ class SearchEpisode(Episode):
 
     @property
     def coverage(self) -> AreaCoverage:
-        """Coverage of all layers together, computed from the paths of the robots and not from cells."""
+        """Coverage of all layers together, computed from the paths of the robots and not from
+        cells.
+        """
         return together(self.coverages)
 
     @cached_property
     def coverages(self) -> tuple[AreaCoverage, ...]:
         """The coverage of each layer, from the lowest layer to the highest."""
-        seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
+        seeing = [
+            robot
+            for robot, log in enumerate(self.trace.robots)
+            if robot + 1 not in self.liars and log.cells.size
+        ]
         return coverages(self.plan, self.trace, self.routes, seeing)
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
-        """For each stop of each robot, the tour indices of the cells that the robot saw from this stop."""
-        return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots))
+        """For each stop of each robot, the tour indices of the cells that the robot saw from this
+        stop.
+        """
+        return tuple(
+            tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots)
+        )
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings known to robots that declared the search complete, or to any robot if no robot declared it complete."""
+        """Findings known to robots that declared the search complete, or to any robot if no robot
+        declared it complete.
+        """
         reports: dict[int, set[int]] = {}
         for number in self.trace.declared or range(1, len(self.trace.robots) + 1):
             for cell, witnesses in self.trace.robots[number - 1].found:
                 reports.setdefault(cell, set()).update(witnesses)
         searched = {
-            number: bitset_of(int(cell) for cells in seen for cell in cells) for number, seen in enumerate(self.seen, start=1)
+            number: bitset_of(int(cell) for cells in seen for cell in cells)
+            for number, seen in enumerate(self.seen, start=1)
         }
         return merge_findings(self.scenario, reports, searched)
 
     @cached_property
     def obstacles(self) -> dict[int, float]:
-        """The time of discovery, in units of `cell_time`, of each obstacle that robots found, by the tour index of its cell."""
+        """The time of discovery, in units of `cell_time`, of each obstacle that robots found, by
+        the tour index of its cell.
+        """
         found: dict[int, float] = {}
         for moment, cell in sorted(entry for log in self.trace.robots for entry in log.obstructed):
             found.setdefault(cell, moment)
@@ -246,7 +316,9 @@ class SearchEpisode(Episode):
             "tour": self.plan.tour.name,
             "allocation": allocation.allocator,
             "compared": [candidate.report() for candidate in self.plan.compared],
-            "makespan_cells": None if self.makespan is None else self._in_cells(trace.covered_at, self.makespan),
+            "makespan_cells": (
+                None if self.makespan is None else self._in_cells(trace.covered_at, self.makespan)
+            ),
             "makespan_s": self.makespan,
             "planned_cells": self._in_cells(allocation.makespan, self.plan.planned_seconds),
             "planned_s": self.plan.planned_seconds,
@@ -267,7 +339,9 @@ class SearchEpisode(Episode):
         }
 
     def _in_cells(self, cells: float, seconds: float) -> float:
-        """Return a time in cells: the time of flights if the problem names a vehicle, and otherwise the given number of cells."""
+        """Return a time in cells: the time of flights if the problem names a vehicle, and otherwise
+        the given number of cells.
+        """
         return self.plan.cells(seconds) if self.plan.flies else cells
 
     def _layer(self, number: int) -> dict[str, Any]:
@@ -287,9 +361,17 @@ class SearchEpisode(Episode):
         return {
             "robot": robot + 1,
             "start": self.plan.places[robot].tolist(),
-            "landing": (self.plan.places if self.plan.landing is None else self.plan.landing)[robot].tolist(),
+            "landing": (
+                (self.plan.places if self.plan.landing is None else self.plan.landing)[
+                    robot
+                ].tolist()
+            ),
             "footprint_m": float(self.plan.footprints[robot]),
-            "cells": len(log.cells) if self.plan.widths[robot] == 1 else len(np.unique(np.concatenate([*self.seen[robot], []]))),
+            "cells": (
+                len(log.cells)
+                if self.plan.widths[robot] == 1
+                else len(np.unique(np.concatenate([*self.seen[robot], []])))
+            ),
             "stops": len(log.cells),
             "length_m": route.length,
             "outside_out_m": out,
@@ -302,24 +384,44 @@ class SearchEpisode(Episode):
         point, frame = self.plan.positions([finding.cell])[0], self.plan.grid.region.frame
         told: dict[str, Any] = dict(zip(("x", "y", "altitude"), point.tolist(), strict=False))
         if frame is not None:
-            told |= dict(zip(("longitude", "latitude"), frame.to_degrees(point[None, :2])[0].tolist(), strict=True))
+            told |= dict(
+                zip(
+                    ("longitude", "latitude"),
+                    frame.to_degrees(point[None, :2])[0].tolist(),
+                    strict=True,
+                )
+            )
         witnesses = {"found_by": list(finding.found_by), "missed_by": list(finding.missed_by)}
         return told | {"confidence": finding.confidence} | witnesses
 
     def verify(self) -> Verification:
         """Simulate the search again from its plan, and compare the new trace with the stored trace.
 
-        A live search cannot be repeated. For a live search, the method compares the stored makespan with the stored cell times.
+        A live search cannot be repeated. For a live search, the method compares the stored makespan
+        with the stored cell times.
         """
         if self.problem.live is not None:
-            good = float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
-            return Verification(good, f"a live search: the stored cells and times are {'' if good else 'not '}consistent")
-        again = simulated_trace(self.plan, self.scenario) if self.simulated else planned_trace(self.plan, self.scenario.brief)
+            good = (
+                float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
+            )
+            return Verification(
+                good,
+                f"a live search: the stored cells and times are {'' if good else 'not '}consistent",
+            )
+        again = (
+            simulated_trace(self.plan, self.scenario)
+            if self.simulated
+            else planned_trace(self.plan, self.scenario.brief)
+        )
         difference = self.trace.difference(again)
-        return Verification(not difference, difference or "planned and simulated again: all robots act as in the episode")
+        return Verification(
+            not difference,
+            difference or "planned and simulated again: all robots act as in the episode",
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON, with the trace, the problem, and the contents of the files that the problem names.
+        """Write the episode as JSON, with the trace, the problem, and the contents of the files
+        that the problem names.
 
         Raises
         ------
@@ -346,21 +448,32 @@ class SearchEpisode(Episode):
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
         if problem.place_is_file() or problem.no_go or problem.place.barriers:
-            changes |= {"region": problem.place, "no_go": (), "layer": None, "inner": None, "hidden": None, "closed_lines": False}
+            changes |= {
+                "region": problem.place,
+                "no_go": (),
+                "layer": None,
+                "inner": None,
+                "hidden": None,
+                "closed_lines": False,
+            }
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places
         if isinstance(problem.launch, str):
             changes["launch"] = plan.places
         if isinstance(problem.land, str):
             changes["land"] = plan.landing
-        for name, cells in (("targets", self.scenario.targets), ("obstacles", self.scenario.obstacles)):
+        for name, cells in (
+            ("targets", self.scenario.targets),
+            ("obstacles", self.scenario.obstacles),
+        ):
             if isinstance(getattr(problem, name), str):
                 changes[name] = plan.positions(list(cells))[:, :2]
         return problem.replaced(**changes)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SearchEpisode:
-        """Read an episode. The method refuses tours and allocations given as MODULE:ATTRIBUTE, unless ``trust`` is true.
+        """Read an episode. The method refuses tours and allocations given as MODULE:ATTRIBUTE,
+        unless ``trust`` is true.
 
         Raises
         ------
@@ -368,9 +481,26 @@ class SearchEpisode(Episode):
         """
         source = str(path)
         told = parse_json(read_text(Path(path), what="search episode"), where=source)
-        names = {"format", "kind", "versions", "problem", "seed", "seconds", "simulated", "schedule", "trace"}
-        if not isinstance(told, dict) or told.get("kind") != "search" or told.get("format") != FORMAT or set(told) != names:
-            raise InvalidInputError(f"{source}: expected a search episode of format {FORMAT}, got {shortened(told)}")
+        names = {
+            "format",
+            "kind",
+            "versions",
+            "problem",
+            "seed",
+            "seconds",
+            "simulated",
+            "schedule",
+            "trace",
+        }
+        if (
+            not isinstance(told, dict)
+            or told.get("kind") != "search"
+            or told.get("format") != FORMAT
+            or set(told) != names
+        ):
+            raise InvalidInputError(
+                f"{source}: expected a search episode of format {FORMAT}, got {shortened(told)}"
+            )
         try:
             seed = check_integer(told["seed"], what="seed", least=0)
             if not trust:
@@ -382,30 +512,43 @@ class SearchEpisode(Episode):
                 problem=problem,
                 plan=plan,
                 scenario=scenario_of(problem, plan, seed),
-                trace=SearchTrace.from_dict(told["trace"], robots=problem.robots, cells=len(plan.tour_cost)),
+                trace=SearchTrace.from_dict(
+                    told["trace"], robots=problem.robots, cells=len(plan.tour_cost)
+                ),
                 simulated=check_bool(told["simulated"], what="simulated"),
                 seed=seed,
                 seconds=check_number(told["seconds"], what="seconds"),
-                versions={str(name): str(version) for name, version in dict(told["versions"]).items()},
+                versions={
+                    str(name): str(version) for name, version in dict(told["versions"]).items()
+                },
             )
         except (ShoalError, TypeError, ValueError) as error:
             raise InvalidInputError(f"{source}: not a search episode: {error}") from None
 
 
 def _schedule_from(data: Any, robots: int) -> tuple[Sorties, ...] | None:
-    """Return the start times and durations of all sorties from an episode file, or None if the plan determines them."""
+    """Return the start times and durations of all sorties from an episode file, or None if the plan
+    determines them.
+    """
     if data is None:
         return None
     if len(data) != robots:
         raise InvalidInputError(f"schedule: expected {robots} robots, got {len(data)}")
     return tuple(
-        tuple((check_number(start, what="start", least=0), check_number(time, what="duration", least=0)) for start, time in one)
+        tuple(
+            (
+                check_number(start, what="start", least=0),
+                check_number(time, what="duration", least=0),
+            )
+            for start, time in one
+        )
         for one in data
     )
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration as text: in seconds if the duration is below one minute, and as h:mm:ss otherwise.
+    """Return a duration as text: in seconds if the duration is below one minute, and as h:mm:ss
+    otherwise.
 
     Examples
     --------

@@ -1,4 +1,6 @@
-"""Run a search problem: plan the search, simulate the robots or run them live, and return the episode."""
+"""Run a search problem: plan the search, simulate the robots or run them live, and return the
+episode.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +12,25 @@ import numpy as np
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
-from shoal.search.allocation.allocators import ALLOCATORS
-from shoal.search.allocation.plan import SearchPlan, plan_search
-from shoal.search.allocation.starts import start_points
+from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.episode import SearchEpisode
+from shoal.search.planning.plan import SearchPlan, plan_search, start_points
 from shoal.search.problem import ALLOCATIONS, TOURS, SearchProblem
-from shoal.search.problem.fields import AUTO
-from shoal.search.problem.keys import read_key
+from shoal.search.problem.fields import AUTO, read_key
 from shoal.search.problem.network import network_of
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.region import SearchRegion
-from shoal.search.simulation.live.trace import live_trace
+from shoal.search.simulation.live.supervisor import live_trace
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
-from shoal.search.tours.base import TOURS as MAKERS
+from shoal.search.tours.tour import TOURS as MAKERS
 
 SIMULATED = 1_000_000
 """Size of the largest search that Shoal simulates by default.
 
-The size of a search is the larger of two numbers: the number of cells times the number of robots, and half the cube of the number
-of robots.
+The size of a search is the larger of two numbers: the number of cells times the number of robots,
+and half the cube of the number of robots.
 """
 
 
@@ -43,13 +43,14 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     seed : int
         Seed of the random starts, targets, obstacles and crashes, and of the simulation.
     plan : SearchPlan, optional
-        A plan that was made for exactly ``problem`` and ``seed``. By default, the function plans the search first.
+        A plan that was made for exactly ``problem`` and ``seed``. By default, the function plans
+        the search first.
 
     Raises
     ------
     InvalidInputError
-        If the robots cannot do the task in the region, or if a search without simulation has settings that need a simulation, such
-        as faults, message loss or obstacles.
+        If the robots cannot do the task in the region, or if a search without simulation has
+        settings that need a simulation, such as faults, message loss or obstacles.
     UnknownNameError
 
     Examples
@@ -83,10 +84,12 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
 
 
 def check(problem: SearchProblem) -> None:
-    """Refuse a problem that cannot run, without simulating it: unknown names, unreadable files, too many cells or targets.
+    """Refuse a problem that cannot run, without simulating it: unknown names, unreadable files, too
+    many cells or targets.
 
-    The function plans the search only if nothing less can tell whether it can run: if third-party code makes the tour or the
-    allocation, or if the problem has so many targets or obstacles, or so large a search, that the number of cells decides.
+    The function plans the search only if nothing less can tell whether it can run: if third-party
+    code makes the tour or the allocation, or if the problem has so many targets or obstacles, or so
+    large a search, that the number of cells decides.
 
     Raises
     ------
@@ -98,7 +101,10 @@ def check(problem: SearchProblem) -> None:
         read_key(problem.key)
     elif network_of(problem.network, loss=problem.loss).has("forgeries"):
         raise InvalidInputError("network: expected a key together with forged messages, got none")
-    for names, registry, asked in ((TOURS, MAKERS, problem.tour), (ALLOCATIONS, ALLOCATORS, problem.allocation)):
+    for names, registry, asked in (
+        (TOURS, MAKERS, problem.tour),
+        (ALLOCATIONS, ALLOCATORS, problem.allocation),
+    ):
         if asked not in (*names, AUTO):
             registry.get(asked)
     side = float(np.min(problem.chosen_footprint))
@@ -109,12 +115,20 @@ def check(problem: SearchProblem) -> None:
     for name in ("targets", "obstacles"):
         given = getattr(problem, name)
         if not isinstance(given, int):
-            points = read_points(Path(given), region, what=name) if isinstance(given, str) else given
+            points = (
+                read_points(Path(given), region, what=name) if isinstance(given, str) else given
+            )
             region.check_inside(points, what=given if isinstance(given, str) else name)
     fewest = max(1, int(region.area_m2 / side**2))
     extended = problem.tour not in (*TOURS, AUTO) or problem.allocation not in (*ALLOCATIONS, AUTO)
-    many = any(isinstance(number, int) and number > fewest - robots for number in (problem.targets, problem.obstacles) if number)
-    unsure = problem.simulate is False or (problem.simulate is None and 2 * robots * max(grid.n_cells, robots**2 // 2) > SIMULATED)
+    many = any(
+        isinstance(number, int) and number > fewest - robots
+        for number in (problem.targets, problem.obstacles)
+        if number
+    )
+    unsure = problem.simulate is False or (
+        problem.simulate is None and 2 * robots * max(grid.n_cells, robots**2 // 2) > SIMULATED
+    )
     if extended or many or (unsure and problem.live is None):
         plan = plan_search(problem, seed=0)
         scenario = scenario_of(problem, plan, 0)
@@ -124,7 +138,9 @@ def check(problem: SearchProblem) -> None:
 
 @lru_cache(maxsize=4)
 def _cells_of(region: SearchRegion, side: float, angle: float) -> CellGrid:
-    """Return the cells of a region. The points of a sweep often share one region, which compares by identity."""
+    """Return the cells of a region. The points of a sweep often share one region, which compares by
+    identity.
+    """
     return cells_of(region, side, angle=angle)
 
 
@@ -140,12 +156,15 @@ def _refuse_unsimulated(problem: SearchProblem, plan: SearchPlan, scenario: Scen
     needs = _simulated_only(scenario)
     if not needs or problem.live is not None:
         return
-    what = f"search: {' and '.join(needs)}: expected a simulation, because a plan alone contains no such event"
+    what = (
+        f"search: {' and '.join(needs)}: expected a simulation, because a plan alone contains no"
+        " such event"
+    )
     if problem.simulate is False:
         raise InvalidInputError(f"{what}, got simulate = false (--no-simulate)")
     raise InvalidInputError(
-        f"{what}, got {len(plan.tour_cost)} cells and {problem.robots} robots, which are simulated only on request; request "
-        "the simulation with simulate = true (--simulate)"
+        f"{what}, got {len(plan.tour_cost)} cells and {problem.robots} robots, which are simulated"
+        " only on request; request the simulation with simulate = true (--simulate)"
     )
 
 

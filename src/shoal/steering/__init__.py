@@ -10,32 +10,64 @@ from typing import TYPE_CHECKING
 from shoal.core.registry import loaded_on_use
 
 if TYPE_CHECKING:
-    from shoal.steering.contact.region_world import RegionWorld
-    from shoal.steering.contact.world import ContactWorld
-    from shoal.steering.delta_space.disk_reach import DiskReach, disk_reach
-    from shoal.steering.delta_space.polygon_reach import PolygonReach, polygon_reach
-    from shoal.steering.delta_space.two_moves import Crossing, reached_in_two_moves
+    from shoal.steering.contact.world import ContactWorld, RegionWorld
+    from shoal.steering.delta_space import (
+        Crossing,
+        DiskReach,
+        PolygonReach,
+        disk_reach,
+        polygon_reach,
+        reached_in_two_moves,
+    )
     from shoal.steering.episode import SteeringEpisode
     from shoal.steering.planners import PLANNERS, Planner, make_planner
     from shoal.steering.planners.task import SteeringTask
     from shoal.steering.problem import SteeringProblem
-    from shoal.steering.workspaces.convex import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
+    from shoal.steering.workspaces.convex import (
+        ConvexWorkspace,
+        cylinder,
+        disk,
+        polygon,
+        prism,
+        regular_polygon,
+    )
     from shoal.steering.workspaces.formats import open_workspace
     from shoal.steering.workspaces.region import Region, region
 
 _HOMES = {
-    "contact.region_world": ("RegionWorld",),
-    "contact.world": ("ContactWorld",),
-    "delta_space.disk_reach": ("DiskReach", "disk_reach"),
-    "delta_space.polygon_reach": ("PolygonReach", "polygon_reach"),
-    "delta_space.two_moves": ("Crossing", "reached_in_two_moves"),
+    "contact.world": (
+        "ContactWorld",
+        "RegionWorld",
+    ),
+    "delta_space": (
+        "Crossing",
+        "DiskReach",
+        "PolygonReach",
+        "disk_reach",
+        "polygon_reach",
+        "reached_in_two_moves",
+    ),
     "episode": ("SteeringEpisode",),
-    "planners": ("PLANNERS", "Planner", "make_planner"),
+    "planners": (
+        "PLANNERS",
+        "Planner",
+        "make_planner",
+    ),
     "planners.task": ("SteeringTask",),
     "problem": ("SteeringProblem",),
-    "workspaces.convex": ("ConvexWorkspace", "cylinder", "disk", "polygon", "prism", "regular_polygon"),
+    "workspaces.convex": (
+        "ConvexWorkspace",
+        "cylinder",
+        "disk",
+        "polygon",
+        "prism",
+        "regular_polygon",
+    ),
     "workspaces.formats": ("open_workspace",),
-    "workspaces.region": ("Region", "region"),
+    "workspaces.region": (
+        "Region",
+        "region",
+    ),
 }
 
 __all__ = [

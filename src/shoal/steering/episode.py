@@ -1,4 +1,6 @@
-"""SteeringEpisode: one run of steering with its problem, its inputs and the paths of its particles."""
+"""SteeringEpisode: one run of steering with its problem, its inputs and the paths of
+its particles.
+"""
 
 from __future__ import annotations
 
@@ -11,21 +13,40 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import FARTHEST, check_choice, check_integer, check_number, check_text, parse_json, read_text, shortened
+from shoal.core.checks import (
+    FARTHEST,
+    check_choice,
+    check_integer,
+    check_number,
+    check_text,
+    parse_json,
+    read_text,
+    shortened,
+)
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import check_suffix, write_json
 from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.problem import SteeringProblem
-from shoal.steering.simulation.apparatus import condition, executed_moves, replay
-from shoal.steering.workspaces.base import EXACT_TOUCH
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.simulation import condition, executed_moves, replay
+from shoal.steering.workspaces.convex import EXACT_TOUCH, Points
 
 STATUSES = (Status.SOLVED, Status.SENSITIVE, Status.APPROACHABLE, Status.UNREACHABLE, Status.LIMIT)
 _STORED = (
-    "kind", "problem", "planner", "status", "reason", "inputs", "states", "order", "seed", "lower_bound", "seconds", "versions",
-)  # fmt: skip
+    "kind",
+    "problem",
+    "planner",
+    "status",
+    "reason",
+    "inputs",
+    "states",
+    "order",
+    "seed",
+    "lower_bound",
+    "seconds",
+    "versions",
+)
 _EQUAL = 1e-9  # relative to the size: states that differ by less are equal
 
 
@@ -40,13 +61,15 @@ class SteeringEpisode(Episode):
     problem : SteeringProblem
         The problem as the user declared it.
     planner : str
-        Name of the planner that made the plan: the requested planner, or the planner that ``auto`` chose.
+        Name of the planner that made the plan: the requested planner, or the planner that ``auto``
+        chose.
     status : Status
-        ``solved``: all particles are within the tolerance of their goals, and the plan stands the disturbances of the option
-        ``clearance``. ``sensitive``: the plan reaches the goals, but only in exact arithmetic. ``approachable``: moves can come
-        arbitrarily close to the goals but never reach them, and the stored plan ends outside the tolerance or is sensitive.
-        ``unreachable``: a proof shows that no plan exists. ``limit``: the planner found no plan that ends within the tolerance,
-        although a plan may exist.
+        ``solved``: all particles are within the tolerance of their goals, and the plan stands the
+        disturbances of the option ``clearance``. ``sensitive``: the plan reaches the goals, but
+        only in exact arithmetic. ``approachable``: moves can come arbitrarily close to the goals
+        but never reach them, and the stored plan ends outside the tolerance or is sensitive.
+        ``unreachable``: a proof shows that no plan exists. ``limit``: the planner found no plan
+        that ends within the tolerance, although a plan may exist.
     reason : str
         One sentence that explains the status.
     inputs : ndarray of float64, shape (moves, d)
@@ -57,10 +80,11 @@ class SteeringEpisode(Episode):
         For each particle, the index of its goal in the goals of the problem, counted from 0.
     seed : int
     lower_bound : float or None
-        Lower bound on the total length of every plan that ends within the tolerance, or None if no lower bound is known.
+        Lower bound on the total length of every plan that ends within the tolerance, or None if no
+        lower bound is known.
     seconds : float
-        Planning time in seconds, without the time for compiling and loading kernels (compiled functions). For closed-loop planners,
-        ``seconds`` is the duration of the whole run.
+        Planning time in seconds, without the time for compiling and loading kernels (compiled
+        functions). For closed-loop planners, ``seconds`` is the duration of the whole run.
     versions : dict
         Versions of Shoal and of the libraries that Shoal uses.
     """
@@ -96,7 +120,9 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def goal(self) -> Points:
-        """The assigned goal of each particle, in the order of the particles; float64, shape (n, d)."""
+        """The assigned goal of each particle, in the order of the particles; float64,
+        shape (n, d).
+        """
         return np.asarray(self.problem.endpoints(self.seed)[1][self.order])
 
     @cached_property
@@ -106,47 +132,70 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def condition(self) -> float:
-        """Amplification of errors: the largest ratio of an error of the final positions to the small error that causes it.
+        """Amplification of errors: the largest ratio of an error of the final positions to the
+        small error that causes it.
 
-        The small error is a displacement of a particle's start, or a change of the contact tolerance. For most plans, the ratio is
-        between a few and a few hundred.
+        The small error is a displacement of a particle's start, or a change of the contact
+        tolerance. For most plans, the ratio is between a few and a few hundred.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 
     @cached_property
     def sensitive(self) -> bool:
-        """Whether the plan reaches its goals in the simulation, but not with the disturbances of the option ``clearance``.
+        """Whether the plan reaches its goals in the simulation, but not with the disturbances of
+        the option ``clearance``.
 
-        With the clearance 0, a contact tolerance of 1e-12 of the size and turned coordinates are the only disturbances.
+        With the clearance 0, a contact tolerance of 1e-12 of the size and turned coordinates are
+        the only disturbances.
         """
         problem, clearance = self.problem, self.problem.clearance or EXACT_TOUCH
         if self.error > problem.tolerance:
             return False
         moves = executed_moves(problem, self.inputs, seed=self.seed)
         world = problem.world(seed=self.seed)
-        return why_sensitive(world, self.states[0], self.goal, moves, problem.tolerance, clearance) is not None
+        return (
+            why_sensitive(world, self.states[0], self.goal, moves, problem.tolerance, clearance)
+            is not None
+        )
 
     @property
     def metrics(self) -> dict[str, Any]:
         """The metrics of the run, by name."""
         return {
-            "status": str(self.status), "moves": self.moves, "length": self.length, "error": self.error,
-            "lower_bound": self.lower_bound, "condition": self.condition, "planner": self.planner, "seconds": self.seconds,
-        }  # fmt: skip
+            "status": str(self.status),
+            "moves": self.moves,
+            "length": self.length,
+            "error": self.error,
+            "lower_bound": self.lower_bound,
+            "condition": self.condition,
+            "planner": self.planner,
+            "seconds": self.seconds,
+        }
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object that ``shoal steer`` prints."""
         return {
-            "status": str(self.status), "reason": self.reason, "planner": self.planner, "moves": self.moves,
-            "length": self.length, "inputs": self.inputs.tolist(), "final": self.final.tolist(), "error": self.error,
-            "lower_bound": self.lower_bound, "condition": self.condition, "sensitive": self.sensitive,
-            "order": (self.order + 1).tolist(), "seed": self.seed, "seconds": self.seconds,
-        }  # fmt: skip
+            "status": str(self.status),
+            "reason": self.reason,
+            "planner": self.planner,
+            "moves": self.moves,
+            "length": self.length,
+            "inputs": self.inputs.tolist(),
+            "final": self.final.tolist(),
+            "error": self.error,
+            "lower_bound": self.lower_bound,
+            "condition": self.condition,
+            "sensitive": self.sensitive,
+            "order": (self.order + 1).tolist(),
+            "seed": self.seed,
+            "seconds": self.seconds,
+        }
 
     def verify(self) -> Verification:
         """Check the episode with a replay of its inputs.
 
-        The method compares the replayed positions with the stored positions, and checks that the status agrees with the positions.
+        The method compares the replayed positions with the stored positions, and checks that the
+        status agrees with the positions.
         """
         near = _EQUAL * self.problem.place.size
         try:
@@ -154,29 +203,50 @@ class SteeringEpisode(Episode):
         except ShoalError as error:  # invalid positions of particles in the file
             return Verification(False, str(error))
         if states.shape != self.states.shape:
-            return Verification(False, f"expected states of shape {states.shape}, got {self.states.shape}")
+            return Verification(
+                False, f"expected states of shape {states.shape}, got {self.states.shape}"
+            )
         away = np.linalg.norm(states - self.states, axis=2)
         if not away.max() <= near:
             move = int(np.argmax(~(away.max(axis=1) <= near)))
             particle = int(np.argmax(away[move]))
             return Verification(
-                False, f"after move {move} particle {particle + 1} is {away[move, particle]:.3g} from its position in the episode"
+                False,
+                f"after move {move} particle {particle + 1} is {away[move, particle]:.3g} from its"
+                " position in the episode",
             )
         reached = self.error <= self.problem.tolerance
         if self.status in (Status.SOLVED, Status.SENSITIVE) and not reached:
-            far = f"a particle ends {self.error:.3g} from its goal, tolerance {self.problem.tolerance:g}"
+            far = (
+                f"a particle ends {self.error:.3g} from its goal, tolerance"
+                f" {self.problem.tolerance:g}"
+            )
             return Verification(False, f"the status is {self.status}, and {far}")
-        if self.status == Status.SOLVED and self.problem.clearance and not self.problem.noisy and self.sensitive:
-            return Verification(False, "the status is solved, and the plan reaches its goals only in exact arithmetic")
-        # With noise, a planner knows the positions only roughly and may not notice that it has reached the goal.
+        if (
+            self.status == Status.SOLVED
+            and self.problem.clearance
+            and not self.problem.noisy
+            and self.sensitive
+        ):
+            return Verification(
+                False,
+                "the status is solved, and the plan reaches its goals only in exact arithmetic",
+            )
+        # With noise, a planner knows the positions only roughly and may not notice that it has
+        # reached the goal.
         if self.status in (Status.LIMIT, Status.UNREACHABLE) and reached and not self.problem.noisy:
-            return Verification(False, f"the status is {self.status}, and all particles end within the tolerance of their goals")
+            return Verification(
+                False,
+                f"the status is {self.status}, and all particles end within the tolerance of their"
+                " goals",
+            )
         return Verification(True, "in the replay, all particles have the positions of the episode")
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the episode as JSON.
 
-        If the workspace was read from a file, the JSON contains the walls of the workspace instead of the name of the file.
+        If the workspace was read from a file, the JSON contains the walls of the workspace instead
+        of the name of the file.
 
         Raises
         ------
@@ -189,9 +259,14 @@ class SteeringEpisode(Episode):
         if problem.place_is_file():
             problem = problem.replaced(workspace=problem.place)
         made = {
-            "kind": self.part, "problem": problem.to_dict(), "status": str(self.status), "inputs": self.inputs.tolist(),
-            "states": self.states.tolist(), "order": self.order.tolist(), "versions": dict(self.versions),
-        }  # fmt: skip
+            "kind": self.part,
+            "problem": problem.to_dict(),
+            "status": str(self.status),
+            "inputs": self.inputs.tolist(),
+            "states": self.states.tolist(),
+            "order": self.order.tolist(),
+            "versions": dict(self.versions),
+        }
         data = {name: made[name] if name in made else getattr(self, name) for name in _STORED}
         write_json(target, data, indent=None)
 
@@ -207,7 +282,8 @@ class SteeringEpisode(Episode):
         data = parse_json(read_text(Path(path), what="steering episode"), where=where)
         if not isinstance(data, dict) or set(data) != set(_STORED) or data["kind"] != cls.part:
             raise InvalidInputError(
-                f"{where}: expected a steering episode with the fields {', '.join(_STORED)}, got {shortened(data)}"
+                f"{where}: expected a steering episode with the fields {', '.join(_STORED)}, got"
+                f" {shortened(data)}"
             )
         try:
             problem = SteeringProblem.from_dict(data["problem"])
@@ -216,33 +292,49 @@ class SteeringEpisode(Episode):
             states = _array(data["states"], "states", (len(inputs) + 1, problem.n_particles, d))
             order = _array(data["order"], "order", (problem.n_particles,))
             if sorted(order.tolist()) != list(range(problem.n_particles)):
-                raise InvalidInputError(f"order: expected a goal for each particle, got {shortened(data['order'])}")
+                raise InvalidInputError(
+                    f"order: expected a goal for each particle, got {shortened(data['order'])}"
+                )
             if not isinstance(data["versions"], dict):
-                raise InvalidInputError(f"versions: expected names with versions, got {shortened(data['versions'])}")
+                raise InvalidInputError(
+                    f"versions: expected names with versions, got {shortened(data['versions'])}"
+                )
             bound = data["lower_bound"]
             return cls(
-                problem=problem, inputs=inputs, states=states, order=order.astype(np.int64),
+                problem=problem,
+                inputs=inputs,
+                states=states,
+                order=order.astype(np.int64),
                 planner=check_text(data["planner"], what="planner"),
                 status=Status(check_choice(data["status"], what="status", choices=STATUSES)),
                 reason=check_text(data["reason"], what="reason"),
                 seed=check_integer(data["seed"], what="seed", least=0),
                 lower_bound=None if bound is None else check_number(bound, what="lower_bound"),
-                seconds=check_number(data["seconds"], what="seconds"), versions=data["versions"],
-            )  # fmt: skip
+                seconds=check_number(data["seconds"], what="seconds"),
+                versions=data["versions"],
+            )
         except InvalidInputError as error:
             raise InvalidInputError(f"{where}: {error}") from None
 
 
-def _array(given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Return the numbers in ``given`` as an array of the shape ``shape``, in which None stands for any length."""
+def _array(
+    given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()
+) -> NDArray[np.float64]:
+    """Return the numbers in ``given`` as an array of the shape ``shape``, in which None stands for
+    any length.
+    """
     try:
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         array = np.zeros(0)
     if empty and array.size == 0 and array.ndim == 1:
         array = array.reshape(empty)
-    fits = array.ndim == len(shape) and all(wanted in (None, real) for wanted, real in zip(shape, array.shape, strict=True))
+    fits = array.ndim == len(shape) and all(
+        wanted in (None, real) for wanted, real in zip(shape, array.shape, strict=True)
+    )
     if not fits or not (np.abs(array) <= FARTHEST).all():
         wanted = " x ".join("any" if length is None else str(length) for length in shape)
-        raise InvalidInputError(f"{what}: expected {wanted} finite numbers, got an array of shape {array.shape}")
+        raise InvalidInputError(
+            f"{what}: expected {wanted} finite numbers, got an array of shape {array.shape}"
+        )
     return array

@@ -14,12 +14,12 @@ from shoal.core.checks import check_integer, check_number, check_points, shorten
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.formats import describe, open_workspace, workspace_of
 from shoal.steering.workspaces.region import Region
 
-# Worlds and planners call kernels, whose compiler takes a second to load. They are imported when a problem is checked, so that
-# commands, which only read the declarations below, start fast.
+# Worlds and planners call kernels, whose compiler takes a second to load. They are imported when a
+# problem is checked, so that commands, which only read the declarations below, start fast.
 
 DRAWS = 10_000  # draws of a random point before the workspace counts as too small
 FINEST = 1e-8  # relative to the size: contacts are not more accurate
@@ -33,7 +33,10 @@ def _check_workspace(given: Any) -> Any:
     if isinstance(given, dict):
         return workspace_of(given, where="workspace")
     if not isinstance(given, str) and not hasattr(given, "check_inside"):
-        raise InvalidInputError(f"workspace: expected a name, a path, a workspace or its JSON form, got {shortened(given)}")
+        raise InvalidInputError(
+            "workspace: expected a name, a path, a workspace or its JSON form, got"
+            f" {shortened(given)}"
+        )
     return given
 
 
@@ -61,11 +64,18 @@ def _parse_places(text: str) -> Any:
     if text == RANDOM:
         return RANDOM
     numbers = re.split(r"[\s,;]+", text.strip(" ()[]"))
-    count = next((word.count(",") + 1 for word in text.split() if "," in word), 2)  # numbers per point
+    count = next(
+        (word.count(",") + 1 for word in text.split() if "," in word), 2
+    )  # numbers per point
     try:
-        return [[float(number) for number in numbers[k : k + count]] for k in range(0, len(numbers), count)]
+        return [
+            [float(number) for number in numbers[k : k + count]]
+            for k in range(0, len(numbers), count)
+        ]
     except ValueError:
-        raise ValueError(f"expected points, as in '0.1,0.2 0.3,0.4', got {shortened(text)}") from None
+        raise ValueError(
+            f"expected points, as in '0.1,0.2 0.3,0.4', got {shortened(text)}"
+        ) from None
 
 
 def _dump_places(given: Any) -> Any:
@@ -88,7 +98,11 @@ def _dump_planner(given: Any) -> str:
         return given
     from shoal.steering.planners import PLANNERS
 
-    return str(given.name) if given.name in PLANNERS else f"{type(given).__module__}:{type(given).__qualname__}"
+    return (
+        str(given.name)
+        if given.name in PLANNERS
+        else f"{type(given).__module__}:{type(given).__qualname__}"
+    )
 
 
 def _check_friction(given: Any) -> float:
@@ -103,16 +117,18 @@ def _dump_friction(given: float) -> float | None:
 class SteeringProblem(Problem):
     """The problem of steering two or more particles to their goals with one shared input.
 
-    Each field of the class is an option of the command ``shoal steer``, a field of sweeps, and a field of problem files. In Python,
-    the field ``workspace`` may be a workspace object, and the field ``planner`` may be a third-party planner object. The fields
-    ``start`` and ``goal`` are float64 arrays of shape (particles, dimensions), or the word ``random``.
+    Each field of the class is an option of the command ``shoal steer``, a field of sweeps, and a
+    field of problem files. In Python, the field ``workspace`` may be a workspace object, and the
+    field ``planner`` may be a third-party planner object. The fields ``start`` and ``goal`` are
+    float64 arrays of shape (particles, dimensions), or the word ``random``.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If a value has the wrong type or range, or if fields contradict each other. If the workspace is an object, the constructor
-        refuses points outside the workspace, particles with different goals at the same start, and unsuitable planners. If the
-        workspace is a name or a file, `run` checks the points and the planner.
+        If a value has the wrong type or range, or if fields contradict each other. If the workspace
+        is an object, the constructor refuses points outside the workspace, particles with different
+        goals at the same start, and unsuitable planners. If the workspace is a name or a file,
+        `run` checks the points and the planner.
 
     Notes
     -----
@@ -128,91 +144,166 @@ class SteeringProblem(Problem):
     """
 
     part: ClassVar[str] = "steering"
-    headings: ClassVar = {"start": "Task", "planner": "Planner", "friction": "Contacts and noise", "goal_x": "Varied goal"}
+    headings: ClassVar = {
+        "start": "Task",
+        "planner": "Planner",
+        "friction": "Contacts and noise",
+        "goal_x": "Varied goal",
+    }
     measures: ClassVar[tuple[str, ...]] = ("status", "moves", "length", "error", "lower_bound")
 
     workspace: Any = option(
-        "square", help="Workspace: square, triangle, pentagon, hexagon, heptagon, octagon, regular:SIDES, disk, disk:RADIUS, a "
-        "file (.json, .geojson, .wkt, .svg) or POLYGON ((...)).", argument=True, metavar="WORKSPACE", check=_check_workspace,
+        "square",
+        help=(
+            "Workspace: square, triangle, pentagon, hexagon, heptagon, octagon, regular:SIDES,"
+            " disk, disk:RADIUS, a file (.json, .geojson, .wkt, .svg) or POLYGON ((...))."
+        ),
+        argument=True,
+        metavar="WORKSPACE",
+        check=_check_workspace,
         dump=_dump_workspace,
-    )  # fmt: skip
+    )
     start: Any = option(
-        RANDOM, help="Start points of the particles, or random (the seed determines the points).", metavar="'X,Y X,Y'",
-        parse=_parse_places, check=_check_places("start"), dump=_dump_places,
-    )  # fmt: skip
+        RANDOM,
+        help="Start points of the particles, or random (the seed determines the points).",
+        metavar="'X,Y X,Y'",
+        parse=_parse_places,
+        check=_check_places("start"),
+        dump=_dump_places,
+    )
     goal: Any = option(
-        RANDOM, help="Goal points of the particles, or random (the seed determines the points).", metavar="'X,Y X,Y'",
-        parse=_parse_places, check=_check_places("goal"), dump=_dump_places,
-    )  # fmt: skip
+        RANDOM,
+        help="Goal points of the particles, or random (the seed determines the points).",
+        metavar="'X,Y X,Y'",
+        parse=_parse_places,
+        check=_check_places("goal"),
+        dump=_dump_places,
+    )
     tolerance: float = option(
-        1e-6, help="Maximum distance of a particle from its goal at the end; at least 1e-8 times the size of the workspace. With "
-        "noise, state a tolerance of at least ten times the noise.", least=0,
-    )  # fmt: skip
+        1e-6,
+        help=(
+            "Maximum distance of a particle from its goal at the end; at least 1e-8 times the size"
+            " of the workspace. With noise, state a tolerance of at least ten times the noise."
+        ),
+        least=0,
+    )
     interchangeable: bool = option(False, help="Any particle may go to any goal.")
     planner: Any = option(
-        "auto", help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means the planner robust for two "
-        "particles with noise or an uneven field, the planner shortest for two particles in a convex workspace, and the planner "
-        "sampling in all other cases.",
-        check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
-    )  # fmt: skip
+        "auto",
+        help=(
+            f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means the planner"
+            " robust for two particles with noise or an uneven field, the planner shortest for two"
+            " particles in a convex workspace, and the planner sampling in all other cases."
+        ),
+        check=_check_planner,
+        dump=_dump_planner,
+        names=PLANNER_NAMES,
+    )
     time: float | None = option(
-        None, help="Time limit of the planner. At the time limit, Shoal takes the best plan so far.",
-        unit="s", above=0, metavar="SECONDS",
-    )  # fmt: skip
+        None,
+        help="Time limit of the planner. At the time limit, Shoal takes the best plan so far.",
+        unit="s",
+        above=0,
+        metavar="SECONDS",
+    )
     max_moves: int = option(100, help="Maximum number of moves of a plan.", least=1)
     friction: float = option(
-        inf, help="Coefficient of friction of the walls. With infinite friction, a particle that is pushed into a wall never "
-        "slides.", check=_check_friction, dump=_dump_friction,
-    )  # fmt: skip
-    particle_radius: float = option(0.0, help="Radius of the particles, in the unit of the workspace.", least=0)
-    execution: float = option(0.0, help="Input noise: standard deviation of the error of each coordinate of a move.", least=0)
-    measurement: float = option(0.0, help="Camera noise: standard deviation of the error of each observed coordinate.", least=0)
+        inf,
+        help=(
+            "Coefficient of friction of the walls. With infinite friction, a particle that is"
+            " pushed into a wall never slides."
+        ),
+        check=_check_friction,
+        dump=_dump_friction,
+    )
+    particle_radius: float = option(
+        0.0, help="Radius of the particles, in the unit of the workspace.", least=0
+    )
+    execution: float = option(
+        0.0,
+        help="Input noise: standard deviation of the error of each coordinate of a move.",
+        least=0,
+    )
+    measurement: float = option(
+        0.0,
+        help="Camera noise: standard deviation of the error of each observed coordinate.",
+        least=0,
+    )
     gain: float = option(
-        0.0, help="Variation of the gain (displacement divided by input) over the workspace, along a direction that the seed "
-        "determines: 0.2 means a gain from 0.9 to 1.1.", least=0, below=2,
-    )  # fmt: skip
+        0.0,
+        help=(
+            "Variation of the gain (displacement divided by input) over the workspace, along a"
+            " direction that the seed determines: 0.2 means a gain from 0.9 to 1.1."
+        ),
+        least=0,
+        below=2,
+    )
     clearance: float = option(
         1e-6,
-        help="Clearance, as a fraction of the size of the workspace: a plan counts as solved only if it also reaches the goals "
-        "with contact tolerances up to this number, and in turned coordinates. With noise, nothing is checked. With 0, a plan may "
-        "reach its goals only in Shoal's own arithmetic.",
+        help=(
+            "Clearance, as a fraction of the size of the workspace: a plan counts as solved only if"
+            " it also reaches the goals with contact tolerances up to this number, and in turned"
+            " coordinates. With noise, nothing is checked. With 0, a plan may reach its goals only"
+            " in Shoal's own arithmetic."
+        ),
         least=0,
         below=0.01,
     )
     goal_x: float | None = option(
         None,
-        help="X coordinate of a new goal for the particle that the field varied names. The new goal may lie outside the workspace.",
+        help=(
+            "X coordinate of a new goal for the particle that the field varied names. The new goal"
+            " may lie outside the workspace."
+        ),
     )
-    goal_y: float | None = option(None, help="Y coordinate of the new goal; goal_x is its x coordinate.")
+    goal_y: float | None = option(
+        None, help="Y coordinate of the new goal; goal_x is its x coordinate."
+    )
     varied: int = option(
-        2, help="Number, from 1, of the particle that gets the new goal with the coordinates goal_x and goal_y.", least=1
+        2,
+        help=(
+            "Number, from 1, of the particle that gets the new goal with the coordinates goal_x and"
+            " goal_y."
+        ),
+        least=1,
     )
 
     def check_together(self) -> None:
         """Raise an error if fields contradict each other."""
         if not isinstance(self.start, str) and not isinstance(self.goal, str):
-            check_points(self.goal, what="goal", dimensions=self.start.shape[1], count=len(self.start))
+            check_points(
+                self.goal, what="goal", dimensions=self.start.shape[1], count=len(self.start)
+            )
         if (self.goal_x is None) != (self.goal_y is None):
             raise InvalidInputError("goal_x, goal_y: expected both or none, got one")
         if self.goal_x is not None and isinstance(self.goal, str):
             raise InvalidInputError(
-                "goal_x: expected a given goal for each particle, one of which goal_x replaces, got random goals"
+                "goal_x: expected a given goal for each particle, one of which goal_x replaces, got"
+                " random goals"
             )
         if "varied" in self.given and not self.given & {"goal_x", "goal_y"}:
-            raise InvalidInputError(f"varied: expected goal_x and goal_y together with varied, got only {self.varied}")
+            raise InvalidInputError(
+                f"varied: expected goal_x and goal_y together with varied, got only {self.varied}"
+            )
         if self.goal_x is not None and self.varied > self.n_particles:
-            raise InvalidInputError(f"varied: expected a particle, 1 to {self.n_particles}, got {self.varied}")
+            raise InvalidInputError(
+                f"varied: expected a particle, 1 to {self.n_particles}, got {self.varied}"
+            )
         if not isinstance(self.workspace, str):
             self.check_at_place()
 
     @property
     def n_particles(self) -> int:
         """Number of particles, which is 2 if both ``start`` and ``goal`` are random."""
-        return next((len(points) for points in (self.start, self.goal) if not isinstance(points, str)), 2)
+        return next(
+            (len(points) for points in (self.start, self.goal) if not isinstance(points, str)), 2
+        )
 
     @property
     def noisy(self) -> bool:
-        """Whether the moves or the camera have noise, or the gain (displacement divided by input) varies over the workspace."""
+        """Whether the moves or the camera have noise, or the gain (displacement divided by input)
+        varies over the workspace.
+        """
         return bool(self.execution or self.measurement or self.gain)
 
     @property
@@ -231,18 +322,26 @@ class SteeringProblem(Problem):
             simple = "robust" if self.noisy else "sampling" if obstacles else "shortest"
             return make_planner(simple if two else "sampling")
         planner = make_planner(self.planner)
-        able = getattr(planner, "general", False) or (two and (not obstacles or getattr(planner, "obstacles", False)))
+        able = getattr(planner, "general", False) or (
+            two and (not obstacles or getattr(planner, "obstacles", False))
+        )
         if not able:
-            lacking = "a convex workspace, got a region" if two else f"2 particles, got {self.n_particles}"
-            raise InvalidInputError(f"planner {planner.name}: expected {lacking} (use the planner sampling)")
+            lacking = (
+                "a convex workspace, got a region"
+                if two
+                else f"2 particles, got {self.n_particles}"
+            )
+            raise InvalidInputError(
+                f"planner {planner.name}: expected {lacking} (use the planner sampling)"
+            )
         return planner
 
     @classmethod
     def from_file(cls, data: Any, path: str, *, trust: bool) -> Self:
         """Return the problem that the JSON data of the file ``path`` describes.
 
-        A relative path of a workspace file is relative to the folder of the problem file if the workspace file exists there.
-        Otherwise, the path is relative to the working directory.
+        A relative path of a workspace file is relative to the folder of the problem file if the
+        workspace file exists there. Otherwise, the path is relative to the working directory.
 
         Raises
         ------
@@ -260,7 +359,9 @@ class SteeringProblem(Problem):
         return open_workspace(self.workspace) if isinstance(self.workspace, str) else self.workspace
 
     def place_key(self) -> str | None:
-        """Return the name or path of the workspace, or None if the workspace is given as an object."""
+        """Return the name or path of the workspace, or None if the workspace is given
+        as an object.
+        """
         return self.workspace if isinstance(self.workspace, str) else None
 
     def place_is_file(self) -> bool:
@@ -283,13 +384,17 @@ class SteeringProblem(Problem):
         workspace = self.place
         least = FINEST * workspace.size
         if self.tolerance < least:
-            raise InvalidInputError(f"tolerance: expected a number of at least {least:g}, 1e-8 of the size, got {self.tolerance:g}")
+            raise InvalidInputError(
+                f"tolerance: expected a number of at least {least:g}, 1e-8 of the size, got"
+                f" {self.tolerance:g}"
+            )
         world = self.world()
         for what, points in (("start", self.start), ("goal", self.goal)):
             if isinstance(points, str):
                 if workspace.dimensions != 2:
                     raise InvalidInputError(
-                        f"{what}: expected points, because random points are drawn only in the plane, got random"
+                        f"{what}: expected points, because random points are drawn only in the"
+                        " plane, got random"
                     )
             else:
                 workspace.check_inside(points, what=what)
@@ -299,49 +404,63 @@ class SteeringProblem(Problem):
         assert self.chosen_planner
 
     def world(self, *, seed: int = 0, gain: float | None = None) -> Any:
-        """Return the simulated world of the problem; ``seed`` determines the direction in which the gain grows.
+        """Return the simulated world of the problem; ``seed`` determines the direction in which the
+        gain grows.
 
         Raises
         ------
         InvalidInputError
         """
-        from shoal.steering.contact.disturbances import make_world
+        from shoal.steering.contact.world import make_world
 
         variation = self.gain if gain is None else gain
-        return make_world(self.place, friction=self.friction, radius=self.particle_radius, gain=variation, seed=seed)
+        return make_world(
+            self.place,
+            friction=self.friction,
+            radius=self.particle_radius,
+            gain=variation,
+            seed=seed,
+        )
 
     def endpoints(self, seed: int) -> tuple[Points, Points]:
-        """Return the start and the goal of each particle; each float64, shape (particles, dimensions).
+        """Return the start and the goal of each particle; each float64, shape (particles,
+        dimensions).
 
         If the starts or the goals are random, ``seed`` determines the random points.
         """
         rng = np.random.default_rng([check_integer(seed, what="seed", least=0), 1])
         start, goal = (
-            self._drawn(rng) if isinstance(points, str) else points.copy() for points in (self.start, self.goal)
-        )  # fmt: skip
+            self._drawn(rng) if isinstance(points, str) else points.copy()
+            for points in (self.start, self.goal)
+        )
         if self.goal_x is not None:
             goal[self.varied - 1, :2] = self.goal_x, self.goal_y
         return start, goal
 
     def _drawn(self, rng: np.random.Generator) -> Points:
-        """Return one random point of the workspace for each particle; particles with a radius do not overlap at these points."""
+        """Return one random point of the workspace for each particle; particles with a radius do
+        not overlap at these points.
+        """
         workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
         low, high = workspace.bounds
         points: list[Points] = []
         for _ in range(DRAWS):
             point = rng.uniform(low, high)
-            if room.contains(point) and all(np.linalg.norm(point - other) >= apart for other in points):
+            if room.contains(point) and all(
+                np.linalg.norm(point - other) >= apart for other in points
+            ):
                 points.append(point)
             if len(points) == self.n_particles:
                 return np.array(points)
         raise InvalidInputError(
-            f"particle radius: expected room for {self.n_particles} particles, got none for a radius of {self.particle_radius:g} "
-            f"after {DRAWS} draws"
+            f"particle radius: expected room for {self.n_particles} particles, got none for a"
+            f" radius of {self.particle_radius:g} after {DRAWS} draws"
         )
 
 
 def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
-    """Raise an error if particles with different goals start at the same point, because no shared move separates such particles.
+    """Raise an error if particles with different goals start at the same point, because no shared
+    move separates such particles.
 
     Raises
     ------
@@ -349,8 +468,12 @@ def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
     """
     for one in range(len(start)):
         for other in range(one):
-            if np.array_equal(start[one], start[other]) and np.abs(goal[one] - goal[other]).max() > tolerance:
+            if (
+                np.array_equal(start[one], start[other])
+                and np.abs(goal[one] - goal[other]).max() > tolerance
+            ):
                 raise InvalidInputError(
-                    f"start: expected particles at different points, got {tuple(start[one].tolist())} for "
-                    f"particles {other + 1} and {one + 1}, which a shared input never separates"
+                    "start: expected particles at different points, got"
+                    f" {tuple(start[one].tolist())} for particles {other + 1} and {one + 1}, which"
+                    " a shared input never separates"
                 )

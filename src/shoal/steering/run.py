@@ -16,12 +16,17 @@ from shoal.jit import Stopwatch, working_time
 from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners.choice import worthwhile
-from shoal.steering.planners.narrow import plan_with_clearance
-from shoal.steering.planners.task import SteeringTask, path_length, why_approachable, why_unreachable
+from shoal.steering.planners.greedy import plan_with_clearance
+from shoal.steering.planners.task import (
+    SteeringTask,
+    path_length,
+    why_approachable,
+    why_unreachable,
+    worthwhile,
+)
 from shoal.steering.problem import SteeringProblem, check_can_part
-from shoal.steering.simulation.apparatus import Apparatus, replay
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.simulation import Apparatus, replay
+from shoal.steering.workspaces.convex import Points
 
 
 def check(problem: SteeringProblem) -> None:
@@ -41,10 +46,11 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     Parameters
     ----------
     problem : SteeringProblem
-        The problem to solve. A planner knows the friction of the problem. Only closed-loop planners, such as ``robust``, know the
-        noise and correct the plan during the run.
+        The problem to solve. A planner knows the friction of the problem. Only closed-loop
+        planners, such as ``robust``, know the noise and correct the plan during the run.
     seed : int
-        Seed of all random numbers: for random starts and goals, for noise, and for the random decisions of planners.
+        Seed of all random numbers: for random starts and goals, for noise, and for the random
+        decisions of planners.
 
     Returns
     -------
@@ -68,24 +74,44 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     start, goal = problem.endpoints(seed)
     check_can_part(start, goal, problem.tolerance)
     begun, watch = working_time(), Stopwatch()
-    orders = list(permutations(range(len(start)))) if problem.interchangeable else [tuple(range(len(start)))]
+    orders = (
+        list(permutations(range(len(start))))
+        if problem.interchangeable
+        else [tuple(range(len(start)))]
+    )
     attempts = []
     for left in range(len(orders), 0, -1):
         order = orders[-left]
         task = SteeringTask(
-            problem.world(gain=0.0), start, goal[list(order)], problem.tolerance, problem.max_moves, seed,
-            clearance=problem.clearance, margin=problem.clearance,
-        )  # fmt: skip
+            problem.world(gain=0.0),
+            start,
+            goal[list(order)],
+            problem.tolerance,
+            problem.max_moves,
+            seed,
+            clearance=problem.clearance,
+            margin=problem.clearance,
+        )
         if problem.time is not None:  # the remaining planning time is shared
             now = working_time()
             task = replace(task, deadline=now + (begun + problem.time - now) / left)
         attempts.append(_attempted(problem, planner, task, order))
-    best = _best_of(attempts, problem.tolerance, by_moves=getattr(planner, "prefers", "length") == "moves")
+    best = _best_of(
+        attempts, problem.tolerance, by_moves=getattr(planner, "prefers", "length") == "moves"
+    )
     return SteeringEpisode(
-        problem=problem, planner=planner.name, status=best.status, reason=best.reason, inputs=best.inputs, states=best.states,
-        order=np.array(best.order), seed=seed, lower_bound=best.lower_bound, seconds=watch.seconds,
+        problem=problem,
+        planner=planner.name,
+        status=best.status,
+        reason=best.reason,
+        inputs=best.inputs,
+        states=best.states,
+        order=np.array(best.order),
+        seed=seed,
+        lower_bound=best.lower_bound,
+        seconds=watch.seconds,
         versions=versions(),
-    )  # fmt: skip
+    )
 
 
 ADVISED = 10
@@ -108,8 +134,9 @@ class _Attempt:
 def _best_of(attempts: list[_Attempt], tolerance: float, *, by_moves: bool) -> _Attempt:
     """Return the best attempt.
 
-    Solved attempts come first, then attempts that reach the goals; of these, `worthwhile` chooses the best by number of moves and
-    length. If no attempt reaches the goals, the best attempt ends nearest to them.
+    Solved attempts come first, then attempts that reach the goals; of these, `worthwhile` chooses
+    the best by number of moves and length. If no attempt reaches the goals, the best attempt ends
+    nearest to them.
     """
     arrived = [one for one in attempts if one.error <= tolerance]
     if not arrived:
@@ -119,14 +146,22 @@ def _best_of(attempts: list[_Attempt], tolerance: float, *, by_moves: bool) -> _
     return arrived[worthwhile(sizes, by_moves=by_moves)]
 
 
-def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]) -> _Attempt:
-    """Plan and simulate the problem with one assignment of goals to particles, and return the result."""
+def _attempted(
+    problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]
+) -> _Attempt:
+    """Plan and simulate the problem with one assignment of goals to particles, and return the
+    result.
+    """
     start, goal = task.start, task.goal
     simple = isinstance(task.world, ContactWorld) and len(start) == 2
     outside = ~problem.place.contains(goal)
     inputs: Points | None = np.zeros((0, problem.place.dimensions))
     states, remark = None, ""
-    why_never = f"the goal {tuple(goal[outside][0].tolist())} is outside the workspace" if outside.any() else None
+    why_never = (
+        f"the goal {tuple(goal[outside][0].tolist())} is outside the workspace"
+        if outside.any()
+        else None
+    )
     if why_never is None and simple:
         why_never = why_unreachable(task)
     if why_never is None and hasattr(planner, "control"):
@@ -143,15 +178,23 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
     error = task.error(states[-1])
     if error <= problem.tolerance and why_never is None:
         status, why_not_sure = Status.SOLVED, None
-        reason = f"{len(inputs)} moves of length {path_length(inputs):.4g} end within {error:.2g} of all goals"
+        reason = (
+            f"{len(inputs)} moves of length {path_length(inputs):.4g} end within {error:.2g} of all"
+            " goals"
+        )
         if simple and why_approachable(task) is not None:
             reason += ", which themselves can only be approached"
         if not problem.noisy:
-            why_not_sure = why_sensitive(task.world, start, goal, inputs, problem.tolerance, problem.clearance)
+            why_not_sure = why_sensitive(
+                task.world, start, goal, inputs, problem.tolerance, problem.clearance
+            )
         if why_not_sure is not None:
             near = simple and why_approachable(task) is not None
             status = Status.APPROACHABLE if near else Status.SENSITIVE
-            reason += f", but only in exact arithmetic: {why_not_sure} (the clearance is {problem.clearance:g})"
+            reason += (
+                f", but only in exact arithmetic: {why_not_sure} (the clearance is"
+                f" {problem.clearance:g})"
+            )
     elif why_never is not None:
         status, reason = Status.UNREACHABLE, why_never
     elif simple and (why_near := why_approachable(task)) is not None:
@@ -160,7 +203,9 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
         status, reason = Status.LIMIT, _why_not(problem, found, inputs, error)
     reason += f"; {remark}" if remark else ""
     bounded = simple and not outside.any() and not problem.gain and not problem.execution
-    return _Attempt(order, status, reason, inputs, states, error, task.lower_bound() if bounded else None)
+    return _Attempt(
+        order, status, reason, inputs, states, error, task.lower_bound() if bounded else None
+    )
 
 
 def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:
@@ -171,7 +216,9 @@ def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float)
         return "no plan was found"
     too_far = f"farther than the tolerance of {problem.tolerance:g}"
     if problem.noisy:
-        missed = f"after {len(inputs)} moves the particles are {error:.3g} from their goals, {too_far}"
+        missed = (
+            f"after {len(inputs)} moves the particles are {error:.3g} from their goals, {too_far}"
+        )
         advised = ADVISED * max(problem.execution, problem.measurement)
         return (
             f"{missed}; a tolerance of {advised:g}, ten times the noise, is easier to reach"

@@ -1,4 +1,6 @@
-"""The studio's web application, which serves pages, files, answers and jobs, and sends events over a websocket."""
+"""The studio's web application, which serves pages, files, answers and jobs, and sends events over
+a websocket.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +22,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from shoal.core.checks import check_bool, check_choice, shortened
 from shoal.core.errors import InvalidInputError, OutputError, ShoalError
-from shoal.core.parts import PARTS, problem_type
 from shoal.core.problem import Problem
 from shoal.core.version import __version__
+from shoal.parts import PARTS, problem_type
 from shoal.studio.folder import KINDS as FILE_KINDS
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
-from shoal.studio.jobs.queue import KINDS, JobQueue
+from shoal.studio.jobs import KINDS, JobQueue
 from shoal.studio.preview import Preview, StudioError
 from shoal.studio.requests import JOBS, MAYBE_BOOL, QUESTIONS, check_request, read_json
 
@@ -37,13 +39,25 @@ If more messages are waiting, the studio closes the websocket, and the browser c
 """
 
 LONGEST = 600
-"""Maximum length of a sentence about what is wrong, in characters. A sentence may contain the name of a file."""
+"""Maximum length of a sentence about what is wrong, in characters. A sentence may contain the name
+of a file.
+"""
 
 PART_OF_JOB = {"compare": "swarm", "missions": "search"}
-"""The part of Shoal whose problems a kind of job takes, for the kinds that do not take problems of every part."""
+"""The part of Shoal whose problems a kind of job takes, for the kinds that do not take problems of
+every part.
+"""
 
-_TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
-_STATIC = {"static": resources.files("shoal.studio") / "static", "player": resources.files("shoal.views.player")}
+_TYPES = {
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".html": "text/html",
+    ".svg": "image/svg+xml",
+}
+_STATIC = {
+    "static": resources.files("shoal.studio") / "static",
+    "player": resources.files("shoal.views.player"),
+}
 
 
 class Studio:
@@ -58,7 +72,10 @@ class Studio:
         self.folder = Folder(root)
         self._listeners: set[asyncio.Queue[dict[str, Any]]] = set()
         self.queue = JobQueue(self.folder, self.tell)
-        self.previews = {False: Preview(str(self.folder.root)), True: Preview(str(self.folder.root))}  # quick, and slow
+        self.previews = {
+            False: Preview(str(self.folder.root)),
+            True: Preview(str(self.folder.root)),
+        }  # quick, and slow
 
     def tell(self, message: dict[str, Any]) -> None:
         """Send a message to all connected browsers."""
@@ -73,7 +90,9 @@ class Studio:
         """Stop all jobs and all processes of the studio."""
         for listener in self._listeners:
             listener.put_nowait({"lost": True})
-        await asyncio.gather(*(preview.close() for preview in self.previews.values()), self.queue.close())
+        await asyncio.gather(
+            *(preview.close() for preview in self.previews.values()), self.queue.close()
+        )
 
     # ---- requests ----
 
@@ -92,19 +111,34 @@ class Studio:
         part = check_choice(request.path_params["part"], what="part", choices=PARTS)
         asked = request.query_params
         more = ("/static/frame.css", *(["/player/swarm/race.js"] if part == "swarm" else []))
-        page = served_page(part, volume="volume" in asked, recorded="recorded" in asked, more=more, files="/player/")
+        page = served_page(
+            part,
+            volume="volume" in asked,
+            recorded="recorded" in asked,
+            more=more,
+            files="/player/",
+        )
         return Response(page, media_type="text/html")
 
     async def start(self, request: Request) -> Response:
         """Return the initial data of the studio's page."""
-        told = {"folder": self.folder.root.name, "version": __version__, "jobs": self.queue.all_told()}
-        return JSONResponse(told | await asyncio.shield(self.forms) | await asyncio.to_thread(self.folder.list_files))
+        told = {
+            "folder": self.folder.root.name,
+            "version": __version__,
+            "jobs": self.queue.all_told(),
+        }
+        return JSONResponse(
+            told
+            | await asyncio.shield(self.forms)
+            | await asyncio.to_thread(self.folder.list_files)
+        )
 
     @cached_property
     def forms(self) -> asyncio.Future[dict[str, Any]]:
         """Return the declarations of fields, from which pages make their forms.
 
-        The server computes the declarations of fields during its start, while the browser is starting.
+        The server computes the declarations of fields during its start, while the browser is
+        starting.
         """
         return asyncio.ensure_future(asyncio.to_thread(self._forms))
 
@@ -116,7 +150,10 @@ class Studio:
         from shoal.swarm.problem import READING
 
         made = (GENERATORS.get(name) for name in GENERATORS)
-        maps = [{"name": one.name, "summary": one.summary, "example": one.example, "size": one.size} for one in made]
+        maps = [
+            {"name": one.name, "summary": one.summary, "example": one.example, "size": one.size}
+            for one in made
+        ]
         kinds: list[type[Problem]] = [*map(problem_type, PARTS), Vehicle, MissionOptions]
         schemas = {kind.part: schema_of(kind) for kind in kinds}
         schemas["vehicle"]["presets"] = PRESETS
@@ -124,25 +161,41 @@ class Studio:
         return {"schemas": schemas, "maps": maps}
 
     async def files(self, request: Request) -> Response:
-        """Return the newest files of the folder, and their number; with ``kind``, ``skip`` and ``name``, one page of the others."""
+        """Return the newest files of the folder, and their number; with ``kind``, ``skip`` and
+        ``name``, one page of the others.
+        """
         asked = request.query_params
         skip = asked.get("skip", "0")
         if not (skip.isascii() and skip.isdecimal() and len(skip) < 10):
-            raise InvalidInputError(f"skip: expected a whole number, 0 or more, got {shortened(skip)}")
-        kind = check_choice(asked["kind"], what="kind", choices=FILE_KINDS) if "kind" in asked else None
+            raise InvalidInputError(
+                f"skip: expected a whole number, 0 or more, got {shortened(skip)}"
+            )
+        kind = (
+            check_choice(asked["kind"], what="kind", choices=FILE_KINDS)
+            if "kind" in asked
+            else None
+        )
         found = self.folder.list_files(kind, after=int(skip), name=asked.get("name", ""))
         return JSONResponse(found)
 
     async def file(self, request: Request) -> Response:
-        """Return one file for download or display. A header forbids the browser to run the file as a page of the studio."""
+        """Return one file for download or display. A header forbids the browser to run the file as
+        a page of the studio.
+        """
         path = self.folder.path(request.path_params["name"])
         try:
             found = path.is_file()
         except OSError:  # a name that no file can have
             found = False
         if not found:
-            raise InvalidInputError(f"file: expected a file of the folder, got no such file: {shortened(path.name)}")
-        return FileResponse(path, filename=path.name, headers={"content-security-policy": "sandbox; default-src 'none'"})
+            raise InvalidInputError(
+                f"file: expected a file of the folder, got no such file: {shortened(path.name)}"
+            )
+        return FileResponse(
+            path,
+            filename=path.name,
+            headers={"content-security-policy": "sandbox; default-src 'none'"},
+        )
 
     async def take(self, request: Request) -> Response:
         """Store an uploaded file in the studio's folder."""
@@ -165,7 +218,9 @@ class Studio:
         return JSONResponse({"jobs": self.queue.all_told(), "counts": self.queue.store.counts()})
 
     async def add_job(self, request: Request) -> Response:
-        """Add a job to the queue. A job that could not begin is refused: a field that is missing or has a wrong value."""
+        """Add a job to the queue. A job that could not begin is refused: a field that is missing or
+        has a wrong value.
+        """
         given = await _json(request)
         kind, spec = check_choice(given.get("kind"), what="kind", choices=KINDS), given.get("spec")
         if not isinstance(spec, dict):
@@ -173,19 +228,27 @@ class Studio:
         check_request(spec, JOBS[kind])
         checked_seed(spec)
         if "problem" in spec:
-            await asyncio.to_thread(checked_problem, spec["problem"], self.folder, part=PART_OF_JOB.get(kind))
-        return JSONResponse(self.queue.add(kind, spec, urgent=check_bool(given.get("urgent", False), what="urgent")))
+            await asyncio.to_thread(
+                checked_problem, spec["problem"], self.folder, part=PART_OF_JOB.get(kind)
+            )
+        return JSONResponse(
+            self.queue.add(kind, spec, urgent=check_bool(given.get("urgent", False), what="urgent"))
+        )
 
     async def cancel_job(self, request: Request) -> Response:
         """Cancel the job whose number the request contains."""
         text = request.path_params["number"]
-        if not (text.isascii() and text.isdecimal() and len(text) < 19) or not self.queue.told(int(text)):
+        if not (text.isascii() and text.isdecimal() and len(text) < 19) or not self.queue.told(
+            int(text)
+        ):
             raise InvalidInputError(f"job: expected the number of a job, got {shortened(text)}")
         self.queue.cancel(int(text))
         return JSONResponse({})
 
     async def live(self, socket: WebSocket) -> None:
-        """Send a browser the events of jobs and files, and the pieces of all episodes that the browser watches."""
+        """Send a browser the events of jobs and files, and the pieces of all episodes that the
+        browser watches.
+        """
         await socket.accept()
         listener: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         watched: set[int] = set()
@@ -206,7 +269,8 @@ class Studio:
                 number = _watched(await socket.receive())
                 if number is not None:
                     watched.add(number)
-                    # The earlier pieces, and the job's current state. No other message is sent between these lines.
+                    # The earlier pieces, and the job's current state. No other message is sent
+                    # between these lines.
                     for piece in self.queue.pieces(number):
                         listener.put_nowait({"piece": piece, "of": number})
                     listener.put_nowait({"job": self.queue.told(number)})
@@ -235,7 +299,12 @@ def _watched(message: MutableMapping[str, Any]) -> int | None:
         raise WebSocketDisconnect(message.get("code", 1000))
     given = read_json((message.get("text") or "").encode("utf-8", "surrogatepass"))
     number = given.get("watch")
-    if given.keys() != {"watch"} or not isinstance(number, int) or isinstance(number, bool) or abs(number) >= 2**63:
+    if (
+        given.keys() != {"watch"}
+        or not isinstance(number, int)
+        or isinstance(number, bool)
+        or abs(number) >= 2**63
+    ):
         raise InvalidInputError(f"watch: expected the number of a job, got {shortened(given)}")
     return number
 
@@ -252,7 +321,11 @@ def _static(name: str) -> Response:
     room, _, rest = name.partition("/")
     parts = rest.split("/")
     kind = _TYPES.get(Path(rest).suffix)
-    if kind is not None and len(rest) < 200 and all(part and not part.startswith(".") and "\0" not in part for part in parts):
+    if (
+        kind is not None
+        and len(rest) < 200
+        and all(part and not part.startswith(".") and "\0" not in part for part in parts)
+    ):
         file = _STATIC[room].joinpath(*parts)
         if file.is_file():
             return Response(file.read_bytes(), media_type=kind)
@@ -260,11 +333,15 @@ def _static(name: str) -> Response:
 
 
 def _error(status: int, sentence: str) -> Response:
-    """Return an answer that is one sentence about what is wrong: one line, also if a name in it has several."""
+    """Return an answer that is one sentence about what is wrong: one line, also if a name in it has
+    several.
+    """
     return JSONResponse({"error": " ".join(sentence.split())[:LONGEST]}, status)
 
 
-def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+def _refused(
+    handler: Callable[[Request], Awaitable[Response]],
+) -> Callable[[Request], Awaitable[Response]]:
     """Return a request handler that answers an error with one sentence."""
 
     async def handled(request: Request) -> Response:
@@ -287,12 +364,16 @@ async def _unknown(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     what = f"{request.method} {shortened(request.url.path)}"
     return JSONResponse(
-        {"error": f"expected an address of the studio, got {what}"}, error.status_code, headers=dict(error.headers or {})
+        {"error": f"expected an address of the studio, got {what}"},
+        error.status_code,
+        headers=dict(error.headers or {}),
     )
 
 
 def application_of(studio: Studio) -> Starlette:
-    """Return the ASGI application of a studio. `shoal.studio.guard.Guard` must protect the application from the network."""
+    """Return the ASGI application of a studio. `shoal.studio.guard.Guard` must protect the
+    application from the network.
+    """
 
     @asynccontextmanager
     async def life(_app: Starlette) -> AsyncIterator[None]:
@@ -306,13 +387,22 @@ def application_of(studio: Studio) -> Starlette:
         await studio.close()
 
     answers = (
-        ("GET", "/", studio.page), ("GET", "/static/{name:path}", studio.static), ("GET", "/player/{name:path}", studio.static),
-        ("GET", "/play/{part}", studio.player), ("GET", "/api/start", studio.start), ("GET", "/api/files", studio.files),
-        ("PUT", "/api/files/{name:path}", studio.take), ("GET", "/files/{name:path}", studio.file),
-        ("POST", "/api/ask/{what}", studio.ask), ("GET", "/api/jobs", studio.jobs), ("POST", "/api/jobs", studio.add_job),
+        ("GET", "/", studio.page),
+        ("GET", "/static/{name:path}", studio.static),
+        ("GET", "/player/{name:path}", studio.static),
+        ("GET", "/play/{part}", studio.player),
+        ("GET", "/api/start", studio.start),
+        ("GET", "/api/files", studio.files),
+        ("PUT", "/api/files/{name:path}", studio.take),
+        ("GET", "/files/{name:path}", studio.file),
+        ("POST", "/api/ask/{what}", studio.ask),
+        ("GET", "/api/jobs", studio.jobs),
+        ("POST", "/api/jobs", studio.add_job),
         ("DELETE", "/api/jobs/{number}", studio.cancel_job),
-    )  # fmt: skip
+    )
     routes = [Route(path, _refused(handler), methods=[method]) for method, path, handler in answers]
     return Starlette(
-        routes=[*routes, WebSocketRoute("/live", studio.live)], lifespan=life, exception_handlers={HTTPException: _unknown}
+        routes=[*routes, WebSocketRoute("/live", studio.live)],
+        lifespan=life,
+        exception_handlers={HTTPException: _unknown},
     )

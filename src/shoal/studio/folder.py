@@ -1,4 +1,6 @@
-"""The folder of a studio. Paths from a browser cannot lead out of the folder, and pictures that are too large are refused."""
+"""The folder of a studio. Paths from a browser cannot lead out of the folder, and pictures that are
+too large are refused.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,17 @@ from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.files import atomic
 
 MOST_PIXELS = 50_000_000
-"""Maximum number of pixels in a picture that the studio opens. Commands outside the studio can open larger pictures."""
+"""Maximum number of pixels in a picture that the studio opens. Commands outside the studio can open
+larger pictures.
+"""
 
 PAPERS = "papers"
 """Name of the subfolder for reproduced figures of the papers."""
 
 MOST_LISTED = 500
-"""Maximum number of files of each kind in one page of a list. The other files are on the following pages."""
+"""Maximum number of files of each kind in one page of a list. The other files are on the following
+pages.
+"""
 
 MOST_SEEN = 1_000_000
 """Maximum number of files of the folder that a list counts."""
@@ -46,7 +52,8 @@ _TAKEN = tuple({suffix for suffixes in KINDS.values() for suffix in suffixes})
 
 
 class Folder:
-    """The folder that a studio serves. The methods of `Folder` convert the names of files to paths inside the folder.
+    """The folder that a studio serves. The methods of `Folder` convert the names of files to paths
+    inside the folder.
 
     Parameters
     ----------
@@ -64,28 +71,37 @@ class Folder:
         self.root = Path(root).resolve()
 
     def path(self, name: str) -> Path:
-        """Return the path of the file with the given name in the folder. The file need not exist yet.
+        """Return the path of the file with the given name in the folder. The file need not exist
+        yet.
 
         Raises
         ------
         InvalidInputError
-            Raised if the path is hidden, or if it leads out of the folder, directly or through a link.
+            Raised if the path is hidden, or if it leads out of the folder, directly or through a
+            link.
         """
         parts = Path(name).parts
-        bad = not name or "\0" in name or "\\" in name or len(name) > 500 or Path(name).is_absolute()
+        bad = (
+            not name or "\0" in name or "\\" in name or len(name) > 500 or Path(name).is_absolute()
+        )
         if bad or any(part.startswith(".") for part in parts):
-            raise InvalidInputError(f"file: expected a name inside the folder, got {shortened(name)}")
+            raise InvalidInputError(
+                f"file: expected a name inside the folder, got {shortened(name)}"
+            )
         found = self.root.joinpath(*parts)
         try:
             inside = found.resolve().is_relative_to(self.root)
         except (OSError, RuntimeError):  # links in a circle, or a name that no file can have
             inside = False
         if not inside:
-            raise InvalidInputError(f"file: expected a name inside the folder, got {shortened(name)}")
+            raise InvalidInputError(
+                f"file: expected a name inside the folder, got {shortened(name)}"
+            )
         return found
 
     def check_fields(self, data: Mapping[str, Any]) -> None:
-        """Refuse a problem if one of its fields names a file outside the folder, or a picture that is too large.
+        """Refuse a problem if one of its fields names a file outside the folder, or a picture that
+        is too large.
 
         Raises
         ------
@@ -93,17 +109,25 @@ class Folder:
         """
         for value in data.values():
             texts = [
-                text for text in (value if isinstance(value, list) else [value]) if isinstance(text, str) and len(text) <= 4096
+                text
+                for text in (value if isinstance(value, list) else [value])
+                if isinstance(text, str) and len(text) <= 4096
             ]
-            for text in {*texts, *(text.partition(",")[0] for text in texts)}:  # fields follow the file name of a vehicle
+            for text in {
+                *texts,
+                *(text.partition(",")[0] for text in texts),
+            }:  # fields follow the file name of a vehicle
                 path = Path(text)
                 if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
-                    raise InvalidInputError(f"file: expected a name inside the folder, got {shortened(text)}")
+                    raise InvalidInputError(
+                        f"file: expected a name inside the folder, got {shortened(text)}"
+                    )
                 if "/" in text or (text and os.path.lexists(self.root / path)):
                     check_pixels(self.path(text))
 
     def files(self) -> list[dict[str, Any]]:
-        """Return the files of the folder, newest first, with the name, purpose, size in bytes and time of each file.
+        """Return the files of the folder, newest first, with the name, purpose, size in bytes and
+        time of each file.
 
         Raises
         ------
@@ -119,7 +143,10 @@ class Folder:
                     for entry in entries:
                         seen += 1
                         if seen > MOST_SEEN:
-                            raise InvalidInputError(f"folder: expected at most {MOST_SEEN} files, got more: use another folder")
+                            raise InvalidInputError(
+                                f"folder: expected at most {MOST_SEEN} files, got more: use another"
+                                " folder"
+                            )
                         if entry.name[0] == ".":
                             continue
                         if entry.is_dir(follow_symlinks=False):
@@ -144,8 +171,11 @@ class Folder:
             return None
         return {"name": inside, "kind": purpose, "bytes": about.st_size, "time": about.st_mtime}
 
-    def list_files(self, kind: str | None = None, *, after: int = 0, name: str = "") -> dict[str, Any]:
-        """Return the newest files of each kind (or of one kind), and the number of files of each kind.
+    def list_files(
+        self, kind: str | None = None, *, after: int = 0, name: str = ""
+    ) -> dict[str, Any]:
+        """Return the newest files of each kind (or of one kind), and the number of files of each
+        kind.
 
         Parameters
         ----------
@@ -159,13 +189,15 @@ class Folder:
         Returns
         -------
         dict
-            Under ``files``, at most `MOST_LISTED` files of each kind, newest first. Under ``counts``, the number of files of each
-            kind.
+            Under ``files``, at most `MOST_LISTED` files of each kind, newest first. Under
+            ``counts``, the number of files of each kind.
         """
         counts: Counter[str] = Counter()
         listed = []
         for file in self.files():
-            if (kind is not None and file["kind"] != kind) or name.lower() not in file["name"].lower():
+            if (kind is not None and file["kind"] != kind) or name.lower() not in file[
+                "name"
+            ].lower():
                 continue
             if after <= counts[file["kind"]] < after + MOST_LISTED:
                 listed.append(file)
@@ -173,8 +205,15 @@ class Folder:
         return {"files": listed, "counts": dict(counts)}
 
     def new_name(self, stem: str, suffix: str) -> str:
-        """Return an unused file name, which consists of the stem, a number if necessary, and the suffix."""
-        plain = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem).strip("-")[:60] or "file"
+        """Return an unused file name, which consists of the stem, a number if necessary, and the
+        suffix.
+        """
+        plain = (
+            "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem).strip(
+                "-"
+            )[:60]
+            or "file"
+        )
         # an existing file of another Shapefile is not used as a part of this one
         family = SHAPEFILE if suffix == ".shp" else (suffix,)
         number, free = 1, plain
@@ -186,18 +225,25 @@ class Folder:
     async def take(self, name: str, pieces: AsyncIterator[bytes]) -> str:
         """Write an uploaded file to the folder, and return the name of the new file.
 
-        If a file with the name of the uploaded file exists, add a number to the name. A failed write leaves no partial file.
+        If a file with the name of the uploaded file exists, add a number to the name. A failed
+        write leaves no partial file.
 
         Raises
         ------
         InvalidInputError
-            Raised if the suffix is not the suffix of a file type that Shoal reads, or if the file is a picture that is too large.
+            Raised if the suffix is not the suffix of a file type that Shoal reads, or if the file
+            is a picture that is too large.
         OutputError
         """
         plain = Path(name.replace("\\", "/")).name
-        suffix = next((one for one in sorted(_TAKEN, key=len, reverse=True) if plain.lower().endswith(one)), None)
+        suffix = next(
+            (one for one in sorted(_TAKEN, key=len, reverse=True) if plain.lower().endswith(one)),
+            None,
+        )
         if suffix is None:
-            raise InvalidInputError(f"file: expected one of {' '.join(sorted(_TAKEN))}, got {shortened(plain)}")
+            raise InvalidInputError(
+                f"file: expected one of {' '.join(sorted(_TAKEN))}, got {shortened(plain)}"
+            )
         target = self.path(self.new_name(plain[: -len(suffix)], suffix))
         with atomic(target) as temporary:
             with temporary.open("wb") as file:
@@ -208,12 +254,15 @@ class Folder:
 
 
 def purpose_of(name: str) -> str | None:
-    """Return the purpose of a file, such as map or episode, as indicated by the file name, or None for an unknown purpose."""
+    """Return the purpose of a file, such as map or episode, as indicated by the file name, or None
+    for an unknown purpose.
+    """
     return next((kind for kind, suffixes in KINDS.items() if name.lower().endswith(suffixes)), None)
 
 
 def check_pixels(path: Path) -> None:
-    """Refuse a picture of more than `MOST_PIXELS` pixels. The check reads only the header of the file.
+    """Refuse a picture of more than `MOST_PIXELS` pixels. The check reads only the header of the
+    file.
 
     Raises
     ------
@@ -224,7 +273,9 @@ def check_pixels(path: Path) -> None:
     from PIL import Image, UnidentifiedImageError
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about decompression bombs in pictures: our own error reports them
+        warnings.simplefilter(
+            "ignore"
+        )  # about decompression bombs in pictures: our own error reports them
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
             with Image.open(path, formats=("PNG", "TIFF", "BMP", "JPEG")) as image:
@@ -233,19 +284,23 @@ def check_pixels(path: Path) -> None:
             size = _size_by_tifffile(path)
             if size is None:
                 raise InvalidInputError(
-                    f"{path.name}: expected a PNG, TIFF, BMP or JPEG picture, got a damaged or other file"
+                    f"{path.name}: expected a PNG, TIFF, BMP or JPEG picture, got a damaged or"
+                    " other file"
                 ) from None
             width, height = size
         finally:
             Image.MAX_IMAGE_PIXELS = limit
     if width * height > MOST_PIXELS:
         raise InvalidInputError(
-            f"{path.name}: expected a picture of at most {MOST_PIXELS // 10**6} megapixels, got {width} x {height}"
+            f"{path.name}: expected a picture of at most {MOST_PIXELS // 10**6} megapixels, got"
+            f" {width} x {height}"
         )
 
 
 def _size_by_tifffile(path: Path) -> tuple[int, int] | None:
-    """Return the columns and rows of a TIFF file that Pillow does not know, such as one of wide numbers, or None."""
+    """Return the columns and rows of a TIFF file that Pillow does not know, such as one of wide
+    numbers, or None.
+    """
     from shoal.swarm.maps.tiff import size_of
 
     if path.suffix.lower() not in {".tif", ".tiff"}:

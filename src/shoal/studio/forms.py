@@ -1,4 +1,6 @@
-"""Forms and copies. A form is the JSON schema of a problem's fields. A copy is a problem as Python code, a command or a file."""
+"""Forms and copies. A form is the JSON schema of a problem's fields. A copy is a problem as Python
+code, a command or a file.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +9,16 @@ import math
 import re
 import shlex
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TypeVar
 
 from shoal.core.checks import check_integer, shortened
 from shoal.core.errors import InvalidInputError
-from shoal.core.parts import PARTS, problem_type
 from shoal.core.problem import Declaration, Problem
+from shoal.lab.problems import KINDS, trial_problem_type
+from shoal.lab.statistics import first_measure
+from shoal.lab.sweep import Sweep, sweep_in
+from shoal.parts import PARTS, problem_type
 from shoal.studio.folder import Folder
 
 Declared = TypeVar("Declared", bound=Problem)
@@ -28,10 +34,12 @@ _COMMANDS = {"steering": "steer", "search": "search"}
 
 
 def schema_of(kind: type[Problem]) -> dict[str, Any]:
-    """Return the JSON schema of a class with declared fields: a problem, a vehicle, or the options of missions.
+    """Return the JSON schema of a class with declared fields: a problem, a vehicle, or the options
+    of missions.
 
-    A property may have four entries that JSON Schema does not define: ``unit``, ``place`` (true for the map, workspace or region),
-    ``repeated``, and ``names``. The entry ``names`` lists the built-in names of a field whose value is a name, such as a policy.
+    A property may have four entries that JSON Schema does not define: ``unit``, ``place`` (true for
+    the map, workspace or region), ``repeated``, and ``names``. The entry ``names`` lists the
+    built-in names of a field whose value is a name, such as a policy.
 
     Examples
     --------
@@ -50,14 +58,28 @@ def schema_of(kind: type[Problem]) -> dict[str, Any]:
 
 def _property(declared: Declaration) -> dict[str, Any]:
     option = declared.option
-    told: dict[str, Any] = {"title": declared.name.replace("_", " "), "description": _as_in_forms(option.help)}
+    told: dict[str, Any] = {
+        "title": declared.name.replace("_", " "),
+        "description": _as_in_forms(option.help),
+    }
     kind = _JSON_TYPES.get(declared.type)
     if kind is not None:
         told["type"] = [kind, "null"] if declared.optional else kind
     if not declared.required:
         text = kind is None and not isinstance(declared.default, str | None)
-        told["default"] = None if declared.default == math.inf else declared.text(declared.default) if text else declared.default
-    limits = {"minimum": option.least, "maximum": option.most, "exclusiveMinimum": option.above, "exclusiveMaximum": option.below}
+        told["default"] = (
+            None
+            if declared.default == math.inf
+            else declared.text(declared.default)
+            if text
+            else declared.default
+        )
+    limits = {
+        "minimum": option.least,
+        "maximum": option.most,
+        "exclusiveMinimum": option.above,
+        "exclusiveMaximum": option.below,
+    }
     told |= {word: limit for word, limit in limits.items() if math.isfinite(limit)}
     if option.choices:
         told["enum"] = list(option.choices)
@@ -65,12 +87,17 @@ def _property(declared: Declaration) -> dict[str, Any]:
         told["names"] = [*(["auto"] if declared.default == "auto" else []), *option.names]
     if option.unit:
         told["unit"] = option.unit
-    told |= {word: True for word, is_so in (("place", option.argument), ("repeated", option.repeated)) if is_so}
+    told |= {
+        word: True
+        for word, is_so in (("place", option.argument), ("repeated", option.repeated))
+        if is_so
+    }
     return told
 
 
 def _as_in_forms(text: str) -> str:
-    """Return the help text of an option for a form. Replace flags by field names, and omit parts that concern the command line.
+    """Return the help text of an option for a form. Replace flags by field names, and omit parts
+    that concern the command line.
 
     Examples
     --------
@@ -83,7 +110,8 @@ def _as_in_forms(text: str) -> str:
 
 
 def checked_problem(data: Any, folder: Folder, *, part: str | None = None) -> Problem:
-    """Return the problem that a browser describes. Refuse a problem with files outside the folder or with third-party code.
+    """Return the problem that a browser describes. Refuse a problem with files outside the folder
+    or with third-party code.
 
     With ``part``, also refuse a problem of another part.
 
@@ -94,7 +122,9 @@ def checked_problem(data: Any, folder: Folder, *, part: str | None = None) -> Pr
     kind = data.get("kind") if isinstance(data, Mapping) else None
     if not isinstance(kind, str) or kind not in PARTS:
         got = f"the kind {shortened(kind)}" if isinstance(data, Mapping) else shortened(data)
-        raise InvalidInputError(f"problem: expected fields and a kind, one of {', '.join(PARTS)}, got {got}")
+        raise InvalidInputError(
+            f"problem: expected fields and a kind, one of {', '.join(PARTS)}, got {got}"
+        )
     if part not in (None, kind):
         raise InvalidInputError(f"problem: expected the kind {part}, got {kind}")
     return checked_fields(problem_type(kind), data, folder)
@@ -103,8 +133,8 @@ def checked_problem(data: Any, folder: Folder, *, part: str | None = None) -> Pr
 def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
     """Return the object that the fields of a form describe.
 
-    The function parses the text of a field as the command line does. The function refuses files outside the folder, and
-    third-party code.
+    The function parses the text of a field as the command line does. The function refuses files
+    outside the folder, and third-party code.
 
     Raises
     ------
@@ -117,12 +147,15 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
     known = kind.declarations()
     read = dict(data)
     for name in known.keys() & {name for name, value in data.items() if isinstance(value, str)}:
-        read[name] = known[name].value_of([data[name]] if known[name].option.repeated else data[name])
+        read[name] = known[name].value_of(
+            [data[name]] if known[name].option.repeated else data[name]
+        )
     return kind.from_dict(read)
 
 
 def checked_seed(about: Mapping[str, Any]) -> int:
-    """Return the seed from a browser, or 0 without a seed. A large seed arrives as text, because numbers in browsers have 53 bits.
+    """Return the seed from a browser, or 0 without a seed. A large seed arrives as text, because
+    numbers in browsers have 53 bits.
 
     Raises
     ------
@@ -135,8 +168,14 @@ def checked_seed(about: Mapping[str, Any]) -> int:
 
 
 def copies_of(problem: Problem, *, seed: int) -> dict[str, str]:
-    """Return the texts ``python``, ``command`` and ``file``, with which a user can repeat a run outside the studio."""
-    return {"python": as_python(problem, seed=seed), "command": as_command(problem, seed=seed), "file": as_file(problem)}
+    """Return the texts ``python``, ``command`` and ``file``, with which a user can repeat a run
+    outside the studio.
+    """
+    return {
+        "python": as_python(problem, seed=seed),
+        "command": as_command(problem, seed=seed),
+        "file": as_file(problem),
+    }
 
 
 def as_python(problem: Problem, *, seed: int) -> str:
@@ -168,7 +207,8 @@ def as_python(problem: Problem, *, seed: int) -> str:
 def as_command(problem: Problem, *, seed: int) -> str:
     """Return the command line that runs a problem.
 
-    If some field cannot be written as text, the command reads the problem from the file ``problem.json``.
+    If some field cannot be written as text, the command reads the problem from the file
+    ``problem.json``.
 
     Examples
     --------
@@ -178,7 +218,9 @@ def as_command(problem: Problem, *, seed: int) -> str:
     """
     fields, known = _fields(problem), problem.declarations()
     words = ["shoal", _COMMANDS.get(problem.part, "map")]
-    if fields.get("task") == "coverage" or "subset" in fields:  # `shoal map` accepts all other tasks
+    if (
+        fields.get("task") == "coverage" or "subset" in fields
+    ):  # `shoal map` accepts all other tasks
         words[1] = "cover"
         fields.pop("task", None)
     if not all(_has_text(problem, known[name], value) for name, value in fields.items()):
@@ -207,20 +249,105 @@ def _flags(problem: Problem, fields: Mapping[str, Any]) -> list[str]:
 
 
 def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
-    """Return whether the command line can express a value, that is, whether parsing the value's text gives an equal value."""
+    """Return whether the command line can express a value, that is, whether parsing the value's
+    text gives an equal value.
+    """
     if declared.type is not object:
         return True
     try:
-        text = [declared.text(one) for one in value] if declared.option.repeated else declared.text(value)
+        text = (
+            [declared.text(one) for one in value]
+            if declared.option.repeated
+            else declared.text(value)
+        )
         return bool(declared.checked(declared.value_of(text)) == getattr(problem, declared.name))
     except (InvalidInputError, ValueError):
         return False
 
 
 def as_file(problem: Problem) -> str:
-    """Return the text of a problem file in JSON. Commands accept a problem file in place of a map, workspace or region."""
+    """Return the text of a problem file in JSON. Commands accept a problem file in place of a map,
+    workspace or region.
+    """
     return json.dumps(problem.to_dict(), indent=1, allow_nan=False) + "\n"
 
 
 def _fields(problem: Problem) -> dict[str, Any]:
     return {name: value for name, value in problem.to_dict().items() if name != "kind"}
+
+
+PLAYED = tuple(kind for kind in KINDS if kind != "function")
+"""Kinds of problems for which the studio can run sweeps.
+
+The kind "function" is excluded, because a browser must not start third-party code.
+"""
+
+
+def sweep_forms(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the forms of sweeps: for each kind of problem, the schema of the fields and the
+    measures of a trial.
+    """
+    made = {kind: trial_problem_type(kind) for kind in PLAYED}
+    return {
+        kind: {"schema": schema_of(one), "measures": list(one.measures)}
+        for kind, one in made.items()
+    }
+
+
+def checked_sweep(text: str, folder: Folder) -> Sweep:
+    """Return the sweep that a TOML text from a browser describes.
+
+    The function refuses a sweep with files outside the folder or with third-party code.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        Raised if the TOML text is invalid. The error message contains the line number and the wrong
+        field.
+    """
+    return sweep_in(text, where="sweep", check=partial(_check, folder))
+
+
+def _check(folder: Folder, data: Mapping[str, Any]) -> None:
+    problem, axes = data.get("problem"), data.get("axes", {})
+    if not isinstance(problem, Mapping) or not isinstance(axes, Mapping):
+        return  # an error is raised when the sweep is created
+    kind = problem.get("kind")
+    if kind in KINDS and kind not in PLAYED:
+        raise InvalidInputError(
+            f"problem: kind: expected one of {', '.join(PLAYED)}, got {kind!r}, which runs your own"
+            " code: use the command shoal sweep run"
+        )
+    if kind in PLAYED:
+        made = trial_problem_type(kind)
+        made.refuse_code(problem, where="problem")
+        for name, values in axes.items():
+            for value in values if isinstance(values, list) else []:
+                made.refuse_code({name: value}, where=f"axes.{name}")
+    for fields in (problem, axes):
+        folder.check_fields(fields)
+
+
+def sweep_copies(sweep: Sweep, store: str, text: str) -> dict[str, str]:
+    """Return the texts ``python``, ``command`` and ``file``, with which a user can repeat a sweep
+    outside the studio.
+    """
+    measure, axis = first_measure(sweep.measures), next(iter(sweep.paired), None)
+    file = store.removesuffix(".sqlite") + ".toml"
+    shown = f" --compare {axis}" * bool(axis)
+    return {
+        "python": (
+            "from shoal.lab import Store, Sweep, run_sweep\nfrom shoal.lab.statistics import"
+            " summarise\n\n"
+            f'sweep = Sweep.load("{file}")\n'
+            f'run_sweep(sweep, "{store}", workers=0)\n'
+            f'with Store("{store}") as store:\n'
+            f'    for row in summarise(store, sweep.name, "{measure}"):\n        print(row.values,'
+            " row)\n"
+        ),
+        "command": (
+            f"shoal sweep run {file} --store {store}\nshoal sweep summary {store} --measure"
+            f" {measure}{shown}"
+        ),
+        "file": text,
+    }

@@ -25,7 +25,9 @@ LARGEST_UPLOAD = 512 * 2**20
 """Maximum size of an uploaded file, in bytes."""
 
 SLOWEST = 10.0
-"""Maximum time in seconds between two pieces of a request's body. A new connection must send a request within `SLOWEST` seconds."""
+"""Maximum time in seconds between two pieces of a request's body. A new connection must send a
+request within `SLOWEST` seconds.
+"""
 
 LEAST_DRAINED = 16 * 2**20
 """Number of bytes of a refused body that the server still reads, at least.
@@ -40,8 +42,9 @@ MOST_CONNECTIONS = 200
 MOST_SOCKETS = 16
 
 _POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' ws://{host}; "
-    "frame-src 'self'; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:;"
+    " connect-src 'self' ws://{host}; frame-src 'self'; frame-ancestors 'self'; base-uri 'none';"
+    " form-action 'none'"
 )
 _KEPT_PRIVATE = {
     "x-content-type-options": "nosniff",
@@ -53,7 +56,9 @@ _KEPT_PRIVATE = {
 
 
 class _RefusedError(Exception):
-    """Raised to refuse a request. The error contains the HTTP status and a sentence for the user."""
+    """Raised to refuse a request. The error contains the HTTP status and a sentence for
+    the user.
+    """
 
     def __init__(self, status: int, sentence: str) -> None:
         super().__init__(sentence)
@@ -68,19 +73,24 @@ class Guard:
     application : callable
         The ASGI application that the middleware protects.
     port : int
-        Port of the server. The middleware refuses requests for another host or another port, and requests from pages of other
-        websites.
+        Port of the server. The middleware refuses requests for another host or another port, and
+        requests from pages of other websites.
 
     Attributes
     ----------
     token : str
-        Secret text in the first address that the browser opens. In exchange for the secret text, the server sets a cookie.
+        Secret text in the first address that the browser opens. In exchange for the secret text,
+        the server sets a cookie.
     """
 
     def __init__(self, application: Application, port: int) -> None:
         self.application = application
         self.hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
-        self.token, self._secret, self._cookie = secrets.token_urlsafe(32), secrets.token_urlsafe(32), f"shoal_studio_{port}"
+        self.token, self._secret, self._cookie = (
+            secrets.token_urlsafe(32),
+            secrets.token_urlsafe(32),
+            f"shoal_studio_{port}",
+        )
         self._sockets = 0
 
     async def __call__(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
@@ -105,11 +115,18 @@ class Guard:
             else:
                 await _refuse(receive, send, refused, _most(scope))
 
-    async def _limited(self, scope: MutableMapping[str, Any], headers: dict[bytes, bytes], receive: Receive, send: Send) -> None:
-        """Let the application answer a request, or raise `_RefusedError` if the body is too large or arrives too slowly.
+    async def _limited(
+        self,
+        scope: MutableMapping[str, Any],
+        headers: dict[bytes, bytes],
+        receive: Receive,
+        send: Send,
+    ) -> None:
+        """Let the application answer a request, or raise `_RefusedError` if the body is too large
+        or arrives too slowly.
 
-        The application gets the refusal as an exception, and may answer the exception itself (Starlette sends the status 500). The
-        client gets the refusal in place of that answer.
+        The application gets the refusal as an exception, and may answer the exception itself
+        (Starlette sends the status 500). The client gets the refusal in place of that answer.
         """
         body = _Body(_most(scope), headers, receive)
         private = _private(send, headers[b"host"].decode())
@@ -150,7 +167,9 @@ class Guard:
         except CookieError:
             found = None
         if found is None or not hmac.compare_digest(found.value.encode(), self._secret.encode()):
-            raise _RefusedError(401, "expected the address that the command shoal studio printed: open that address")
+            raise _RefusedError(
+                401, "expected the address that the command shoal studio printed: open that address"
+            )
 
     def _has_token(self, scope: MutableMapping[str, Any]) -> bool:
         if scope["path"] != "/" or scope["method"] != "GET":
@@ -169,7 +188,9 @@ class Guard:
 
 
 def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
-    """Return the headers of a request by name. A header that occurs twice with different values gets an invalid value."""
+    """Return the headers of a request by name. A header that occurs twice with different values
+    gets an invalid value.
+    """
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
         found[name] = value if found.get(name, value) == value else b"\x00"
@@ -182,7 +203,9 @@ def _most(scope: MutableMapping[str, Any]) -> int:
 
 
 class _Body:
-    """The body of a request. `receive` refuses a body that is too large or arrives too slowly, and keeps the refusal."""
+    """The body of a request. `receive` refuses a body that is too large or arrives too slowly, and
+    keeps the refusal.
+    """
 
     def __init__(self, most: int, headers: dict[bytes, bytes], receive: Receive) -> None:
         self.most, self._receive = most, receive
@@ -203,7 +226,9 @@ class _Body:
             try:
                 message = await asyncio.wait_for(self._receive(), SLOWEST)
             except TimeoutError:
-                self.refusal = _RefusedError(408, f"body: expected the next piece within {SLOWEST:g} s, got none")
+                self.refusal = _RefusedError(
+                    408, f"body: expected the next piece within {SLOWEST:g} s, got none"
+                )
             else:
                 self._came += len(message.get("body", b""))
                 self._whole = not message.get("more_body", False)
@@ -214,7 +239,9 @@ class _Body:
 
 
 async def _refuse(receive: Receive, send: Send, refused: _RefusedError, most: int) -> None:
-    """Answer a refused request, and read the rest of its body for a while, so that the client reads the answer."""
+    """Answer a refused request, and read the rest of its body for a while, so that the client reads
+    the answer.
+    """
     await _answer(send, refused.status, refused.sentence, {}, more=True)
     if refused.status != 408:
         came, enough = 0, max(most, LEAST_DRAINED) if refused.status == 413 else LEAST_DRAINED
@@ -234,7 +261,10 @@ def _private(send: Send, host: str) -> Send:
 
     async def private(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message["headers"] = [*message.get("headers", []), *_told({"content-security-policy": _POLICY.format(host=host)})]
+            message["headers"] = [
+                *message.get("headers", []),
+                *_told({"content-security-policy": _POLICY.format(host=host)}),
+            ]
         await send(message)
 
     return private
@@ -244,8 +274,12 @@ def _told(more: dict[str, str]) -> list[tuple[bytes, bytes]]:
     return [(name.encode(), value.encode()) for name, value in (_KEPT_PRIVATE | more).items()]
 
 
-async def _answer(send: Send, status: int, sentence: str, more_headers: dict[str, str], *, more: bool = False) -> None:
-    """Send an answer of the guard. An error is a JSON object with one sentence; with ``more``, the answer stays open."""
+async def _answer(
+    send: Send, status: int, sentence: str, more_headers: dict[str, str], *, more: bool = False
+) -> None:
+    """Send an answer of the guard. An error is a JSON object with one sentence; with ``more``, the
+    answer stays open.
+    """
     body = json.dumps({"error": sentence}).encode() if sentence else b""
     headers = {
         "content-type": "application/json",
@@ -253,22 +287,26 @@ async def _answer(send: Send, status: int, sentence: str, more_headers: dict[str
         "connection": "close",
         "content-security-policy": "default-src 'none'",
     }
-    await send({"type": "http.response.start", "status": status, "headers": _told(headers | more_headers)})
+    await send(
+        {"type": "http.response.start", "status": status, "headers": _told(headers | more_headers)}
+    )
     await send({"type": "http.response.body", "body": body, "more_body": more})
 
 
 class LimitedConnection(H11Protocol):
     """A server connection with limits on the number of connections and on idle time.
 
-    If too many connections are open, the server closes the oldest connection that has not yet sent a request. If all connections
-    have sent requests, the server closes the newest connection.
+    If too many connections are open, the server closes the oldest connection that has not yet sent
+    a request. If all connections have sent requests, the server closes the newest connection.
     """
 
     open_now = 0
     silent: ClassVar[dict[LimitedConnection, None]] = {}  # oldest first
 
     def connection_made(self, transport: Any) -> None:
-        """Accept a new connection. If the number of connections exceeds the maximum, close one connection."""
+        """Accept a new connection. If the number of connections exceeds the maximum, close one
+        connection.
+        """
         LimitedConnection.open_now += 1
         self.counted = True
         super().connection_made(transport)
@@ -283,15 +321,22 @@ class LimitedConnection(H11Protocol):
         if self.scope is not None or self.transport.is_closing():
             return
         if self.conn.trailing_data[0]:  # a part of a request has come
-            body = json.dumps({"error": f"request: expected all its headers within {SLOWEST:g} s, got a part"}).encode()
-            head = "HTTP/1.1 408 Request Timeout\r\ncontent-type: application/json\r\nconnection: close\r\ncontent-length: "
+            body = json.dumps(
+                {"error": f"request: expected all its headers within {SLOWEST:g} s, got a part"}
+            ).encode()
+            head = (
+                "HTTP/1.1 408 Request Timeout\r\ncontent-type: application/json\r\nconnection:"
+                " close\r\ncontent-length: "
+            )
             self.transport.write(head.encode() + str(len(body)).encode() + b"\r\n\r\n" + body)
             self.transport.close()
         else:
             self.transport.abort()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Stop counting a connection that becomes a websocket. The class `Guard` counts websockets."""
+        """Stop counting a connection that becomes a websocket. The class `Guard` counts
+        websockets.
+        """
         self._left()
         super().handle_websocket_upgrade(event)
 

@@ -1,4 +1,6 @@
-"""Checks of what a browser sends: the JSON of a request, and the fields that a question or a job has."""
+"""Checks of what a browser sends: the JSON of a request, and the fields that a question or a job
+has.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,17 @@ class Field:
     required: bool = True
 
 
-_WORDS = {str: "a text", dict: "an object", list: "a list", bool: "true or false", int: "a whole number"}
+_WORDS = {
+    str: "a text",
+    dict: "an object",
+    list: "a list",
+    bool: "true or false",
+    int: "a whole number",
+}
 TEXT, OBJECT, LIST = Field((str,)), Field((dict,)), Field((list,))
 MAYBE_TEXT, MAYBE_OBJECT, MAYBE_LIST, MAYBE_BOOL, MAYBE_INTEGER, SEED = (
-    Field(kinds, required=False) for kinds in ((str,), (dict,), (list,), (bool,), (int,), (int, str))
+    Field(kinds, required=False)
+    for kinds in ((str,), (dict,), (list,), (bool,), (int,), (int, str))
 )
 
 QUESTIONS: dict[str, dict[str, Field]] = {
@@ -78,8 +87,9 @@ def read_json(body: bytes) -> dict[str, Any]:
     Raises
     ------
     InvalidInputError
-        Raised for a body that is not a JSON object in UTF-8, and for what JSON allows but no field has: NaN and infinities, whole
-        numbers of more than `MOST_DIGITS` digits, a key that occurs twice, deep nesting, and halves of characters.
+        Raised for a body that is not a JSON object in UTF-8, and for what JSON allows but no field
+        has: NaN and infinities, whole numbers of more than `MOST_DIGITS` digits, a key that occurs
+        twice, deep nesting, and halves of characters.
 
     Examples
     --------
@@ -90,23 +100,33 @@ def read_json(body: bytes) -> dict[str, Any]:
     """
     try:
         found = json.loads(
-            body.decode("utf-8"), parse_constant=_finite, parse_float=_finite, parse_int=_short, object_pairs_hook=_unique
+            body.decode("utf-8"),
+            parse_constant=_finite,
+            parse_float=_finite,
+            parse_int=_short,
+            object_pairs_hook=_unique,
         )
     except InvalidInputError:
         raise
     except UnicodeDecodeError:
         raise InvalidInputError("request: expected JSON in UTF-8, got other bytes") from None
     except RecursionError:
-        raise InvalidInputError(f"request: expected JSON nested at most {DEEPEST} deep, got deeper lists and objects") from None
+        raise InvalidInputError(
+            f"request: expected JSON nested at most {DEEPEST} deep, got deeper lists and objects"
+        ) from None
     except ValueError:
-        raise InvalidInputError(f"request: expected a JSON object, got {shortened(body[:60])}") from None
+        raise InvalidInputError(
+            f"request: expected a JSON object, got {shortened(body[:60])}"
+        ) from None
     if not isinstance(found, dict):
         raise InvalidInputError(f"request: expected a JSON object, got {shortened(found)}")
     check_depth(found, where="request")
     try:
         json.dumps(found, ensure_ascii=False).encode()
     except UnicodeEncodeError:
-        raise InvalidInputError("request: expected texts of whole characters, got half of a surrogate pair") from None
+        raise InvalidInputError(
+            "request: expected texts of whole characters, got half of a surrogate pair"
+        ) from None
     return found
 
 
@@ -119,7 +139,9 @@ def _finite(text: str) -> float:
 
 def _short(text: str) -> int:
     if len(text.lstrip("-")) > MOST_DIGITS:
-        raise InvalidInputError(f"request: expected whole numbers of at most {MOST_DIGITS} digits, got {text[:24]}…")
+        raise InvalidInputError(
+            f"request: expected whole numbers of at most {MOST_DIGITS} digits, got {text[:24]}…"
+        )
     return int(text)
 
 
@@ -133,7 +155,8 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def check_request(data: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
-    """Check that a request has the fields of a question or job, each of the right type, and no other field.
+    """Check that a request has the fields of a question or job, each of the right type, and no
+    other field.
 
     Raises
     ------
@@ -153,7 +176,9 @@ def check_request(data: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
         field = fields[name]
         if value is None and not field.required:
             continue
-        if not isinstance(value, field.kinds) or (isinstance(value, bool) and bool not in field.kinds):
+        if not isinstance(value, field.kinds) or (
+            isinstance(value, bool) and bool not in field.kinds
+        ):
             expected = " or ".join(_WORDS[kind] for kind in field.kinds)
             raise InvalidInputError(f"{name}: expected {expected}, got {shortened(value)}")
     for name, field in fields.items():

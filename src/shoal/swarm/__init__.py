@@ -11,12 +11,18 @@ from shoal.core.registry import loaded_on_use
 
 if TYPE_CHECKING:
     from shoal.swarm.episode import SwarmEpisode
-    from shoal.swarm.grid.belief import Belief
-    from shoal.swarm.grid.board import Board, GridLayout
-    from shoal.swarm.grid.commands import RULES
-    from shoal.swarm.grid.placements import PLACEMENTS, place
-    from shoal.swarm.grid.state import SwarmState
-    from shoal.swarm.grid.tasks import TASKS, Coverage, Mapping, SubsetCoverage, Task, make_task
+    from shoal.swarm.grid.board import RULES, Board, GridLayout
+    from shoal.swarm.grid.state import Belief, SwarmState
+    from shoal.swarm.grid.tasks import (
+        PLACEMENTS,
+        TASKS,
+        Coverage,
+        Mapping,
+        SubsetCoverage,
+        Task,
+        make_task,
+        place,
+    )
     from shoal.swarm.grid.world import GridWorld
     from shoal.swarm.maps.workspace import GridWorkspace
     from shoal.swarm.policies import POLICIES, Policy, View, make_policy
@@ -24,15 +30,33 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "episode": ("SwarmEpisode",),
-    "grid.belief": ("Belief",),
-    "grid.board": ("Board", "GridLayout"),
-    "grid.commands": ("RULES",),
-    "grid.placements": ("PLACEMENTS", "place"),
-    "grid.state": ("SwarmState",),
-    "grid.tasks": ("TASKS", "Coverage", "Mapping", "SubsetCoverage", "Task", "make_task"),
+    "grid.board": (
+        "Board",
+        "GridLayout",
+        "RULES",
+    ),
+    "grid.state": (
+        "Belief",
+        "SwarmState",
+    ),
+    "grid.tasks": (
+        "Coverage",
+        "Mapping",
+        "PLACEMENTS",
+        "SubsetCoverage",
+        "TASKS",
+        "Task",
+        "make_task",
+        "place",
+    ),
     "grid.world": ("GridWorld",),
     "maps.workspace": ("GridWorkspace",),
-    "policies": ("POLICIES", "Policy", "View", "make_policy"),
+    "policies": (
+        "POLICIES",
+        "Policy",
+        "View",
+        "make_policy",
+    ),
     "problem": ("SwarmProblem",),
 }
 

@@ -1,4 +1,6 @@
-"""SwarmEpisode: the record of one run of a swarm, simulated or on a rig. An episode contains all data for a replay."""
+"""SwarmEpisode: the record of one run of a swarm, simulated or on a rig. An episode contains all
+data for a replay.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +17,12 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.scans import lengths_and_times
-from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.trace import Trace, WithTrace
+from shoal.swarm.grid.scans import Trace, WithTrace, lengths_and_times
+from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.map_errors import MapErrors
-from shoal.swarm.noise.model import Noise
-from shoal.swarm.noise.moments import Moment
+from shoal.swarm.noise.belief import Moment
+from shoal.swarm.noise.model import MapErrors, Noise
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 from shoal.swarm.simulation import episode_file
 from shoal.swarm.simulation.replay import ExactReplay, NoisyReplay, ObservedReplay, Replay
@@ -44,18 +43,19 @@ class SwarmEpisode(WithTrace, Episode):
     Parameters
     ----------
     problem : SwarmProblem
-        The problem as the user declared it. The attribute ``place`` of the problem is the workspace of the episode.
+        The problem as the user declared it. The attribute ``place`` of the problem is the workspace
+        of the episode.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start of the episode.
     trace : Trace
         The effect of each command of the episode.
     status : Status
-        The status at the end: "complete", "stalled", "limit", "interrupted" or, on a rig, "alarm". With noise, "complete" means
-        that every cell that a particle may still enter is classified. With noise, "stalled" means that some reachable cells beside
-        free cells are undecided.
+        The status at the end: "complete", "stalled", "limit", "interrupted" or, on a rig, "alarm".
+        With noise, "complete" means that every cell that a particle may still enter is classified.
+        With noise, "stalled" means that some reachable cells beside free cells are undecided.
     policy : str
-        Name of the policy that chose the commands. If the problem has the policy ``auto``, the field contains the name of the
-        selected policy.
+        Name of the policy that chose the commands. If the problem has the policy ``auto``, the
+        field contains the name of the selected policy.
     first_frontier : int
         Number of frontier cells at the start of the episode.
     targets : ndarray of bool, the shape of the workspace, or None
@@ -66,11 +66,12 @@ class SwarmEpisode(WithTrace, Episode):
         Computing time of the episode in seconds, including the time for planning.
     versions : dict of str
     observations : tuple of ndarray of int64, shape (k, ndim), optional
-        For a rig with noise: the cells in which each scan showed particles, including the scan before the first command. The
-        workspace of an episode on a rig with noise consists of all cells that the swarm classified as free.
+        For a rig with noise: the cells in which each scan showed particles, including the scan
+        before the first command. The workspace of an episode on a rig with noise consists of all
+        cells that the swarm classified as free.
     truth : ndarray of bool, optional
-        For a rig with noise: the true free cells, if the true map is known. Figures compare the classified cells with the true free
-        cells.
+        For a rig with noise: the true free cells, if the true map is known. Figures compare the
+        classified cells with the true free cells.
     """
 
     part: ClassVar[str] = "swarm"
@@ -112,7 +113,9 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def noisy(self) -> bool:
-        """Whether the episode has noise. For pictures of an episode with noise, use `moments` instead of `frames`."""
+        """Whether the episode has noise. For pictures of an episode with noise, use `moments`
+        instead of `frames`.
+        """
         return self.problem.noise is not None or self.observations is not None
 
     @property
@@ -132,13 +135,19 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def lengths_and_times(self) -> dict[str, Any]:
-        """Lengths in metres and millimetres, and times of the apparatus in seconds (`shoal.swarm.grid.scans.lengths_and_times`)."""
+        """Lengths in metres and millimetres, and times of the apparatus in seconds
+        (`shoal.swarm.grid.scans.lengths_and_times`).
+        """
         about = {name: getattr(self.problem, name) for name in ("move_seconds", "scan_seconds")}
-        return lengths_and_times(self.trace, scans=self.scans, spacing=self.workspace.spacing, **about)
+        return lengths_and_times(
+            self.trace, scans=self.scans, spacing=self.workspace.spacing, **about
+        )
 
     @property
     def seconds_per_move(self) -> float:
-        """Mean computing time per move in seconds, including the time for planning. Without moves, the property is 0."""
+        """Mean computing time per move in seconds, including the time for planning. Without moves,
+        the property is 0.
+        """
         return self.seconds / self.moves if self.moves else 0.0
 
     @property
@@ -155,33 +164,54 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def out_of_reach(self) -> str:
-        """Text with the number of free cells out of reach of all particles. If all free cells are in reach, the text is empty."""
-        return f"{self.unreachable} of {self.workspace.n_free} free cells" if self.unreachable else ""
+        """Text with the number of free cells out of reach of all particles. If all free cells are
+        in reach, the text is empty.
+        """
+        return (
+            f"{self.unreachable} of {self.workspace.n_free} free cells" if self.unreachable else ""
+        )
 
     @cached_property
     def unreachable(self) -> int:
-        """Number of free cells that no path of free cells connects to a start cell. In a coverage, the number is 0."""
+        """Number of free cells that no path of free cells connects to a start cell. In a coverage,
+        the number is 0.
+        """
         if self.targets is not None or self.observations is not None:
             return 0
         parts = self.workspace.components
-        return self.workspace.n_free - int(np.isin(parts, parts[tuple(self.start.T)]).sum()) if parts.max() > 1 else 0
+        return (
+            self.workspace.n_free - int(np.isin(parts, parts[tuple(self.start.T)]).sum())
+            if parts.max() > 1
+            else 0
+        )
 
     @property
     def sentence(self) -> str:
-        """Return one sentence with the status, the number of moves and the reason for the status."""
+        """Return one sentence with the status, the number of moves and the reason for
+        the status.
+        """
         return f"{self.status} after {self.moves} moves: {self.reason}"
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the episode by name: all measures that sweeps store, and other numbers about the result."""
+        """Return the metrics of the episode by name: all measures that sweeps store, and other
+        numbers about the result.
+        """
         numbers = {
-            "status": str(self.status), "moves": self.moves, "scans": self.scans, "cost": self.cost, "distance": self.distance,
+            "status": str(self.status),
+            "moves": self.moves,
+            "scans": self.scans,
+            "cost": self.cost,
+            "distance": self.distance,
             "seconds": self.seconds,
-        }  # fmt: skip
+        }
         errors = self.errors
         if errors is None:
             return numbers
-        return numbers | {name: getattr(errors, name) for name in (*NOISE_MEASURES, "false_free_rate", "false_obstacle_rate")}
+        return numbers | {
+            name: getattr(errors, name)
+            for name in (*NOISE_MEASURES, "false_free_rate", "false_obstacle_rate")
+        }
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object that commands print for one episode."""
@@ -189,7 +219,11 @@ class SwarmEpisode(WithTrace, Episode):
         told = {
             "task": self.task,
             "policy": self.policy,
-            "map": {"name": workspace.name, "shape": list(workspace.shape), "free_cells": workspace.n_free},
+            "map": {
+                "name": workspace.name,
+                "shape": list(workspace.shape),
+                "free_cells": workspace.n_free,
+            },
             "unreachable_cells": self.unreachable,
             "particles": self.particles,
             "placement": self.placement,
@@ -209,16 +243,27 @@ class SwarmEpisode(WithTrace, Episode):
         """The replay of the episode, computed from its stored commands and scans."""
         problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
-            return ObservedReplay(self.workspace.shape, *about, self.trace, self.observations, self.truth)
+            return ObservedReplay(
+                self.workspace.shape, *about, self.trace, self.observations, self.truth
+            )
         if problem.noise is not None:
-            return NoisyReplay(self.workspace, self.start, *about, self.seed, self.trial, self.trace)
-        return ExactReplay(GridWorld(self.workspace, self.rule), problem.chosen_task, self.start, self.targets, self.trace)
+            return NoisyReplay(
+                self.workspace, self.start, *about, self.seed, self.trial, self.trace
+            )
+        return ExactReplay(
+            GridWorld(self.workspace, self.rule),
+            problem.chosen_task,
+            self.start,
+            self.targets,
+            self.trace,
+        )
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        Without noise, the belief contains what the last scan showed. If the outcome of a command after the last scan is certain,
-        the belief also contains this outcome. With noise, the state holds the most likely positions of the particles.
+        Without noise, the belief contains what the last scan showed. If the outcome of a command
+        after the last scan is certain, the belief also contains this outcome. With noise, the state
+        holds the most likely positions of the particles.
         """
         return self.replay.frames()
 
@@ -227,12 +272,15 @@ class SwarmEpisode(WithTrace, Episode):
         return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:
-        """Return the swarm's state and the belief after the last command. In an episode with noise, the state is an estimate."""
+        """Return the swarm's state and the belief after the last command. In an episode with noise,
+        the state is an estimate.
+        """
         return self.replay.end.state, self.replay.end.belief
 
     @cached_property
     def probability(self) -> NDArray[np.float64] | None:
-        """Final probability that each cell is free, for the cells of the workspace and of a rim that is one cell wide (float64).
+        """Final probability that each cell is free, for the cells of the workspace and of a rim
+        that is one cell wide (float64).
 
         For an episode without noise, and for a run on a rig, the property is None.
         """
@@ -249,18 +297,25 @@ class SwarmEpisode(WithTrace, Episode):
         return MapErrors.of(self.workspace, self.start, self.final()[1])
 
     def verify(self) -> Verification:
-        """Replay the commands and scans, and compare the replay with all stored values of the episode.
+        """Replay the commands and scans, and compare the replay with all stored values of the
+        episode.
 
-        For an episode without noise, also check the status: it must be "complete" exactly if no frontier cells remain at the end.
+        For an episode without noise, also check the status: it must be "complete" exactly if no
+        frontier cells remain at the end.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
-            Raised if the running process does not know the task, or if the task does not fit the workspace.
+            Raised if the running process does not know the task, or if the task does not fit the
+            workspace.
         """
         end = self.replay.end
         if end.first_frontier != self.first_frontier:
-            return Verification(False, f"first_frontier differs: {self.first_frontier} stored, {end.first_frontier} replayed")
+            return Verification(
+                False,
+                f"first_frontier differs: {self.first_frontier} stored, {end.first_frontier}"
+                " replayed",
+            )
         if end.trace.moves != self.moves:
             return Verification(False, f"commands: {self.moves} stored, {end.trace.moves} replayed")
         wrong = self.trace.difference(end.trace) or self.replay.wrong_scan(self.problem.scanning)
@@ -269,12 +324,24 @@ class SwarmEpisode(WithTrace, Episode):
         if self.observations is not None:
             return Verification(True, f"{self.scans} scans processed again: the same belief")
         if self.problem.noise is not None:
-            return Verification(True, f"{self.moves} moves of {self.particles} particles with noise replayed: all the same")
+            return Verification(
+                True,
+                f"{self.moves} moves of {self.particles} particles with noise replayed: all the"
+                " same",
+            )
         if end.state.n_particles != self.particles:
-            return Verification(False, f"{self.particles} particles at the start, {end.state.n_particles} at the end")
+            return Verification(
+                False,
+                f"{self.particles} particles at the start, {end.state.n_particles} at the end",
+            )
         if end.belief.complete != bool(self) and self.status is not Status.ALARM:
-            return Verification(False, f"status '{self.status}' stored, {len(end.belief.frontier)} frontier cells left")
-        return Verification(True, f"{self.moves} moves of {self.particles} particles replayed: all the same")
+            return Verification(
+                False,
+                f"status '{self.status}' stored, {len(end.belief.frontier)} frontier cells left",
+            )
+        return Verification(
+            True, f"{self.moves} moves of {self.particles} particles replayed: all the same"
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the episode to an ``.npz`` file. A failed write leaves no partial file.
@@ -282,23 +349,29 @@ class SwarmEpisode(WithTrace, Episode):
         Raises
         ------
         InvalidInputError
-            Raised if the path does not end in ``.npz``, or if the episode comes from a rig with noise. The log of the rig already
-            stores such an episode.
+            Raised if the path does not end in ``.npz``, or if the episode comes from a rig with
+            noise. The log of the rig already stores such an episode.
         OutputError
             Raised if Shoal cannot write the file.
         """
         if self.observations is not None:
             raise InvalidInputError(
-                f"{path}: expected an episode of a simulation, got an episode of a rig with noise, which the log of the rig "
-                "contains"
+                f"{path}: expected an episode of a simulation, got an episode of a rig with noise,"
+                " which the log of the rig contains"
             )
-        told = {name: getattr(self, name) for name in ("policy", "first_frontier", "seed", "trial", "seconds")}
+        told = {
+            name: getattr(self, name)
+            for name in ("policy", "first_frontier", "seed", "trial", "seconds")
+        }
         told |= {"status": str(self.status), "versions": dict(self.versions)}
-        episode_file.write(path, self.problem, told, self.trace, start=self.start, targets=self.targets)
+        episode_file.write(
+            path, self.problem, told, self.trace, start=self.start, targets=self.targets
+        )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SwarmEpisode:
-        """Read an episode that `save` wrote. If ``trust`` is false, refuse a file with a third-party task.
+        """Read an episode that `save` wrote. If ``trust`` is false, refuse a file with a
+        third-party task.
 
         Raises
         ------
@@ -310,6 +383,6 @@ class SwarmEpisode(WithTrace, Episode):
 
     def __repr__(self) -> str:
         return (
-            f"<SwarmEpisode: {self.task} of {self.workspace.name!r} by {self.policy}, {self.particles} particles, "
-            f"{self.moves} moves, {self.status}>"
+            f"<SwarmEpisode: {self.task} of {self.workspace.name!r} by {self.policy},"
+            f" {self.particles} particles, {self.moves} moves, {self.status}>"
         )

@@ -1,7 +1,7 @@
 """Run one episode of a swarm problem.
 
-If kernels support the policy, the task, the scan rule and the noise of a problem, compiled code runs the whole episode. If kernels
-do not support a problem, Python code runs the episode.
+If kernels support the policy, the task, the scan rule and the noise of a problem, compiled code
+runs the whole episode. If kernels do not support a problem, Python code runs the episode.
 """
 
 from __future__ import annotations
@@ -17,18 +17,34 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
-from shoal.swarm.grid.randomness import trial_rng
-from shoal.swarm.policies import Budgeted, ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves, shown_name
+from shoal.swarm.grid.board import trial_rng
+from shoal.swarm.policies import (
+    Budgeted,
+    ClosestFrontier,
+    Compiled,
+    Offline,
+    PlannerPolicy,
+    Policy,
+    RandomMoves,
+    shown_name,
+)
 from shoal.swarm.policies.planners.cost import SHARE, expected_moves
 from shoal.swarm.problem import SwarmProblem
-from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
-from shoal.swarm.simulation.deciders import make_decider
-from shoal.swarm.simulation.exact import ExactSwarm
-from shoal.swarm.simulation.loop import OnMoves, OnTrace, Stop, closed_loop
-from shoal.swarm.simulation.noisy import NoisySwarm
-from shoal.swarm.simulation.starts import draw_start, swarm_of
+from shoal.swarm.simulation.compiled import (
+    Game,
+    NoisyGame,
+    PlannerGame,
+    SearchGame,
+    compiled_loop,
+    is_compiled,
+)
+from shoal.swarm.simulation.loop import OnMoves, OnTrace, Stop, closed_loop, make_decider
+from shoal.swarm.simulation.swarms import ExactSwarm, NoisySwarm, draw_start, swarm_of
 
-MEASURED, PILOT = 1.0, 2.0  # seconds of an episode, and of its run by closest-frontier, from which its duration is estimated
+MEASURED, PILOT = (
+    1.0,
+    2.0,
+)  # seconds of an episode, and of its run by closest-frontier, from which its duration is estimated
 
 
 def run(
@@ -47,18 +63,20 @@ def run(
     ----------
     problem : SwarmProblem
     seed, trial : int
-        Seed and trial number, at least 0. The seed and the trial number together determine all random numbers of the episode. Two
-        runs of a problem with equal seeds and equal trial numbers give equal episodes.
+        Seed and trial number, at least 0. The seed and the trial number together determine all
+        random numbers of the episode. Two runs of a problem with equal seeds and equal trial
+        numbers give equal episodes.
     stepwise : bool
-        Whether to run a built-in policy command by command in Python, like a third-party policy. The option ``stepwise`` does not
-        change the episode.
+        Whether to run a built-in policy command by command in Python, like a third-party policy.
+        The option ``stepwise`` does not change the episode.
     on_moves : callable, optional
-        Function that `run` calls during the episode, with the number of moves made and the number of remaining frontier cells.
+        Function that `run` calls during the episode, with the number of moves made and the number
+        of remaining frontier cells.
     on_trace : callable, optional
         Function that `run` calls during the episode, with each new piece of the trace.
     stop : callable, optional
-        Function that `run` calls several times a second. If it returns true, the episode ends after the moves made so far, with the
-        status "interrupted".
+        Function that `run` calls several times a second. If it returns true, the episode ends after
+        the moves made so far, with the status "interrupted".
 
     Returns
     -------
@@ -77,19 +95,32 @@ def run(
     """
     if not isinstance(problem, SwarmProblem):
         raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
-    seed, trial = check_integer(seed, what="seed", least=0), check_integer(trial, what="trial", least=0)
+    seed, trial = (
+        check_integer(seed, what="seed", least=0),
+        check_integer(trial, what="trial", least=0),
+    )
     problem.check_at_place()
     rng = trial_rng(seed, trial)
     start, targets = draw_start(problem, rng)
     swarm = swarm_of(problem, start, targets, seed, trial)
     first, watch = len(swarm.belief.frontier), Stopwatch()
-    game = None if stepwise or (swarm.belief.complete and swarm.finished) else _game(problem, swarm, rng)
+    game = (
+        None
+        if stepwise or (swarm.belief.complete and swarm.finished)
+        else _game(problem, swarm, rng)
+    )
     if game is None:
         mapping = getattr(problem.chosen_task, "mapping", True)
         decider = make_decider(problem, swarm.belief, rng, getattr(swarm, "noisy", None))
         limit = problem.max_moves
         trace, status = closed_loop(
-            swarm, decider, max_moves=limit, mapping=mapping, on_moves=on_moves, on_trace=on_trace, stop=stop
+            swarm,
+            decider,
+            max_moves=limit,
+            mapping=mapping,
+            on_moves=on_moves,
+            on_trace=on_trace,
+            stop=stop,
         )
     else:
         trace, status = compiled_loop(game, problem.max_moves, on_moves, on_trace, stop=stop)
@@ -109,7 +140,8 @@ def run(
 
 
 def check(problem: SwarmProblem) -> None:
-    """Refuse a problem that cannot run, without running it. The function draws one start, as a third-party placement may fail.
+    """Refuse a problem that cannot run, without running it. The function draws one start, as a
+    third-party placement may fail.
 
     Raises
     ------
@@ -135,10 +167,12 @@ class Duration(NamedTuple):
 
 
 def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -> Duration | None:
-    """Return how long an episode is expected to take, or None if the policy is no planner or the task is a third party's.
+    """Return how long an episode is expected to take, or None if the policy is no planner or the
+    task is a third party's.
 
-    The function plays the episode with the policy closest-frontier, which takes a fraction of a second, and `MEASURED` seconds of
-    the episode itself. The expectation is right within a factor of about 2.
+    The function plays the episode with the policy closest-frontier, which takes a fraction of a
+    second, and `MEASURED` seconds of the episode itself. The expectation is right within a factor
+    of about 2.
 
     Raises
     ------
@@ -148,12 +182,19 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
     policy = problem.chosen_policy
     if not isinstance(policy, Budgeted) or not is_compiled(problem.chosen_task):
         return None
-    pilot = problem.replaced(policy="closest-frontier", budget=None, time_per_move=None).at_place(problem.place)
+    pilot = problem.replaced(policy="closest-frontier", budget=None, time_per_move=None).at_place(
+        problem.place
+    )
     watch = Stopwatch()
     piloted = run(pilot, seed=seed, trial=trial, stop=lambda: watch.seconds > PILOT)
     moves = SHARE * piloted.moves
     if piloted.status is Status.INTERRUPTED:
-        moves = max(moves, expected_moves(problem.place.n_free, problem.particles, noisy=problem.noise is not None))
+        moves = max(
+            moves,
+            expected_moves(
+                problem.place.n_free, problem.particles, noisy=problem.noise is not None
+            ),
+        )
     moves = min(float(problem.max_moves), moves)
     if policy.milliseconds:
         return Duration(moves, moves * policy.milliseconds / 1000)
@@ -167,28 +208,56 @@ def expected_duration(problem: SwarmProblem, *, seed: int = 0, trial: int = 0) -
 
 
 def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:
-    """Return the object that runs an episode in compiled code, or None if kernels do not support the problem."""
+    """Return the object that runs an episode in compiled code, or None if kernels do not support
+    the problem.
+    """
     policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning
     if isinstance(swarm, NoisySwarm):
-        return NoisyGame(policy, swarm.noisy, swarm.rng, every=scanning.step) if isinstance(policy, ClosestFrontier) else None
-    # The commands of random-moves are drawn in advance, one per move. Runs of several equal commands are therefore not compiled.
+        return (
+            NoisyGame(policy, swarm.noisy, swarm.rng, every=scanning.step)
+            if isinstance(policy, ClosestFrontier)
+            else None
+        )
+    # The commands of random-moves are drawn in advance, one per move. Runs of several equal
+    # commands are therefore not compiled.
     one_by_one = isinstance(policy, RandomMoves) and not scanning.every_move
     if not isinstance(policy, Compiled) or not is_compiled(task) or one_by_one:
         return None
-    options: dict[str, Any] = {"rule": problem.rule, "mapping": getattr(task, "mapping", True), "rng": rng}
+    options: dict[str, Any] = {
+        "rule": problem.rule,
+        "mapping": getattr(task, "mapping", True),
+        "rng": rng,
+    }
     if isinstance(policy, PlannerPolicy):
         return PlannerGame(policy, swarm.world.free, swarm.state, swarm.belief, **options)
     n_free = swarm.world.workspace.n_free
-    return SearchGame(policy, swarm.world.free, swarm.state, swarm.belief, **options, n_free=n_free, scanning=scanning)
+    return SearchGame(
+        policy,
+        swarm.world.free,
+        swarm.state,
+        swarm.belief,
+        **options,
+        n_free=n_free,
+        scanning=scanning,
+    )
 
 
 def load_kernels(problem: SwarmProblem) -> None:
-    """Load or compile the kernels that a problem needs, by running a similar problem on a map of two cells."""
+    """Load or compile the kernels that a problem needs, by running a similar problem on a map of
+    two cells.
+    """
     policy, task = problem.chosen_policy, problem.chosen_task
     if isinstance(policy, Compiled | Offline) and is_compiled(task):
         budget = {"budget": 1.0} if isinstance(policy, Offline) else {}
-        prices = {name: getattr(problem, name) for name in ("rule", "scan_every", "slip", "misplace", "miss")}
-        _load_kernels("mapping" if getattr(task, "mapping", True) else "coverage", type(policy)(**budget), **prices)
+        prices = {
+            name: getattr(problem, name)
+            for name in ("rule", "scan_every", "slip", "misplace", "miss")
+        }
+        _load_kernels(
+            "mapping" if getattr(task, "mapping", True) else "coverage",
+            type(policy)(**budget),
+            **prices,
+        )
 
 
 @cache

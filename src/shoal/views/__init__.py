@@ -28,45 +28,60 @@ __all__ = ["figure", "film", "notebook_page", "save_figure"]
 INLINE = 1_000_000  # maximum characters of a player in a notebook
 
 
-def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **options: Any) -> Figure:
+def figure(
+    episode: Episode | Sequence[Episode], *, kind: str | None = None, **options: Any
+) -> Figure:
     """Return a matplotlib figure of an episode.
 
     Parameters
     ----------
     episode : Episode
-        An episode of swarm, steering or search. The figure "frontier" also accepts a list of swarm episodes. For several episodes,
-        the figure also shows the median of their curves.
+        An episode of swarm, steering or search. The figure "frontier" also accepts a list of swarm
+        episodes. For several episodes, the figure also shows the median of their curves.
     kind : str, optional
-        Kind of the figure. For a swarm episode, "map" (the default) shows the map, and "frontier" shows the number of frontier
-        cells over the moves. For a steering episode, "plan" shows the paths of the particles. For a search, "routes" (the default)
-        shows the path of each robot, and "timeline" shows the activities of each robot over time.
+        Kind of the figure. For a swarm episode, "map" (the default) shows the map, and "frontier"
+        shows the number of frontier cells over the moves. For a steering episode, "plan" shows the
+        paths of the particles. For a search, "routes" (the default) shows the path of each robot,
+        and "timeline" shows the activities of each robot over time.
     **options
-        Options of the chosen kind of figure. The kind "map" has the option ``moves``, the number of moves after which the figure
-        shows the map (by default, all moves). All other kinds have no options.
+        Options of the chosen kind of figure. The kind "map" has the option ``moves``, the number of
+        moves after which the figure shows the map (by default, all moves). All other kinds have no
+        options.
 
     Raises
     ------
     InvalidInputError
-        If Shoal has no figure of the given kind for the episode, or if the kind does not have a given option.
+        If Shoal has no figure of the given kind for the episode, or if the kind does not have a
+        given option.
     """
-    kinds = _views_of(episode[0] if isinstance(episode, Sequence) and episode else episode, "figures").FIGURES
+    kinds = _views_of(
+        episode[0] if isinstance(episode, Sequence) and episode else episode, "figures"
+    ).FIGURES
     if kind is None:
         kind = next(iter(kinds))
     drawn: Figure = kinds[check_choice(kind, what="kind", choices=kinds)](episode, **options)
     return drawn
 
 
-def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[int, int], None] | None = None) -> None:
-    """Write a film of an episode of swarm, steering or search. The suffix of ``path`` determines the format.
+def film(
+    episode: Episode,
+    path: str | os.PathLike[str],
+    *,
+    on_frame: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a film of an episode of swarm, steering or search. The suffix of ``path`` determines
+    the format.
 
     Parameters
     ----------
     episode : Episode
-        An episode whose method ``verify`` succeeds, because the film needs a simulation of the motion within each move.
+        An episode whose method ``verify`` succeeds, because the film needs a simulation of the
+        motion within each move.
     path : path
         Path of the film, with the suffix ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
     on_frame : callable, optional
-        Function that Shoal calls after each frame, with the number of finished frames and the total number of frames.
+        Function that Shoal calls after each frame, with the number of finished frames and the total
+        number of frames.
 
     Raises
     ------
@@ -83,15 +98,31 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
         if suffix == ".html":
             temporary.write_text(_views_of(episode, "page").player_page(episode), encoding="utf-8")
         else:
-            encode_film(temporary, _views_of(episode, "films").clip_of(episode, suffix), gif=suffix == ".gif", on_frame=on_frame)
+            encode_film(
+                temporary,
+                _views_of(episode, "films").clip_of(episode, suffix),
+                gif=suffix == ".gif",
+                on_frame=on_frame,
+            )
 
 
 def notebook_page(episode: Episode) -> str:
-    """Return an episode as HTML for a notebook: its figure, one sentence, and its player unless the player is too large."""
-    from shoal.views.drawing.notebook_figure import encode_figure  # needs matplotlib, which is slow to import
+    """Return an episode as HTML for a notebook: its figure, one sentence, and its player unless the
+    player is too large.
+    """
+    from shoal.views.drawing.encoding import (
+        encode_figure,  # needs matplotlib, which is slow to import
+    )
 
-    encoded, name = base64.b64encode(encode_figure(figure(episode))).decode(), html.escape(repr(episode).strip("<>"))
-    told = name if html.escape(episode.sentence) in name else f"{name}<br/>{html.escape(episode.sentence)}"
+    encoded, name = (
+        base64.b64encode(encode_figure(figure(episode))).decode(),
+        html.escape(repr(episode).strip("<>")),
+    )
+    told = (
+        name
+        if html.escape(episode.sentence) in name
+        else f"{name}<br/>{html.escape(episode.sentence)}"
+    )
     try:
         player = _views_of(episode, "page").player_page(episode)
     except InvalidInputError:  # the episode is too large for a browser
@@ -101,14 +132,20 @@ def notebook_page(episode: Episode) -> str:
         'style="width:100%;height:720px;border:1px solid #ccc"></iframe></details>'
     )
     return (
-        f'<figure style="margin:0"><img alt="{name}" src="data:image/png;base64,{encoded}" style="max-width:100%"/>'
+        f'<figure style="margin:0"><img alt="{name}" src="data:image/png;base64,{encoded}"'
+        ' style="max-width:100%"/>'
         f"<figcaption>{told}</figcaption>{frame * (0 < len(player) < INLINE)}</figure>"
     )
 
 
 def _views_of(episode: Any, room: str) -> Any:
-    """Import and return the module ``room`` of views for the part of an episode: swarm, steering or search."""
+    """Import and return the module ``room`` of views for the part of an episode: swarm, steering or
+    search.
+    """
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
-        raise InvalidInputError(f"episode: expected an episode of swarm, steering or search, got {type(episode).__name__}")
+        raise InvalidInputError(
+            "episode: expected an episode of swarm, steering or search, got"
+            f" {type(episode).__name__}"
+        )
     return import_module(f"shoal.views.{part}.{room}")

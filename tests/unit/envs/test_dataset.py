@@ -1,4 +1,6 @@
-"""Policies played into datasets of Minari: they open again, hold what the environment told, and are written whole or not at all."""
+"""Policies played into datasets of Minari: they open again, hold what the environment told, and are
+written whole or not at all.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ def test_any_function_is_a_policy(tmp_path):
     def choose(observation, info):
         return int(rng.choice(np.flatnonzero(info["action_mask"])))
 
-    dataset = shoal.envs.record_episodes(mapping(max_moves=5), choose, tmp_path / "data", episodes=1, name="mine/some-v0")
+    dataset = shoal.envs.record_episodes(
+        mapping(max_moves=5), choose, tmp_path / "data", episodes=1, name="mine/some-v0"
+    )
     assert dataset.id == "mine/some-v0"
     assert dataset[0].truncations.tolist() == [False] * 4 + [True]
 
@@ -69,20 +73,30 @@ def test_a_policy_that_gives_up_is_truncated(tmp_path):
 
 def test_maps_that_have_no_name_are_no_part_of_the_spec(tmp_path):
     dataset = shoal.envs.record_episodes(
-        mapping(map=GridWorkspace([[1] * 9]), particles=1), "closest-frontier", tmp_path / "data", episodes=1
+        mapping(map=GridWorkspace([[1] * 9]), particles=1),
+        "closest-frontier",
+        tmp_path / "data",
+        episodes=1,
     )
     assert dataset.env_spec is None
     assert dataset[0].observations.shape[1:] == (4, 3, 11)
 
 
 def test_nothing_is_left_of_a_recording_that_fails(tmp_path):
-    for policy, words in [("no-such", "unknown policy"), (lambda observation, info: 7, "action: expected")]:
+    for policy, words in [
+        ("no-such", "unknown policy"),
+        (lambda observation, info: 7, "action: expected"),
+    ]:
         with pytest.raises(gymnasium.error.Error, match=words):
             shoal.envs.record_episodes(mapping(), policy, tmp_path / "data", episodes=1)
     with pytest.raises(shoal.envs.OptionError, match="scan_every: expected 1"):
-        shoal.envs.record_episodes(mapping(scan_every=3), "closest-frontier", tmp_path / "data", episodes=1)
+        shoal.envs.record_episodes(
+            mapping(scan_every=3), "closest-frontier", tmp_path / "data", episodes=1
+        )
     with pytest.raises(shoal.envs.OptionError, match="expected an environment of Shoal"):
-        shoal.envs.record_episodes(gymnasium.make("CartPole-v1"), "closest-frontier", tmp_path / "data")
+        shoal.envs.record_episodes(
+            gymnasium.make("CartPole-v1"), "closest-frontier", tmp_path / "data"
+        )
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "data").mkdir()
     with pytest.raises(OutputError, match="does not exist yet"):

@@ -1,4 +1,6 @@
-"""Environments are an extra: without it one sentence says what to install, and the rest of Shoal never loads it."""
+"""Environments are an extra: without it one sentence says what to install, and the rest of Shoal
+never loads it.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +23,14 @@ def test_without_the_extra(library, monkeypatch):
 
 
 def test_an_id_with_its_module_needs_no_import():
-    made = "gymnasium.make('shoal.envs:shoal/Mapping-v0', map='line:5', particles=1).reset(seed=1)[0].shape"
-    told = subprocess.run([sys.executable, "-c", f"import gymnasium; print({made})"], check=True, capture_output=True, text=True)
+    made = (
+        "gymnasium.make('shoal.envs:shoal/Mapping-v0', map='line:5',"
+        " particles=1).reset(seed=1)[0].shape"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", f"import gymnasium; print({made})"],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     assert told.stdout == "(4, 3, 7)\n"

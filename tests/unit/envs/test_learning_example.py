@@ -1,4 +1,6 @@
-"""The learned examples: their gradients are right, they learn, and they run as they stand with a tiny budget."""
+"""The learned examples: their gradients are right, they learn, and they run as they stand with a
+tiny budget.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def trial_and_error():
 
 
 def states(example, count, rng):
-    """Return states at random, and the command whose entry in the last shared number but two is largest as their label."""
+    """Return states at random, and the command whose entry in the last shared number but two is
+    largest as their label.
+    """
     patches = rng.integers(0, 9, (count, 3, 5, example.SIDE, example.SIDE)).astype(np.uint8)
     shared = rng.normal(size=(count, 4, example.SHARED)).astype(np.float32)
     return patches, shared, shared[:, :, 2].argmax(axis=1)
@@ -52,7 +56,9 @@ def test_gradients_are_those_of_the_loss(example):
     network.means = {name: np.zeros_like(weight) for name, weight in weights.items()}
     network.updates = 0
     network.learn(*given, rate=0.0, mirrored=False)
-    slopes = {name: 10 * mean for name, mean in network.means.items()}  # after one step the mean is a tenth of the slope
+    slopes = {
+        name: 10 * mean for name, mean in network.means.items()
+    }  # after one step the mean is a tenth of the slope
     for name, weight in weights.items():
         place = np.unravel_index(np.abs(slopes[name]).argmax(), weight.shape)
         change = 1e-4
@@ -74,23 +80,42 @@ def test_a_turned_map_has_the_same_ratings_turned(example):
     patches, shared, _ = states(example, 2, rng)
     ratings = network.forward(patches, shared)[0]
     turned = np.rot90(patches, 1, axes=(3, 4))  # what was up is left now
-    assert np.allclose(network.forward(turned, np.roll(shared, -1, axis=1))[0], np.roll(ratings, -1, axis=1), atol=1e-4)
+    assert np.allclose(
+        network.forward(turned, np.roll(shared, -1, axis=1))[0],
+        np.roll(ratings, -1, axis=1),
+        atol=1e-4,
+    )
 
 
 def test_it_runs_as_it_stands(example, capsys):
-    budget = "--cells 60 --particles 5 --maps 1 --rounds 1 --epochs 1 --tests 1 --large 0 --max-moves 15"
+    budget = (
+        "--cells 60 --particles 5 --maps 1 --rounds 1 --epochs 1 --tests 1 --large 0 --max-moves 15"
+    )
     example.main(budget.split())
     told = capsys.readouterr().out
     policies = re.findall(r"^\| ([a-z()-]+(?: \(this script\))?) \| [\d.]+ \|", told, re.M)
-    assert policies == ["random-moves", "closest-frontier", "greedy-classify", "learned (this script)", "best"]
+    assert policies == [
+        "random-moves",
+        "closest-frontier",
+        "greedy-classify",
+        "learned (this script)",
+        "best",
+    ]
 
 
 def test_gradients_of_trial_and_error_are_those_of_its_loss(trial_and_error):
     rng = np.random.default_rng(1)
     network = trial_and_error.Network(rng)
-    network.weights = {name: 3 * weight.astype(np.float64) for name, weight in network.weights.items()}
+    network.weights = {
+        name: 3 * weight.astype(np.float64) for name, weight in network.weights.items()
+    }
     inputs, mask = rng.normal(size=(6, 4, trial_and_error.INPUTS)), np.array([[1, 1, 1, 0]] * 6)
-    actions, old, gains, returns = rng.integers(0, 3, 6), rng.uniform(0.1, 0.9, 6), rng.normal(size=6), rng.normal(size=6)
+    actions, old, gains, returns = (
+        rng.integers(0, 3, 6),
+        rng.uniform(0.1, 0.9, 6),
+        rng.normal(size=6),
+        rng.normal(size=6),
+    )
 
     def loss():
         chances, values, _ = network.forward(inputs, mask)
@@ -101,7 +126,9 @@ def test_gradients_of_trial_and_error_are_those_of_its_loss(trial_and_error):
         return (-worth + 0.25 * (values - returns) ** 2).mean()
 
     chances, values, kept = network.forward(inputs, mask)
-    slopes = network.slopes(kept, *trial_and_error.slopes_of_loss(chances, values, actions, old, gains, returns))
+    slopes = network.slopes(
+        kept, *trial_and_error.slopes_of_loss(chances, values, actions, old, gains, returns)
+    )
     for name, weight in network.weights.items():
         place = np.unravel_index(np.abs(slopes[name]).argmax(), weight.shape)
         weight[place] += 1e-5
@@ -112,7 +139,9 @@ def test_gradients_of_trial_and_error_are_those_of_its_loss(trial_and_error):
 
 
 def test_a_turned_swarm_has_the_same_chances_turned(trial_and_error):
-    """A quarter turn makes what was up left: the 21 numbers change places, and so do the chances of the commands."""
+    """A quarter turn makes what was up left: the 21 numbers change places, and so do the chances of
+    the commands.
+    """
     rng = np.random.default_rng(2)
     seen, last = rng.uniform(-1, 1, (3, 21)).astype(np.float32), np.array([0, 2, -1])
     turned = seen.copy()
@@ -123,7 +152,9 @@ def test_a_turned_swarm_has_the_same_chances_turned(trial_and_error):
     turned[:, 17], turned[:, 18] = seen[:, 18], seen[:, 17]  # of a spread
     network, mask = trial_and_error.Network(rng), np.ones((3, 4))
     chances = network.forward(trial_and_error.turned(seen, last), mask)[0]
-    again = network.forward(trial_and_error.turned(turned, np.where(last < 0, last, (last - 1) % 4)), mask)[0]
+    again = network.forward(
+        trial_and_error.turned(turned, np.where(last < 0, last, (last - 1) % 4)), mask
+    )[0]
     assert np.allclose(again, np.roll(chances, -1, axis=1), atol=1e-5)
 
 

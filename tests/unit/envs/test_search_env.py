@@ -1,4 +1,6 @@
-"""The parallel environment of searches: PettingZoo's own checks for every option, times, messages, deaths, errors."""
+"""The parallel environment of searches: PettingZoo's own checks for every option, times, messages,
+deaths, errors.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ def test_pettingzoos_own_checks_pass(variant, capsys):
     parallel_seed_test(lambda: search_v0.parallel_env(**options), num_cycles=10)
     observations, _ = env.reset(seed=1)
     while env.agents:
-        observations, *_ = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+        observations, *_ = env.step(
+            {agent: env.action_space(agent).sample() for agent in env.agents}
+        )
         for agent, observation in observations.items():
             assert env.observation_space(agent).contains(observation)
 
@@ -55,7 +59,10 @@ def test_agents_that_do_what_the_protocol_does_take_as_long():
     episode = shoal.run(problem, seed=2)
     env = search_v0.parallel_env(region="square:80", robots=3, action="cell")
     _, infos = env.reset(seed=2)
-    visits = {f"robot_{number}": list(robot.cells) for number, robot in enumerate(episode.trace.robots, start=1)}
+    visits = {
+        f"robot_{number}": list(robot.cells)
+        for number, robot in enumerate(episode.trace.robots, start=1)
+    }
     while env.agents:
         actions = {}
         for agent in env.agents:
@@ -91,11 +98,17 @@ def test_a_robot_searches_cell_by_cell_and_the_others_hear_of_it():
     assert rewards == {"robot_1": 1.0, "robot_2": 0.0}
     observations, *_ = walk(env, [{}, {}])
     assert observations["robot_1"]["position"].tolist() == [0, 1]
-    assert observations["robot_2"]["planes"][search_v0.PLANES.index("searched")].tolist() == [[1, 1, 0, 0, 0, 1]]
+    assert observations["robot_2"]["planes"][search_v0.PLANES.index("searched")].tolist() == [
+        [1, 1, 0, 0, 0, 1]
+    ]
     assert observations["robot_2"]["told"].tolist() == [2, 1]
-    _, rewards, terminations, _, infos = walk(env, [{"robot_1": RIGHT, "robot_2": LEFT}, {"robot_1": RIGHT, "robot_2": LEFT}])
+    _, rewards, terminations, _, infos = walk(
+        env, [{"robot_1": RIGHT, "robot_2": LEFT}, {"robot_1": RIGHT, "robot_2": LEFT}]
+    )
     assert terminations == {"robot_1": True, "robot_2": True}
-    assert rewards == {"robot_1": 11.0, "robot_2": 1.0 + 10.0} or sum(rewards.values()) == 21.0  # who searched the last one
+    assert (
+        rewards == {"robot_1": 11.0, "robot_2": 1.0 + 10.0} or sum(rewards.values()) == 21.0
+    )  # who searched the last one
     assert env.agents == []
 
 
@@ -108,7 +121,9 @@ def test_nothing_is_heard_when_all_messages_are_lost():
 
 
 def test_how_long_ago_a_robot_was_heard():
-    env = corridor(network="partition:2:100")  # from time 2 on nothing passes between robots 1 and 2
+    env = corridor(
+        network="partition:2:100"
+    )  # from time 2 on nothing passes between robots 1 and 2
     observations, _ = env.reset(seed=1)
     observations, *_ = walk(env, [{}, {}, {}, {}, {}])
     assert 3.0 <= observations["robot_1"]["heard"][1] <= 4.0
@@ -179,8 +194,16 @@ def test_wrong_steps():
             method()
     env.reset(seed=1)
     everyone = dict.fromkeys(env.agents, 0)
-    for actions in (None, {}, everyone | {"robot_2": 6}, everyone | {"robot_2": "up"}, [0, 0, 0, 0]):
-        with pytest.raises(gymnasium.error.InvalidAction, match=r"robot_\d: expected an action from 0 to 5"):
+    for actions in (
+        None,
+        {},
+        everyone | {"robot_2": 6},
+        everyone | {"robot_2": "up"},
+        [0, 0, 0, 0],
+    ):
+        with pytest.raises(
+            gymnasium.error.InvalidAction, match=r"robot_\d: expected an action from 0 to 5"
+        ):
             env.step(actions)
     assert all(env.step(everyone)[3].values()), "truncated by max_steps"
     with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset first"):

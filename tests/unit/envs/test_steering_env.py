@@ -1,4 +1,6 @@
-"""The environment of steering: Gymnasium's own checks for every option, the same episodes as `shoal.run`, errors."""
+"""The environment of steering: Gymnasium's own checks for every option, the same episodes as
+`shoal.run`, errors.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,23 @@ VARIANTS = {
     "friction": {"workspace": "hexagon", "friction": 0.5},
     "noise": {"execution": 0.01, "gain": 0.2},
     "spheres": {"particle_radius": 0.1},
-    "three": {"start": [(0.2, 0.5), (0.4, 0.5), (0.3, 0.1)], "goal": [(0.2, 0.3), (0.4, 0.5), (0.1, 0.1)], "interchangeable": True},
+    "three": {
+        "start": [(0.2, 0.5), (0.4, 0.5), (0.3, 0.1)],
+        "goal": [(0.2, 0.3), (0.4, 0.5), (0.1, 0.1)],
+        "interchangeable": True,
+    },
     "space": {
-        "workspace": prism(regular_polygon(4), 1.0), "start": [(0, 0.1, 0.5), (0.1, 0.1, 0.5)],
+        "workspace": prism(regular_polygon(4), 1.0),
+        "start": [(0, 0.1, 0.5), (0.1, 0.1, 0.5)],
         "goal": [(0, 0.1, 0.5), (0.1, 0.1, 0.3)],
     },
-    "obstacle": {"workspace": region([(0, 0), (1, 0), (1, 1), (0, 1)], [[(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]])},
+    "obstacle": {
+        "workspace": region(
+            [(0, 0), (1, 0), (1, 1), (0, 1)], [[(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]]
+        )
+    },
     "goal-outside": {**PAIR, "goal_x": 1.5, "goal_y": 0.5},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -50,11 +61,18 @@ def test_an_episode_is_that_of_run_with_the_same_seed(fields):
         observation, reward, terminated, truncated, info = env.step(move)
         rewards.append(reward)
         assert np.abs(observation["particles"] - state).max() < 1e-9
-        assert (observation["delta"] == observation["particles"][1:] - observation["particles"][0]).all()
+        assert (
+            observation["delta"] == observation["particles"][1:] - observation["particles"][0]
+        ).all()
     assert terminated == (episode.error <= 1e-6)
     assert not truncated
     options = env.options
-    expected = start_error - info["error"] - options.move_price * episode.moves + options.final_bonus * terminated
+    expected = (
+        start_error
+        - info["error"]
+        - options.move_price * episode.moves
+        + options.final_bonus * terminated
+    )
     assert sum(rewards) == pytest.approx(expected)
 
 
@@ -70,13 +88,20 @@ def test_the_actions_of_an_expert_solve_it():
     short = gymnasium.make(NAME, **PAIR, longest_move=0.1).unwrapped
     short.reset()
     with pytest.raises(
-        shoal.envs.OptionError, match=r"longest_move: expected 0\.\d+ or more for the moves of the planner shortest, got 0.1"
+        shoal.envs.OptionError,
+        match=(
+            r"longest_move: expected 0\.\d+ or more for the moves of the planner shortest, got 0.1"
+        ),
     ):
         short.expert_actions("shortest")
 
 
 def test_interchangeable_particles_take_the_best_matching():
-    swapped = {"start": [(0.2, 0.5), (0.4, 0.5)], "goal": [(0.4, 0.5), (0.2, 0.6)], "interchangeable": True}
+    swapped = {
+        "start": [(0.2, 0.5), (0.4, 0.5)],
+        "goal": [(0.4, 0.5), (0.2, 0.6)],
+        "interchangeable": True,
+    }
     assert gymnasium.make(NAME, **swapped).reset()[1]["error"] == pytest.approx(0.1)
 
 
@@ -121,7 +146,9 @@ def test_bad_options(options, words):
 
 def test_no_room_for_random_particles():
     env = gymnasium.make(NAME, particle_radius=0.45).unwrapped
-    with pytest.raises(shoal.envs.OptionError, match="particle radius: expected room for 2 particles"):
+    with pytest.raises(
+        shoal.envs.OptionError, match="particle radius: expected room for 2 particles"
+    ):
         env.reset(seed=1)
 
 
@@ -134,7 +161,9 @@ def test_wrong_steps_and_resets():
     for action in ([0, 0, 0], 1.0, [2, 0], [np.nan, 0], "l", None, [[0, 0]]):
         with pytest.raises(gymnasium.error.InvalidAction, match="2 numbers from -1 to 1"):
             env.step(action)
-    with pytest.raises(shoal.envs.OptionError, match="reset: options: expected no option, got 'map'"):
+    with pytest.raises(
+        shoal.envs.OptionError, match="reset: options: expected no option, got 'map'"
+    ):
         env.reset(options={"map": 1})
     assert env.step([0.0, 0.0])[3], "truncated by max_moves"
     with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset first"):

@@ -1,4 +1,6 @@
-"""The environments of swarms: Gymnasium's own checks for every option, the same episodes as `shoal.run`, errors."""
+"""The environments of swarms: Gymnasium's own checks for every option, the same episodes as
+`shoal.run`, errors.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,8 @@ from gymnasium.utils.env_checker import check_env
 
 import shoal
 import shoal.envs
-from shoal.envs import observations
-from shoal.swarm.grid.commands import LETTERS
+from shoal.envs import options as observations
+from shoal.swarm.grid.board import LETTERS
 
 IDS = ["shoal/Mapping-v0", "shoal/Coverage-v0", "shoal/SubsetCoverage-v0"]
 SMALL = {"map": "vessels:100", "particles": 20}
@@ -39,7 +41,11 @@ def test_gymnasiums_own_checks_pass(name, variant):
 
 
 def test_gymnasiums_own_checks_pass_with_noise():
-    check_env(gymnasium.make(IDS[0], **SMALL, slip=0.1, misplace=0.1, miss=0.1, observation="compact").unwrapped)
+    check_env(
+        gymnasium.make(
+            IDS[0], **SMALL, slip=0.1, misplace=0.1, miss=0.1, observation="compact"
+        ).unwrapped
+    )
 
 
 @pytest.mark.parametrize("rule", ["block", "merge", "tilt"])
@@ -61,7 +67,9 @@ def test_an_episode_is_that_of_run_with_the_same_seed(name, rule):
     assert env.view.belief == belief
     options = env.options
     classified = int(episode.trace.classified.sum())
-    assert sum(rewards) == options.classified_reward * classified - options.move_price * episode.moves + (
+    assert sum(
+        rewards
+    ) == options.classified_reward * classified - options.move_price * episode.moves + (
         options.final_bonus * terminated
     )
     inner = (slice(1, -1),) * 2
@@ -96,7 +104,9 @@ def test_a_window_is_a_cut_of_the_planes():
 
 
 def test_each_episode_draws_a_map_and_options_choose_one():
-    env = gymnasium.make(IDS[0], maps=["vessels:100", "vessels:100:1", "vessels:100:2"], particles=5).unwrapped
+    env = gymnasium.make(
+        IDS[0], maps=["vessels:100", "vessels:100:1", "vessels:100:2"], particles=5
+    ).unwrapped
     env.reset(seed=1)
     assert {env.reset()[1]["map"] for _ in range(30)} == {0, 1, 2}
     assert env.reset(options={"map": 2})[1]["map"] == 2

@@ -1,4 +1,6 @@
-"""Vectors of environments: exactly what as many single ones give, in all of Gymnasium's autoreset modes."""
+"""Vectors of environments: exactly what as many single ones give, in all of Gymnasium's autoreset
+modes.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,9 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import shoal.envs
-from shoal.envs import observations
+from shoal.envs import options as observations
 from shoal.steering import prism, region, regular_polygon
-from shoal.swarm.policies.paths import path_to_frontier
+from shoal.swarm.policies.protocol import path_to_frontier
 
 SMALL = {"map": "vessels:60", "particles": 12, "max_moves": 15}
 MAPS = ["vessels:60", "vessels:40"]
@@ -36,13 +38,22 @@ STEERING = {
     "slides": {"workspace": "hexagon", "friction": 0.5},
     "gain": {"execution": 0.01, "measurement": 0.01, "gain": 0.2},
     "spheres": {"particle_radius": 0.1, "final_bonus": 5.0},
-    "three": {"start": [(0.2, 0.5), (0.4, 0.5), (0.3, 0.1)], "goal": [(0.2, 0.3), (0.4, 0.5), (0.1, 0.1)], "interchangeable": True},
+    "three": {
+        "start": [(0.2, 0.5), (0.4, 0.5), (0.3, 0.1)],
+        "goal": [(0.2, 0.3), (0.4, 0.5), (0.1, 0.1)],
+        "interchangeable": True,
+    },
     "space": {
-        "workspace": prism(regular_polygon(4), 1.0), "start": [(0, 0.1, 0.5), (0.1, 0.1, 0.5)],
+        "workspace": prism(regular_polygon(4), 1.0),
+        "start": [(0, 0.1, 0.5), (0.1, 0.1, 0.5)],
         "goal": [(0, 0.1, 0.5), (0.1, 0.1, 0.3)],
     },
-    "obstacle": {"workspace": region([(0, 0), (1, 0), (1, 1), (0, 1)], [[(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]])},
-}  # fmt: skip
+    "obstacle": {
+        "workspace": region(
+            [(0, 0), (1, 0), (1, 1), (0, 1)], [[(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]]
+        )
+    },
+}
 
 
 def same(one, other):
@@ -64,7 +75,8 @@ def same(one, other):
 def pair(name, mode, count=3, **options):
     """Return a vector of our own and Gymnasium's of as many single environments."""
     ours = gymnasium.make_vec(f"shoal/{name}-v0", num_envs=count, autoreset_mode=mode, **options)
-    one = lambda: gymnasium.make(f"shoal/{name}-v0", disable_env_checker=True, **options).unwrapped  # noqa: E731 - one line, called n times
+    # noqa: E731 - one line, called n times
+    one = lambda: gymnasium.make(f"shoal/{name}-v0", disable_env_checker=True, **options).unwrapped
     return ours, SyncVectorEnv([one] * count, autoreset_mode=mode)
 
 
@@ -86,7 +98,10 @@ def compare(name, mode, options, *, steps, least_ends):
         ended = got[2] | got[3]
         ends += int(ended.sum())
         if mode is AutoresetMode.DISABLED and ended.any():
-            same(ours.reset(options={"reset_mask": ended}), theirs.reset(options={"reset_mask": ended}))
+            same(
+                ours.reset(options={"reset_mask": ended}),
+                theirs.reset(options={"reset_mask": ended}),
+            )
     assert ends > least_ends
     same(ours.reset(seed=[7, None, 2]), theirs.reset(seed=[7, None, 2]))
 
@@ -118,7 +133,10 @@ def test_copies_and_a_buffer_that_is_written_again():
 
 def test_pictures_and_texts():
     for mode, kind in (("rgb_array", np.ndarray), ("ansi", str)):
-        envs, alone = (make("shoal/Mapping-v0", render_mode=mode, **SMALL) for make in (gymnasium.make_vec, gymnasium.make))
+        envs, alone = (
+            make("shoal/Mapping-v0", render_mode=mode, **SMALL)
+            for make in (gymnasium.make_vec, gymnasium.make)
+        )
         envs.reset(seed=4)
         alone.reset(seed=4)
         (shown,) = envs.render()
@@ -139,13 +157,19 @@ def plain_compact(planes, view, moved):
     spread = np.sqrt(np.maximum((cells**2 * weights[:, None]).sum(axis=0) / total - middle**2, 0))
     size = np.array(planes.shape[1:])
     known = planes[1:].max(axis=0).sum()
-    numbers = [(one * planes[3]).sum() / total for one in entered] + [(one * ~stopped).sum() / total for one in entered]
-    numbers += [float(letter == path[:1]) for letter in "lurdio"[: 2 * ndim]] + [1 / len(path) if path else 0]
+    numbers = [(one * planes[3]).sum() / total for one in entered] + [
+        (one * ~stopped).sum() / total for one in entered
+    ]
+    numbers += [float(letter == path[:1]) for letter in "lurdio"[: 2 * ndim]] + [
+        1 / len(path) if path else 0
+    ]
     rest = [*(middle / size), *(spread / size), planes[3].sum() / known, moved]
     return np.array(numbers), np.array(rest)
 
 
-@pytest.mark.parametrize("options", [{}, {"rule": "merge", "particles": 60}, {"map": "vessels3d:60"}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"rule": "merge", "particles": 60}, {"map": "vessels3d:60"}], ids=str
+)
 def test_compact_numbers_are_those_of_the_planes(options):
     env = gymnasium.make("shoal/Mapping-v0", **(SMALL | options), observation="compact").unwrapped
     observed, _ = env.reset(seed=1)
@@ -160,11 +184,27 @@ def test_compact_numbers_are_those_of_the_planes(options):
 @pytest.mark.parametrize(
     ("does", "error", "words"),
     [
-        (lambda envs: envs.step([0]), gymnasium.error.InvalidAction, "actions: expected 2 whole numbers from 0 to 3, one per"),
+        (
+            lambda envs: envs.step([0]),
+            gymnasium.error.InvalidAction,
+            "actions: expected 2 whole numbers from 0 to 3, one per",
+        ),
         (lambda envs: envs.step([0.5, 1]), gymnasium.error.InvalidAction, "got float64 (2,)"),
-        (lambda envs: envs.step([0, 4]), gymnasium.error.InvalidAction, "actions: expected whole numbers from 0 to 3, got 4"),
-        (lambda envs: envs.reset(seed=[1]), shoal.envs.OptionError, "reset: seed: expected 2 seeds, one per world, got 1"),
-        (lambda envs: envs.reset(options={"mask": 1}), shoal.envs.OptionError, "reset: options: expected one of map, got 'mask'"),
+        (
+            lambda envs: envs.step([0, 4]),
+            gymnasium.error.InvalidAction,
+            "actions: expected whole numbers from 0 to 3, got 4",
+        ),
+        (
+            lambda envs: envs.reset(seed=[1]),
+            shoal.envs.OptionError,
+            "reset: seed: expected 2 seeds, one per world, got 1",
+        ),
+        (
+            lambda envs: envs.reset(options={"mask": 1}),
+            shoal.envs.OptionError,
+            "reset: options: expected one of map, got 'mask'",
+        ),
         (
             lambda envs: envs.reset(options={"reset_mask": [True]}),
             shoal.envs.OptionError,
@@ -190,24 +230,36 @@ def test_what_is_wrong_is_said_in_one_sentence(does, error, words):
 def test_wrong_options():
     for options, words in (
         ({"num_envs": 0}, "num_envs: expected a whole number, 1 or more, got 0"),
-        ({"autoreset_mode": "never"}, "autoreset_mode: expected one of NextStep, SameStep, Disabled, got 'never'"),
+        (
+            {"autoreset_mode": "never"},
+            "autoreset_mode: expected one of NextStep, SameStep, Disabled, got 'never'",
+        ),
         ({"partikles": 1}, "partikles: expected no such option"),
         ({"maps": ["vessels:60", "vessels3d:60"]}, "maps: expected all of 2"),
     ):
         with pytest.raises(shoal.envs.OptionError, match=re.escape(words)):
             gymnasium.make_vec("shoal/Mapping-v0", **(SMALL | {"num_envs": 2} | options))
-    with pytest.raises(gymnasium.error.UnsupportedMode, match="render_mode: expected one of rgb_array, ansi, got 'human'"):
+    with pytest.raises(
+        gymnasium.error.UnsupportedMode,
+        match="render_mode: expected one of rgb_array, ansi, got 'human'",
+    ):
         gymnasium.make_vec("shoal/Mapping-v0", render_mode="human", **SMALL)
 
 
 def test_an_ended_environment_is_not_stepped_when_autoreset_is_disabled():
-    envs = gymnasium.make_vec("shoal/Mapping-v0", num_envs=2, autoreset_mode="Disabled", **(SMALL | {"max_moves": 1}))
+    envs = gymnasium.make_vec(
+        "shoal/Mapping-v0", num_envs=2, autoreset_mode="Disabled", **(SMALL | {"max_moves": 1})
+    )
     envs.reset(seed=1)
     assert envs.step([0, 0])[3].all()
-    with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset of environment 0 first"):
+    with pytest.raises(
+        gymnasium.error.ResetNeeded, match="expected a reset of environment 0 first"
+    ):
         envs.step([0, 0])
     envs.reset(options={"reset_mask": np.array([True, False])})
-    with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset of environment 1 first"):
+    with pytest.raises(
+        gymnasium.error.ResetNeeded, match="expected a reset of environment 1 first"
+    ):
         envs.step([0, 0])
 
 

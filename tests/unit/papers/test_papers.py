@@ -1,4 +1,6 @@
-"""The papers' figures: every one has a recipe, its data lie beside it, and the errata's checks show what they say."""
+"""The papers' figures: every one has a recipe, its data lie beside it, and the errata's checks show
+what they say.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,7 @@ from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.core.registry import Registry
 from shoal.lab import Store
-from shoal.lab.statistics import estimate
-from shoal.lab.summaries import Row
+from shoal.lab.statistics import Row, estimate
 from shoal.papers import Recipe, Settings, Verdict, recipes, reproduce, reproduce_all
 from shoal.papers.claims import claim, curve_claim, exponent, order_claim, verdict_of
 from shoal.papers.mapping.curves import MAPS
@@ -27,8 +28,22 @@ from shoal.papers.steering.recipes import random_difference
 from shoal.steering import regular_polygon
 from shoal.views.drawing.curves import Curve, Labels, Published, frontier_curves, mean_curves
 
-FIGURES = ["m-fig1", "m-fig3", "m-fig4", "m-theorem3", "m-fig5", "m-fig6", "m-theorem1", *(f"m-fig{n}" for n in range(7, 12))]
-FIGURES += [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16, 5, 6, 7, 11, 12)] + ["w-swap", "h-fig5", "h-baselines", "h-curves"]
+FIGURES = [
+    "m-fig1",
+    "m-fig3",
+    "m-fig4",
+    "m-theorem3",
+    "m-fig5",
+    "m-fig6",
+    "m-theorem1",
+    *(f"m-fig{n}" for n in range(7, 12)),
+]
+FIGURES += [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16, 5, 6, 7, 11, 12)] + [
+    "w-swap",
+    "h-fig5",
+    "h-baselines",
+    "h-curves",
+]
 COMPUTED = {"m-theorem1", "h-curves"}  # of which nothing is played
 
 
@@ -41,18 +56,26 @@ def test_every_figure_with_numbers_has_a_recipe():
         assert all(sweep.trials in {1, 3} for sweep in sweeps)
         assert len({sweep.name for sweep in sweeps}) == len(sweeps)
         for point in (point for sweep in sweeps for point in sweep.points):
-            assert getattr(point.problem, "policy", "named") != "auto"  # figures of the paper are of its policies
+            assert (
+                getattr(point.problem, "policy", "named") != "auto"
+            )  # figures of the paper are of its policies
     with pytest.raises(UnknownNameError, match="did you mean 'm-fig7'"):
         recipes().get("m-fig77")
 
 
 def test_published_curves_ship_with_the_package():
-    files = [file for file in resources.files("shoal.papers").joinpath("published").iterdir() if file.name != "complex.csv"]
+    files = [
+        file
+        for file in resources.files("shoal.papers").joinpath("published").iterdir()
+        if file.name != "complex.csv"
+    ]
     assert len(files) == 5
     for file in files:
         curve = published_curve(file.name)
         assert curve.x.tolist() == [*range(100, 5001, 100)]
-        last = 2 if file.name.startswith("line") else 1 if "subset" in file.name else 4  # with a particle in every cell
+        last = (
+            2 if file.name.startswith("line") else 1 if "subset" in file.name else 4
+        )  # with a particle in every cell
         assert (curve.mean[-1], curve.std[-1]) == (last, 0)
     for _, file in MAPS.values():
         curve = published_curve(file)
@@ -69,7 +92,19 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
     assert {path.name for path in result.files} == {"h-fig5.png", "h-fig5.csv", "h-fig5.json"}
     with (tmp_path / "h-fig5.csv").open() as file:
         rows = [*csv.DictReader(file)]
-    assert [row["robots"] for row in rows] == ["1", "2", "3", "5", "7", "10", "15", "20", "30", "40", "50"]
+    assert [row["robots"] for row in rows] == [
+        "1",
+        "2",
+        "3",
+        "5",
+        "7",
+        "10",
+        "15",
+        "20",
+        "30",
+        "40",
+        "50",
+    ]
     summary = json.loads((tmp_path / "h-fig5.json").read_text())
     assert summary["sentence"] == result.outcome.sentence
     assert summary["verdict"] == "differs"
@@ -84,15 +119,31 @@ def test_a_figure_its_data_and_its_summary(tmp_path):
 @pytest.mark.parametrize(
     ("name", "answers"),
     [
-        ("m-fig1", "nna"), ("m-fig3", "aaa"), ("m-fig4", "an"), ("m-theorem1", "aaaad"), ("m-theorem3", "aaaad"),
-        ("m-fig6", "adda"), ("w-fig5", "aaa"), ("w-fig6", "aa"), ("w-fig7", "ada"), ("w-fig11", "aad"), ("w-fig12", "aaa"),
+        ("m-fig1", "nna"),
+        ("m-fig3", "aaa"),
+        ("m-fig4", "an"),
+        ("m-theorem1", "aaaad"),
+        ("m-theorem3", "aaaad"),
+        ("m-fig6", "adda"),
+        ("w-fig5", "aaa"),
+        ("w-fig6", "aa"),
+        ("w-fig7", "ada"),
+        ("w-fig11", "aad"),
+        ("w-fig12", "aaa"),
         ("w-swap", "add"),
-        ("h-baselines", "aaaaaa"), ("h-curves", "aaan"),
+        ("h-baselines", "aaaaaa"),
+        ("h-curves", "aaan"),
     ],
-)  # fmt: skip
+)
 def test_figures_theorems_and_instances_have_their_answers(name, answers, tmp_path):
     """By --quick, as a user would first look; a, d, n: agrees, differs, not comparable."""
-    result = reproduce(name, tmp_path, quick=True, trials=None if name in {"h-baselines", "w-fig7"} else 8, workers=0)
+    result = reproduce(
+        name,
+        tmp_path,
+        quick=True,
+        trials=None if name in {"h-baselines", "w-fig7"} else 8,
+        workers=0,
+    )
     assert "".join(one.verdict[0] for one in result.outcome.claims) == answers
     assert all(one.criterion and one.printed and one.ours for one in result.outcome.claims)
     assert (tmp_path / f"{name}.png").stat().st_size > 10_000
@@ -111,25 +162,38 @@ def test_figures_on_a_map_of_ones_own(name, tmp_path):
     result = reproduce(name, tmp_path / "out", trials=2, on_map=str(picture), workers=0)
     assert str(picture) in result.outcome.sentence
     unlike = [one for one in result.outcome.claims if one.criterion.startswith("another map")]
-    assert {one.verdict for one in unlike} <= {"not comparable"}  # nobody prints numbers of this map
+    assert {one.verdict for one in unlike} <= {
+        "not comparable"
+    }  # nobody prints numbers of this map
     assert unlike or name in {"m-fig9", "m-fig10", "m-fig11"}  # whose numbers are of more particles
     assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
     assert all(path.exists() for path in result.files)
 
 
 @pytest.mark.parametrize(
-    ("ours", "verdict"), [(9.7, "agrees"), (10.7, "differs"), ((9.9, 9.6, 10.2), "agrees"), ((10.4, 9.8, 11.0), "not comparable")]
+    ("ours", "verdict"),
+    [
+        (9.7, "agrees"),
+        (10.7, "differs"),
+        ((9.9, 9.6, 10.2), "agrees"),
+        ((10.4, 9.8, 11.0), "not comparable"),
+    ],
 )
 def test_a_claim_agrees_differs_or_cannot_be_compared(ours, verdict):
     found = claim("moves", "10", ours)
     assert found.verdict == verdict
     assert "9.5 to 10.5" in found.criterion
     assert claim("moves", "10", ours, unlike="another map").verdict == "not comparable"
-    assert claim("moves", "10", estimate([10.0])).verdict == "not comparable"  # of one trial nothing is known
+    assert (
+        claim("moves", "10", estimate([10.0])).verdict == "not comparable"
+    )  # of one trial nothing is known
 
 
 def test_a_figure_differs_if_one_claim_does():
-    good, bad, open_ = (claim("", "1", value, unlike=unlike) for value, unlike in ((1, ""), (2, ""), (1, "another map")))
+    good, bad, open_ = (
+        claim("", "1", value, unlike=unlike)
+        for value, unlike in ((1, ""), (2, ""), (1, "another map"))
+    )
     assert verdict_of([good, open_]) == Verdict.AGREES
     assert verdict_of([good, bad, open_]) == Verdict.DIFFERS
     assert verdict_of([open_]) == verdict_of([]) == Verdict.NOT_COMPARABLE
@@ -137,25 +201,38 @@ def test_a_figure_differs_if_one_claim_does():
 
 @pytest.mark.parametrize(
     ("factor", "at_700", "spread", "verdict"),
-    [(1.05, 1.05, 0.01, "agrees"), (1.05, 1.9, 0.01, "differs"), (1.2, 1.2, 0.01, "differs"), (1.05, 1.05, 4.0, "not comparable")],
+    [
+        (1.05, 1.05, 0.01, "agrees"),
+        (1.05, 1.9, 0.01, "differs"),
+        (1.2, 1.2, 0.01, "differs"),
+        (1.05, 1.05, 4.0, "not comparable"),
+    ],
 )
 def test_a_curve_is_refuted_by_one_n_and_by_all_together(factor, at_700, spread, verdict):
-    """That ours agree is measured by ``shoal reproduce m-fig7``, and at five n a map by tests/golden."""
+    """That ours agree is measured by ``shoal reproduce m-fig7``, and at five n a map by
+    tests/golden.
+    """
     published = published_curve(MAPS["htree:5000"][1])
     rows = []
     for n, mean in zip(published.x.astype(int).tolist(), published.mean.tolist(), strict=True):
         middle = mean * (at_700 if n == 700 else factor)
-        rows.append(Row({"particles": n}, estimate([middle * (1 - spread), middle * (1 + spread)]), 0, 2))
+        rows.append(
+            Row({"particles": n}, estimate([middle * (1 - spread), middle * (1 + spread)]), 0, 2)
+        )
     found = curve_claim("H-tree", rows, published, trials=10, margin=0.15, why="")
     assert found.verdict == verdict
     assert ("at n = 700" in found.ours) == (at_700 != factor)
 
 
 def test_an_order_needs_most_n_and_a_power_its_interval():
-    low, high = ({n: estimate([n * f * 0.99, n * f * 1.01] * 5) for n in range(1, 21)} for f in (1, 2))
+    low, high = (
+        {n: estimate([n * f * 0.99, n * f * 1.01] * 5) for n in range(1, 21)} for f in (1, 2)
+    )
     assert order_claim("", "fewer", low, high).verdict == "agrees"
     assert order_claim("", "fewer", high, low).verdict == "differs"
-    mixed, others = ({n: (a if n > 2 else b)[n] for n in low} for a, b in ((low, high), (high, low)))
+    mixed, others = (
+        {n: (a if n > 2 else b)[n] for n in low} for a, b in ((low, high), (high, low))
+    )
     assert order_claim("", "fewer", mixed, others).verdict == "differs"  # at two n of twenty
     assert exponent([1, 2, 4, 8], [3, 12, 48, 192]) == pytest.approx((2, 2, 2))
 
@@ -169,7 +246,9 @@ def failing(*, seed: int, at: int) -> dict[str, int]:
 
 @pytest.mark.parametrize("sides", [3, 4, 8])
 def test_random_starts_are_differences_of_two_points(sides):
-    """Of lengths uniform in 0.1 to 0.8 some lay outside the differences of a triangle, and the trial failed."""
+    """Of lengths uniform in 0.1 to 0.8 some lay outside the differences of a triangle, and the
+    trial failed.
+    """
     workspace, rng = regular_polygon(sides), np.random.default_rng(0)
     starts = np.array([random_difference(rng, workspace) for _ in range(500)])
     assert workspace.differences.contains(starts).all()
@@ -182,7 +261,8 @@ def test_one_figure_that_fails_takes_no_other_along(tmp_path, monkeypatch, capsy
 
     good = recipes().get("w-fig9")
     some: Registry[Recipe] = Registry("figure")
-    trials = lambda settings: [function_sweep("bad", failing, {"at": [1, 2]}, 1, settings)]  # noqa: E731 - as recipes have it
+    # noqa: E731 - as recipes have it
+    trials = lambda settings: [function_sweep("bad", failing, {"at": [1, 2]}, 1, settings)]
     some.add("bad", Recipe("bad", "paper W, Fig. 0", "Its trials fail", trials, broken))
     some.add("worse", Recipe("worse", "paper W, Fig. 0", "Its view fails", lambda s: [], broken))
     some.add("w-fig9", good)
@@ -192,7 +272,9 @@ def test_one_figure_that_fails_takes_no_other_along(tmp_path, monkeypatch, capsy
     assert command(["reproduce", "--all", "--workers", "0", "--out", str(tmp_path), "--json"]) == 1
     captured = capsys.readouterr()
     bad, worse, fine = json.loads(captured.out)["figures"]
-    assert "1 of 2 failed, the first at at = 2, trial 0: ValueError: the second point" in bad["error"]
+    assert (
+        "1 of 2 failed, the first at at = 2, trial 0: ValueError: the second point" in bad["error"]
+    )
     assert worse["error"] == "RuntimeError: no such drawing"
     assert (bad["verdict"], fine["verdict"], fine["error"]) == (None, "agrees", None)
     assert "could not reproduce bad: " in captured.err
@@ -204,9 +286,13 @@ def test_one_figure_that_fails_takes_no_other_along(tmp_path, monkeypatch, capsy
 
 
 def test_refusals(tmp_path):
-    with pytest.raises(InvalidInputError, match="expected a figure that is computed on the complex map, got w-fig8"):
+    with pytest.raises(
+        InvalidInputError, match="expected a figure that is computed on the complex map, got w-fig8"
+    ):
         reproduce("w-fig8", tmp_path, on_map="maze:9x7")
-    with pytest.raises(InvalidInputError, match="trials: expected a whole number, 1 or more, got 0"):
+    with pytest.raises(
+        InvalidInputError, match="trials: expected a whole number, 1 or more, got 0"
+    ):
         reproduce("h-fig5", tmp_path, trials=0)
     assert command(["reproduce", "h-fig5", "--all"]) == 2
     assert command(["reproduce", "nothing", "--out", str(tmp_path)]) == 2
@@ -238,13 +324,23 @@ def test_published_curves_lie_behind_ours():
     x = np.array([1.0, 2, 3])
     curve = Curve("ours", x, x, x - 0.1, x + 0.1, Published(x, 2 * x, x / 5))
     axes = mean_curves([curve], Labels("title", "n", "moves")).axes[0]
-    orders = {tuple(line.get_ydata()): line.get_zorder() for line in axes.lines if len(line.get_xdata())}
+    orders = {
+        tuple(line.get_ydata()): line.get_zorder() for line in axes.lines if len(line.get_xdata())
+    }
     assert orders[tuple(2 * x)] < orders[tuple(x)]
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["ours", "published", "± one standard deviation"]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
+        "ours",
+        "published",
+        "± one standard deviation",
+    ]
 
 
 def test_the_benchmark_of_published_means_needs_no_tools_of_developers():
     """The README names it; ``make install`` installs no pytest."""
     tools = ("pytest", "hypothesis", "tests")
     hidden = f"import sys; sys.modules.update(dict.fromkeys({tools}));"
-    subprocess.run([sys.executable, "-c", f"{hidden} import benchmarks.published"], check=True, cwd=Path(__file__).parents[3])
+    subprocess.run(
+        [sys.executable, "-c", f"{hidden} import benchmarks.published"],
+        check=True,
+        cwd=Path(__file__).parents[3],
+    )

@@ -10,7 +10,14 @@ import shapely
 from tests.reference.regions import back_and_forth
 
 from shoal.core.errors import InvalidInputError
-from shoal.search import RegionPaths, cells_of, coverage_check, merge_collinear, open_region, region_of
+from shoal.search import (
+    RegionPaths,
+    cells_of,
+    coverage_check,
+    merge_collinear,
+    open_region,
+    region_of,
+)
 
 
 def length(way):
@@ -25,7 +32,9 @@ def test_a_square_of_whole_cells():
     assert grid.mask.shape == (10, 10)
     assert grid.mask.all()
     assert grid.corner == (0, 100)
-    assert np.array_equal(grid.viewpoints, grid.lattice.to_region(grid.lattice.centers(*grid.cells.T)))
+    assert np.array_equal(
+        grid.viewpoints, grid.lattice.to_region(grid.lattice.centers(*grid.cells.T))
+    )
     assert grid.waypoint((0, 0)).tolist() == [5, 95]
     assert grid.cell_of([(0, 0), (100, 100), (34.9, 50.1)]).tolist() == [[9, 0], [0, 9], [4, 3]]
     assert grid.doors_east.all()
@@ -54,11 +63,14 @@ def test_a_corner_whose_cell_has_its_centre_outside():
     assert triangle.contains(grid.viewpoints).all()
     assert np.allclose(grid.waypoint((1, 1)), [15, 15])
     ell = region_of(shapely.Polygon([(0, 0), (30, 0), (30, 2), (2, 2), (2, 30), (0, 30)]))
-    assert coverage_check(ell, [[p] for p in cells_of(ell, 10).viewpoints], 10).covered_fraction == pytest.approx(1, abs=1e-9)
+    assert coverage_check(
+        ell, [[p] for p in cells_of(ell, 10).viewpoints], 10
+    ).covered_fraction == pytest.approx(1, abs=1e-9)
 
 
 def test_a_wall_through_a_cell_gives_its_far_side_to_a_neighbour():
-    # The wall stands in the left third of the middle column and is open at no end but the lower one, far away.
+    # The wall stands in the left third of the middle column and is open at no end but the lower
+    # one, far away.
     wall = shapely.box(12, 5, 13, 300)
     region = region_of(shapely.box(0, 0, 30, 300), no_go=wall)
     grid = cells_of(region, 10)
@@ -82,7 +94,9 @@ def test_parts_and_what_is_left_in_a_cell_of_another_part():
     assert route.transit.tolist() == [True, True]
     with pytest.raises(InvalidInputError, match="expected two places in one part of the region"):
         RegionPaths(grid).route([(0, 0), (0, 1)])
-    apart = cells_of(region_of(shapely.MultiPolygon([shapely.box(0, 0, 40, 40), shapely.box(60, 0, 80, 20)])), 10)
+    apart = cells_of(
+        region_of(shapely.MultiPolygon([shapely.box(0, 0, 40, 40), shapely.box(60, 0, 80, 20)])), 10
+    )
     assert apart.components[-1].tolist() == [0, 0, 0, 0, -1, -1, 1, 1]
 
 
@@ -120,7 +134,11 @@ def spiral(turns, *, gap=10.0):
     angles = np.linspace(0, 2 * np.pi * turns, 120 * turns)
     radius = 20 + gap * angles / (2 * np.pi)
     line = shapely.LineString(np.stack([radius * np.cos(angles), radius * np.sin(angles)], axis=1))
-    return region_of(line.buffer(gap * 0.35, quad_segs=4), name="spiral"), np.array([line.coords[0], line.coords[-1]]), line.length
+    return (
+        region_of(line.buffer(gap * 0.35, quad_segs=4), name="spiral"),
+        np.array([line.coords[0], line.coords[-1]]),
+        line.length,
+    )
 
 
 def test_far_through_a_winding_corridor():
@@ -162,7 +180,9 @@ def test_the_check_finds_a_missing_cell():
     seen = coverage_check(grid.region, rows[:3] + rows[4:], 10)
     assert seen.uncovered_m2 == pytest.approx(1000)
     assert seen.uncovered.equals(shapely.box(0, 30, 100, 40))
-    assert coverage_check(grid.region, rows, 9.9).uncovered_m2 == pytest.approx(1e4 - 99.8 * 99.0 + 0.2 * 0, rel=0.2)
+    assert coverage_check(grid.region, rows, 9.9).uncovered_m2 == pytest.approx(
+        1e4 - 99.8 * 99.0 + 0.2 * 0, rel=0.2
+    )
     assert coverage_check(grid.region, [], 10).covered_fraction == 0
 
 
@@ -172,7 +192,9 @@ def test_the_check_agrees_with_one_union():
     stops = grid.viewpoints[rng.permutation(len(grid.viewpoints))[:300]]
     way = RegionPaths(grid).legs(stops).points
     legs = [
-        shapely.MultiPoint([p + d for p in leg for d in ((-4.5, -4.5), (4.5, -4.5), (4.5, 4.5), (-4.5, 4.5))])
+        shapely.MultiPoint(
+            [p + d for p in leg for d in ((-4.5, -4.5), (4.5, -4.5), (4.5, 4.5), (-4.5, 4.5))]
+        )
         for leg in pairwise(way)
     ]
     plain = grid.region.area.difference(shapely.union_all([leg.convex_hull for leg in legs]))
@@ -186,7 +208,9 @@ def test_the_check_finds_what_leaves_the_region():
     seen = coverage_check(region, [[(45, 0), (-45, 0)], [(0, 45), (0, 46)]], 10)
     assert seen.outside_m == pytest.approx(80, rel=1e-3)
     assert seen.legs_outside == 1
-    assert coverage_check(region, [[(0, 0)]], 10).legs_outside == 1  # a vehicle that stands in the hole
+    assert (
+        coverage_check(region, [[(0, 0)]], 10).legs_outside == 1
+    )  # a vehicle that stands in the hole
     assert coverage_check(region, [[(45, 0), (50.01, 0)]], 10, tolerance=0.02).legs_outside == 0
 
 

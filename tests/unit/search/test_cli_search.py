@@ -39,7 +39,10 @@ FIELDS += [
     "routes",
 ]
 FIELDS += ["seed", "seconds"]
-FIELD = {"type": "Polygon", "coordinates": [[[7.0, 50.0], [7.003, 50.0], [7.003, 50.002], [7.0, 50.002], [7.0, 50.0]]]}
+FIELD = {
+    "type": "Polygon",
+    "coordinates": [[[7.0, 50.0], [7.003, 50.0], [7.003, 50.002], [7.0, 50.002], [7.0, 50.0]]],
+}
 
 
 def test_json_of_search(capsys):
@@ -61,11 +64,23 @@ def test_json_of_search(capsys):
     assert run(arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert list(result) == FIELDS
-    region = {"name": "square:100", "cells": 100, "area_m2": 10000.0, "cell_m": 10.0, "angle_degrees": 0.0, "no_go_zones": 0}
+    region = {
+        "name": "square:100",
+        "cells": 100,
+        "area_m2": 10000.0,
+        "cell_m": 10.0,
+        "angle_degrees": 0.0,
+        "no_go_zones": 0,
+    }
     assert result["region"] == region | {"margin_m": 0.0, "unseen_m2": 0.0}
     assert result["status"] == "complete"
     assert result["messages"]["lost"] > 0
-    assert [route["status"] for route in result["routes"]] == ["complete", "dead", "complete", "complete"]
+    assert [route["status"] for route in result["routes"]] == [
+        "complete",
+        "dead",
+        "complete",
+        "complete",
+    ]
     assert result["makespan_s"] == pytest.approx(10 * result["makespan_cells"])
     assert result["lower_bound_cells"] == 25
     assert result["covered_fraction"] == pytest.approx(1.0)
@@ -73,7 +88,12 @@ def test_json_of_search(capsys):
 
 @pytest.mark.parametrize("tour", ["spanning-tree", "comb", "hilbert-rectangle", "hilbert", "moore"])
 def test_every_tour_searches_a_region_with_a_hole(tour, capsys):
-    assert run(["search", "ring:80x60", "--robots", "3", "--footprint", "10", "--tour", tour, "--json"]) == 0
+    assert (
+        run(
+            ["search", "ring:80x60", "--robots", "3", "--footprint", "10", "--tour", tour, "--json"]
+        )
+        == 0
+    )
     result = json.loads(capsys.readouterr().out)
     assert result["tour"] == tour
     assert result["covered_fraction"] > 0.999
@@ -83,7 +103,18 @@ def test_every_tour_searches_a_region_with_a_hole(tour, capsys):
 def test_missions_and_files(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "field.json").write_text(json.dumps(FIELD))
-    arguments = ["search", "field.json", "--robots", "3", "--footprint", "20", "--missions", "missions", "--format", "plan,wpl"]
+    arguments = [
+        "search",
+        "field.json",
+        "--robots",
+        "3",
+        "--footprint",
+        "20",
+        "--missions",
+        "missions",
+        "--format",
+        "plan,wpl",
+    ]
     assert run([*arguments, "--autopilot", "ardupilot", "--out", "found"]) == 0
     assert sorted(path.name for path in (tmp_path / "found").iterdir()) == [
         "episode.json",
@@ -130,13 +161,28 @@ def test_a_search_that_nobody_survives_fails(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("square:100 --robots 0 --footprint 10", "robots: expected a whole number from 1 to 1000, got 0"),
+        (
+            "square:100 --robots 0 --footprint 10",
+            "robots: expected a whole number from 1 to 1000, got 0",
+        ),
         ("square:100 --robots 2 --footprint -1", "footprint"),
-        ("square:100 --robots 2 --footprint 10 --faults crash:3@1", "faults: expected a robot from 1 to 2, got crash:3@1"),
-        ("square:100 --robots 2 --footprint 10 --loss 2", "loss: expected a number from 0 to 1, got 2"),
-        ("square:100 --robots 2 --footprint 10 --network wifi", "network: expected perfect or some of"),
+        (
+            "square:100 --robots 2 --footprint 10 --faults crash:3@1",
+            "faults: expected a robot from 1 to 2, got crash:3@1",
+        ),
+        (
+            "square:100 --robots 2 --footprint 10 --loss 2",
+            "loss: expected a number from 0 to 1, got 2",
+        ),
+        (
+            "square:100 --robots 2 --footprint 10 --network wifi",
+            "network: expected perfect or some of",
+        ),
         ("square:100 --robots 2 --footprint 10 --rates 1,x", "--rates: expected numbers"),
-        ("square:100 --robots 2 --footprint 10 --rates 1", "rates: expected 2 speeds, one per robot, got 1"),
+        (
+            "square:100 --robots 2 --footprint 10 --rates 1",
+            "rates: expected 2 speeds, one per robot, got 1",
+        ),
         (
             "square:100 --robots 2 --footprint 10 --starts nowhere.csv",
             "nowhere.csv: expected a table of starts, got no such file",
@@ -145,19 +191,31 @@ def test_a_search_that_nobody_survives_fails(capsys):
             "square:100 --robots 2 --footprint 10 --missions m --autopilot dji",
             "autopilot: expected one of px4, ardupilot, got 'dji'",
         ),
-        ("square:100 --robots 2 --vehicle dji", "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml"),
+        (
+            "square:100 --robots 2 --vehicle dji",
+            "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml",
+        ),
         (
             "square:100 --robots 2 --missions m --altitude-frame ground",
             "altitude_frame: expected home or sea without a terrain file",
         ),
-        ("square:100 --robots 2 --missions m --terrain none.tif", "none.tif: expected a file of heights, got no such file"),
+        (
+            "square:100 --robots 2 --missions m --terrain none.tif",
+            "none.tif: expected a file of heights, got no such file",
+        ),
         ("square:100 --robots 2 --footprint 10 --missions m --format docx", "docx"),
         ("squire:100 --robots 2 --footprint 10", "square"),
         ("square:100 --robots 2 --footprint 10 --tour hilbrt", "hilbert"),
         ("square:100 --robots 2 --footprint 10 --allocation hope", "hop"),
         ("square:100 --robots 2 --footprint 10 --film film.avi", "film.avi"),
-        ("square:100 --robots 2 --footprint 10 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
-        ("square:100 --robots 2 --footprint 10 --obstacles 3.5", "3.5: expected a table of obstacles, got no such file"),
+        (
+            "square:100 --robots 2 --footprint 10 --seed -1",
+            "seed: expected a whole number, 0 or more, got -1",
+        ),
+        (
+            "square:100 --robots 2 --footprint 10 --obstacles 3.5",
+            "3.5: expected a table of obstacles, got no such file",
+        ),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, words, capsys, tmp_path, monkeypatch):
@@ -176,16 +234,32 @@ def test_demo(tmp_path, capsys):
     assert result["status"] == "complete"
     assert result["covered_fraction"] > 0.9999
     assert [route["robot"] for route in result["routes"] if route["status"] == "dead"] == [3, 7, 8]
-    assert {"region.png", "timeline.png", "search.html", "missions"} <= {path.name for path in (tmp_path / "demo").iterdir()}
+    assert {"region.png", "timeline.png", "search.html", "missions"} <= {
+        path.name for path in (tmp_path / "demo").iterdir()
+    }
 
 
-FIELD = {"type": "Polygon", "coordinates": [[[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]]}
+FIELD = {
+    "type": "Polygon",
+    "coordinates": [[[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]],
+}
 
 
 def test_people_read_times_places_and_files(tmp_path, capsys):
     field = tmp_path / "field.json"
     field.write_text(json.dumps(FIELD))
-    words = ["search", str(field), "--robots", "2", "--footprint", "40", "--targets", "2", "--missions", str(tmp_path / "m")]
+    words = [
+        "search",
+        str(field),
+        "--robots",
+        "2",
+        "--footprint",
+        "40",
+        "--targets",
+        "2",
+        "--missions",
+        str(tmp_path / "m"),
+    ]
     assert run([*words, "--vehicle", "multirotor,endurance=5"]) == 0
     out = capsys.readouterr().out
     text = " ".join(out.split())
@@ -193,36 +267,68 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     assert text.startswith("search: tour ")
     assert ", divided among the robots by the allocation " in text
     assert re.search(r"cells of 40 m, each searched in [\d.]+ s; ", text)
-    assert re.search(rf"time {time} in the simulation; planned {time}, and no plan takes less than {time}", text)
     assert re.search(
-        rf"tours all vehicles, not yet kept apart, are back within: \S+, rows at [\d.]+°: {time}; \S+, rows at [\d.]+°: {time}",
+        rf"time {time} in the simulation; planned {time}, and no plan takes less than {time}", text
+    )
+    assert re.search(
+        rf"tours all vehicles, not yet kept apart, are back within: \S+, rows at [\d.]+°: {time};"
+        rf" \S+, rows at [\d.]+°: {time}",
         text,
     )
-    assert re.search(rf"allocations all vehicles, not yet kept apart, are back within: \S+ {time}; ", text)
+    assert re.search(
+        rf"allocations all vehicles, not yet kept apart, are back within: \S+ {time}; ", text
+    )
     share = r"[\d.]+ min, [\d.]+ % of the 4 min that the battery allows without its reserve"
     assert re.search(rf"flight robot-01: {share} flight robot-01-2: [\d.]+ min, [\d.]+ % ", text)
     assert "airspace" not in text
-    assert re.search(r"starts first starts within [\d.]+ s, last sortie at 0:\d\d:\d\d; at 30 m", text)
-    later = re.findall(r"sortie (robot-0\d-\d): start it (\d:\d\d:\d\d) after the first missions", text)
-    assert {name for name, _ in later} == {path.stem for path in (tmp_path / "m").glob("robot-*-*.plan")}
+    assert re.search(
+        r"starts first starts within [\d.]+ s, last sortie at 0:\d\d:\d\d; at 30 m", text
+    )
+    later = re.findall(
+        r"sortie (robot-0\d-\d): start it (\d:\d\d:\d\d) after the first missions", text
+    )
+    assert {name for name, _ in later} == {
+        path.stem for path in (tmp_path / "m").glob("robot-*-*.plan")
+    }
     assert [time for _, time in later] == sorted(time for _, time in later)
     assert "0 min between the sorties of a vehicle; set recharge in --vehicle" in text
     assert re.search(r"found +at 47\.\d{6}° N, 8\.\d{6}° E", out)
-    assert len(re.findall(r"written", out)) == 5  # a line a robot, whatever the formats and sorties; fence, starts and map
+    assert (
+        len(re.findall(r"written", out)) == 5
+    )  # a line a robot, whatever the formats and sorties; fence, starts and map
     assert "e-" not in out
     assert run(["missions", "check", str(tmp_path / "m"), str(field), "--footprint", "40"]) == 0
     plan = json.loads((tmp_path / "m" / "robot-01.plan").read_text())
     assert plan["mission"]["hoverSpeed"] == 5.0  # the kind's
     gpx = (tmp_path / "m" / "robot-01.gpx").read_text()
     assert "<ele>" not in gpx  # elevations are counted from sea level
-    (tmp_path / "m" / "robot-01.gpx").write_text(gpx.replace("/>\n</rte>", "><ele>430</ele></rtept>\n</rte>"))
+    (tmp_path / "m" / "robot-01.gpx").write_text(
+        gpx.replace("/>\n</rte>", "><ele>430</ele></rtept>\n</rte>")
+    )
 
 
 def test_each_mistake_is_told_once_for_all_formats(tmp_path, capsys):
     field = tmp_path / "field.json"
     field.write_text(json.dumps(FIELD))
-    assert run(["search", str(field), "--robots", "1", "--footprint", "40", "--missions", str(tmp_path / "m")]) == 0
-    small = {"type": "Polygon", "coordinates": [[[x if x == 8.5 else 8.5037, y] for x, y in FIELD["coordinates"][0]]]}
+    assert (
+        run(
+            [
+                "search",
+                str(field),
+                "--robots",
+                "1",
+                "--footprint",
+                "40",
+                "--missions",
+                str(tmp_path / "m"),
+            ]
+        )
+        == 0
+    )
+    small = {
+        "type": "Polygon",
+        "coordinates": [[[x if x == 8.5 else 8.5037, y] for x, y in FIELD["coordinates"][0]]],
+    }
     field.write_text(json.dumps(small))
     capsys.readouterr()
     words = ["missions", "check", str(tmp_path / "m"), str(field)]
@@ -245,7 +351,20 @@ def test_rovers_do_not_leave_a_region_and_cells_beyond_the_battery_are_refused(t
     assert run(words) == 0
     assert run(["missions", "check", str(tmp_path / "m"), str(two), "--footprint", "10"]) == 0
     capsys.readouterr()
-    assert run(["search", "square:400", "--vehicle", "multirotor,endurance=1.5", "--robots", "1", "--no-simulate"]) == 2
+    assert (
+        run(
+            [
+                "search",
+                "square:400",
+                "--vehicle",
+                "multirotor,endurance=1.5",
+                "--robots",
+                "1",
+                "--no-simulate",
+            ]
+        )
+        == 2
+    )
     assert "endurance: expected energy for a cell that is" in capsys.readouterr().err
 
 
@@ -254,8 +373,16 @@ def test_plans_go_home_to_recharge_as_simulated_robots_do(launch):
     from shoal.search import SearchProblem
     from shoal.search.run import run as run_search
 
-    asked = SearchProblem("ring:80x30", robots=1, footprint=20, vehicle="multirotor,endurance=3,recharge=3", launch=launch)
-    simulated, planned = (run_search(asked.replaced(simulate=simulate), seed=1) for simulate in (True, False))
+    asked = SearchProblem(
+        "ring:80x30",
+        robots=1,
+        footprint=20,
+        vehicle="multirotor,endurance=3,recharge=3",
+        launch=launch,
+    )
+    simulated, planned = (
+        run_search(asked.replaced(simulate=simulate), seed=1) for simulate in (True, False)
+    )
     one, other = (episode.trace.robots[0] for episode in (simulated, planned))
     assert np.array_equal(one.cells, other.cells)
     assert np.ptp(one.times - other.times) < 1e-9  # robots listen first
@@ -271,4 +398,9 @@ def test_what_rounding_leaves_between_footprints_was_seen():
     seen = coverage_check(open_region("rectangle:100x20"), ways, 10)
     assert seen.uncovered.is_empty
     assert (seen.covered_fraction, seen.uncovered_m2) == (1.0, 0.0)
-    assert coverage_check(open_region("rectangle:100x20"), [ways[0], [(5, 15.001), (95, 15.001)]], 10).uncovered_m2 > 0.09
+    assert (
+        coverage_check(
+            open_region("rectangle:100x20"), [ways[0], [(5, 15.001), (95, 15.001)]], 10
+        ).uncovered_m2
+        > 0.09
+    )

@@ -1,4 +1,6 @@
-"""Robots whose footprints differ: what each sees, where it stops, and that all is seen whoever dies."""
+"""Robots whose footprints differ: what each sees, where it stops, and that all is seen whoever
+dies.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +13,21 @@ from tests.properties.search_scenarios import random_scenario
 from tests.search_episodes import planned, search
 
 from shoal.cli import run
+from shoal.missions import check_missions
 from shoal.search import SearchEpisode, TourCost, cells_of, coverage_check, make_tour, open_region
-from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoints
-from shoal.search.cells.footprint import MaskFootprint, RegionFootprint, cell_side, widths_of
-from shoal.search.missions import check_missions
-from shoal.search.problem.faults import Crash, Liar
+from shoal.search.allocation.viewpoints import gain_of, select_viewpoints
+from shoal.search.cells.grid import MaskFootprint, RegionFootprint, cell_side, widths_of
+from shoal.search.problem.network import Crash, Liar
 from shoal.search.simulation.world import SearchWorld
-from shoal.search.tours.bitset import at_least, bitset_of
+from shoal.search.tours.masks import at_least, bitset_of
 
 TEAM = [2.0, 2.0, 6.0]
 
 
 def test_a_robot_that_claims_what_it_does_not_see_is_found(monkeypatch):
-    """Planted: the robot tells of all cells around, but in truth it sees only the one in which it stands."""
+    """Planted: the robot tells of all cells around, but in truth it sees only the one in which it
+    stands.
+    """
     true = SearchWorld._do_sense
 
     def sense(world, vehicle, cell):
@@ -32,7 +36,9 @@ def test_a_robot_that_claims_what_it_does_not_see_is_found(monkeypatch):
             true(world, vehicle, cell)
 
     monkeypatch.setattr(SearchWorld, "_do_sense", sense)
-    scenario = next(one for one in (random_scenario(seed, wide=True) for seed in range(20)) if 3 in one.widths)
+    scenario = next(
+        one for one in (random_scenario(seed, wide=True) for seed in range(20)) if 3 in one.widths
+    )
     world = SearchWorld(scenario, check=Checker(scenario))
     with pytest.raises(InvariantError, match="has searched what it has not"):
         world.run(until=1000)
@@ -61,27 +67,44 @@ def test_in_a_ring_the_cells_on_a_curved_border_are_seen_from_beside():
 @pytest.mark.parametrize("region", ["ring:40x25", "rectangle:80x46"])
 @pytest.mark.parametrize("tour", ["spanning-tree", "hilbert-rectangle"])
 def test_from_where_robots_stop_everything_is_seen(region, tour):
-    """The independent check, with each robot's own footprint, and only from its stops: nothing on the way counts."""
+    """The independent check, with each robot's own footprint, and only from its stops: nothing on
+    the way counts.
+    """
     plan = planned(region, robots=3, footprint=TEAM, tour=tour, seed=2)
     index = plan.grid.ordinals(plan.tour.cells)
     places, sides = [], []
     for robot, side in enumerate(TEAM):
         for stop in index[plan.stops(robot)]:
-            own = plan.grid.viewpoints[plan.grid.viewpoint_starts[stop] : plan.grid.viewpoint_starts[stop + 1]]
+            own = plan.grid.viewpoints[
+                plan.grid.viewpoint_starts[stop] : plan.grid.viewpoint_starts[stop + 1]
+            ]
             places += [[point] for point in own]
             sides += [side] * len(own)
     assert coverage_check(plan.grid.region, places, sides).covered_fraction > 0.9999999
-    assert coverage_check(plan.grid.region, places, 2.0).covered_fraction < 0.8  # it is the wide footprint that does it
+    assert (
+        coverage_check(plan.grid.region, places, 2.0).covered_fraction < 0.8
+    )  # it is the wide footprint that does it
 
 
 def test_a_wide_footprint_saves_time():
-    times = {side: search("rectangle:80x46", robots=3, footprint=[2, 2, side], seed=1).trace.covered_at for side in (2, 6)}
+    times = {
+        side: search("rectangle:80x46", robots=3, footprint=[2, 2, side], seed=1).trace.covered_at
+        for side in (2, 6)
+    }
     assert times[6] < 0.85 * times[2]
 
 
 @pytest.mark.parametrize("dead", [1, 3])
 def test_whoever_dies_another_footprint_takes_over(dead, tmp_path):
-    episode = search("rectangle:60x40", robots=3, footprint=TEAM, seed=1, loss=0.3, faults=[Crash(dead, 40.0)], targets=4)
+    episode = search(
+        "rectangle:60x40",
+        robots=3,
+        footprint=TEAM,
+        seed=1,
+        loss=0.3,
+        faults=[Crash(dead, 40.0)],
+        targets=4,
+    )
     assert episode
     assert episode.trace.takeovers
     assert episode.coverage.covered_fraction == pytest.approx(1)
@@ -96,7 +119,14 @@ def test_whoever_dies_another_footprint_takes_over(dead, tmp_path):
 
 
 def test_each_cell_is_seen_by_two_and_one_that_lies_is_outvoted():
-    episode = search("rectangle:40x30", robots=4, footprint=[2, 2, 6, 6], seed=3, multiplicity=2, faults=[Liar(3)])
+    episode = search(
+        "rectangle:40x30",
+        robots=4,
+        footprint=[2, 2, 6, 6],
+        seed=3,
+        multiplicity=2,
+        faults=[Liar(3)],
+    )
     assert episode
     seen = [bitset_of(int(cell) for cells in robot for cell in cells) for robot in episode.seen]
     everything = episode.scenario.brief.everything
@@ -124,7 +154,17 @@ def test_gains(tour):
 
 def test_missions_are_checked_with_each_robots_own_footprint(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    arguments = ["rectangle:60x40", "--robots", "3", "--footprint", "2,2,6", "--missions", "missions", "--format", "csv"]
+    arguments = [
+        "rectangle:60x40",
+        "--robots",
+        "3",
+        "--footprint",
+        "2,2,6",
+        "--missions",
+        "missions",
+        "--format",
+        "csv",
+    ]
     assert run(["search", *arguments, "--json"]) == 0
     check = ["missions", "check", "missions", "rectangle:60x40", "--json", "--footprint"]
     capsys.readouterr()
@@ -132,17 +172,28 @@ def test_missions_are_checked_with_each_robots_own_footprint(tmp_path, monkeypat
     assert json.loads(capsys.readouterr().out)["footprint_m"] == [2, 2, 6]
     assert run([*check, "2"]) == 1
     assert run([*check, "2,2"]) == 2
-    assert "robot-03.csv: expected a robot from 1 to 2, the number of footprints, got robot 3" in capsys.readouterr().err
-    assert check_missions("missions", open_region("rectangle:60x40"), TEAM).coverage.covered_fraction == pytest.approx(1)
+    assert (
+        "robot-03.csv: expected a robot from 1 to 2, the number of footprints, got robot 3"
+        in capsys.readouterr().err
+    )
+    assert check_missions(
+        "missions", open_region("rectangle:60x40"), TEAM
+    ).coverage.covered_fraction == pytest.approx(1)
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         ("--footprint 2,6", "footprint: expected one length, or 3, one per robot, got 2"),
-        ("--footprint 2,2,x", "--footprint: expected numbers separated by commas, one per robot, got '2,2,x'"),
+        (
+            "--footprint 2,2,x",
+            "--footprint: expected numbers separated by commas, one per robot, got '2,2,x'",
+        ),
         ("--footprint 2,2,0", "footprint: expected a number, above 0 and at most 1e+100, got 0.0"),
-        ("--footprint 2,2,nan", "footprint: expected a number, above 0 and at most 1e+100, got nan"),
+        (
+            "--footprint 2,2,nan",
+            "footprint: expected a number, above 0 and at most 1e+100, got nan",
+        ),
     ],
 )
 def test_bad_footprints(words, said, capsys):

@@ -1,4 +1,6 @@
-"""Robots that help slow and dead ones: how soon a search ends then, and that nothing changes where all are well."""
+"""Robots that help slow and dead ones: how soon a search ends then, and that nothing changes where
+all are well.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,12 @@ from tests.properties.search_invariants import Checker, check_outcome
 from tests.search_episodes import search
 
 from shoal.search import TourCost, make_tour
-from shoal.search.problem.faults import Crash, Pause, Slow
-from shoal.search.problem.network import network_of
-from shoal.search.protocol import helping, inference
-from shoal.search.protocol.robot import Brief
-from shoal.search.simulation.world import Scenario, SearchWorld
+from shoal.search.problem.network import Crash, Pause, Slow, network_of
+from shoal.search.protocol import robot as helping
+from shoal.search.protocol import state as inference
+from shoal.search.protocol.state import Brief
+from shoal.search.simulation.scenario import Scenario
+from shoal.search.simulation.world import SearchWorld
 
 STARTS = (5, 74, 131, 212, 260, 330)
 
@@ -51,9 +54,12 @@ def test_a_slow_robot_loses_what_it_would_do_too_late(faults, most, loss, health
 
 
 def test_a_slow_robot_that_has_far_to_go_to_its_part_is_helped_there():
-    """Others do not leave to it what it comes to so late: with parts in two directions its way there may be as long as a part."""
+    """Others do not leave to it what it comes to so late: with parts in two directions its way
+    there may be as long as a part.
+    """
     well, slow = (
-        search("ring:200x150", robots=6, footprint=10, allocation="two-way", faults=faults, seed=3) for faults in ((), "slow:2@0:5")
+        search("ring:200x150", robots=6, footprint=10, allocation="two-way", faults=faults, seed=3)
+        for faults in ((), "slow:2@0:5")
     )
     assert slow.trace.covered_at <= 1.5 * well.trace.covered_at
 

@@ -1,4 +1,6 @@
-"""Launch and landing points anywhere: how they are read, and transits that keep out of no-go zones."""
+"""Launch and landing points anywhere: how they are read, and transits that keep out of
+no-go zones.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,9 @@ import pytest
 import shapely
 
 from shoal.core.errors import InvalidInputError
+from shoal.missions.deconfliction import plan_missions
 from shoal.search import SearchEpisode, open_region
-from shoal.search.cells.transits import Transits
-from shoal.search.missions.deconfliction import plan_missions
+from shoal.search.cells.routing import Transits
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.margin import with_margin
@@ -53,11 +55,18 @@ def test_places_are_one_for_all_one_each_or_along_a_line(tmp_path):
     assert places_of("5,-5", square, 3, what="launch").tolist() == [[5, -5]] * 3
     assert places_of([(0, 1), (2, 3)], square, 2, what="launch").tolist() == [[0, 1], [2, 3]]
     (tmp_path / "points.csv").write_text("x,y\n0,-5\n10,-5\n")
-    assert places_of(str(tmp_path / "points.csv"), square, 2, what="launch").tolist() == [[0, -5], [10, -5]]
-    with pytest.raises(InvalidInputError, match="launch: expected one point for all, or 3, one per robot, got 2"):
+    assert places_of(str(tmp_path / "points.csv"), square, 2, what="launch").tolist() == [
+        [0, -5],
+        [10, -5],
+    ]
+    with pytest.raises(
+        InvalidInputError, match="launch: expected one point for all, or 3, one per robot, got 2"
+    ):
         places_of("1,2;3,4", square, 3, what="launch")
     (tmp_path / "road.geojson").write_text('{"type": "Point", "coordinates": [8.5, 47.4]}')
-    with pytest.raises(InvalidInputError, match="expected metres, because the region 'square:20' has no position"):
+    with pytest.raises(
+        InvalidInputError, match="expected metres, because the region 'square:20' has no position"
+    ):
         places_of(str(tmp_path / "road.geojson"), square, 3, what="launch")
 
 
@@ -72,9 +81,16 @@ def test_robots_space_themselves_along_a_road(tmp_path):
     (tmp_path / "road.geojson").write_text(json.dumps(road))
     region = open_region(tmp_path / "field.json")
     places = places_of(str(tmp_path / "road.geojson"), region, 4, what="launch")
-    assert np.allclose(region.frame.to_degrees(places)[:, 1], 47.4 + 0.002 * np.array([1, 3, 5, 7]) / 8, atol=1e-6)
-    (tmp_path / "road.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [outline]}))
-    with pytest.raises(InvalidInputError, match=r"road\.geojson: expected a Point, MultiPoint or LineString, got 'Polygon'"):
+    assert np.allclose(
+        region.frame.to_degrees(places)[:, 1], 47.4 + 0.002 * np.array([1, 3, 5, 7]) / 8, atol=1e-6
+    )
+    (tmp_path / "road.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [outline]})
+    )
+    with pytest.raises(
+        InvalidInputError,
+        match=r"road\.geojson: expected a Point, MultiPoint or LineString, got 'Polygon'",
+    ):
         places_of(str(tmp_path / "road.geojson"), region, 4, what="launch")
     assert len(places_of("8.499,47.401", region, 2, what="launch")) == 2
     with pytest.raises(InvalidInputError, match="if the two numbers are swapped"):
@@ -83,11 +99,17 @@ def test_robots_space_themselves_along_a_road(tmp_path):
 
 def test_a_search_from_outside_is_planned_verified_and_saved(tmp_path):
     region = region_of(FIELD, no_go=ZONES)
-    problem = SearchProblem(region, robots=3, footprint=20, margin=4, launch="-100,50", land="-100,40;-100,50;-100,60")
+    problem = SearchProblem(
+        region, robots=3, footprint=20, margin=4, launch="-100,50", land="-100,40;-100,50;-100,60"
+    )
     episode = run(problem, seed=1)
     assert episode
     assert episode.coverage.outside_m == 0
-    assert [route["landing"] for route in episode.report()["routes"]] == [[-100, 40], [-100, 50], [-100, 60]]
+    assert [route["landing"] for route in episode.report()["routes"]] == [
+        [-100, 40],
+        [-100, 50],
+        [-100, 60],
+    ]
     for route in episode.routes:
         assert route.points[0].tolist() == [-100, 50]
         assert shapely.distance(shapely.linestrings(route.points), ZONES) > 4 * (1 - 1e-3)
@@ -98,7 +120,9 @@ def test_a_search_from_outside_is_planned_verified_and_saved(tmp_path):
 
 
 def test_simulated_time_holds_the_way_out_and_the_delay():
-    """A robot sees its first cell no sooner than it can have come there from its launch point, and so does the player."""
+    """A robot sees its first cell no sooner than it can have come there from its launch point, and
+    so does the player.
+    """
     near = SearchProblem(region_of(FIELD), robots=3, footprint=20, launch="-1,50", rates=(1, 1, 2))
     far = near.replaced(launch="-300,50")
     delayed = far.replaced(delays=(0, 100, 250))
@@ -106,22 +130,35 @@ def test_simulated_time_holds_the_way_out_and_the_delay():
     assert found[1].makespan > found[0].makespan + 290 / 2
     for episode in found:
         assert episode.status.done
-        for robot, (log, route, rate) in enumerate(zip(episode.trace.robots, episode.routes, (1, 1, 2), strict=True)):
-            first = np.hypot(*np.diff(route.points[: route.stops[1] + 1], axis=0).T).sum() / episode.plan.grid.size
-            out = 1.0 + episode.plan.delays[robot] / episode.cell_time + (first + 1.0) / rate  # listening, delay, way, the cell
+        for robot, (log, route, rate) in enumerate(
+            zip(episode.trace.robots, episode.routes, (1, 1, 2), strict=True)
+        ):
+            first = (
+                np.hypot(*np.diff(route.points[: route.stops[1] + 1], axis=0).T).sum()
+                / episode.plan.grid.size
+            )
+            out = (
+                1.0 + episode.plan.delays[robot] / episode.cell_time + (first + 1.0) / rate
+            )  # listening, delay, way, the cell
             assert log.times[0] == pytest.approx(out, abs=1e-9)
             shown = SearchHistory(episode).trajectories[robot]
             assert not np.hypot(*(shown.at(out - (first + 1.0) / rate - 0.01) - shown.at(0.0)))
     planned = run(delayed.replaced(simulate=False), seed=1)
     simulated = [log.times[0] for log in found[2].trace.robots]
-    np.testing.assert_allclose([log.times[0] + 1.0 for log in planned.trace.robots], simulated, atol=1e-9)
+    np.testing.assert_allclose(
+        [log.times[0] + 1.0 for log in planned.trace.robots], simulated, atol=1e-9
+    )
     with pytest.raises(InvalidInputError, match="delays: expected 3 times, one per robot, got 2"):
         SearchProblem("square:20", robots=3, delays=(1, 2))
 
 
 def test_sorties_from_outside_fly_there_and_back_and_faults_stay_mended():
-    """Each sortie's way out and home counts; the search ends although a robot dies on the ground and another far away."""
-    problem = SearchProblem(region_of(FIELD), robots=3, footprint=10, launch="-60,50", faults="crash:2@1,crash:3@40")
+    """Each sortie's way out and home counts; the search ends although a robot dies on the ground
+    and another far away.
+    """
+    problem = SearchProblem(
+        region_of(FIELD), robots=3, footprint=10, launch="-60,50", faults="crash:2@1,crash:3@40"
+    )
     brief = run(problem, seed=1)
     tired = run(problem.replaced(vehicle="ideal,endurance=9,reserve=0,recharge=1"), seed=1)
     assert brief.status.done
@@ -131,7 +168,9 @@ def test_sorties_from_outside_fly_there_and_back_and_faults_stay_mended():
 
 def test_missions_kept_apart_by_delays_make_the_simulation_late(tmp_path):
     options = MissionOptions(format=("csv",))
-    problem = SearchProblem(region_of(FIELD), robots=3, footprint=20, launch="-20,50", vehicle="multirotor")
+    problem = SearchProblem(
+        region_of(FIELD), robots=3, footprint=20, launch="-20,50", vehicle="multirotor"
+    )
     folder = MissionFolder(tmp_path / "missions", problem, options)
     episode = folder.run(seed=1)
     delays = [mission.start for mission in folder.missions]
@@ -139,6 +178,12 @@ def test_missions_kept_apart_by_delays_make_the_simulation_late(tmp_path):
     assert episode.problem.delays == tuple(delays)
     ends = [mission.start for mission in plan_missions(episode.plan, separation=options.kept_apart)]
     assert ends == delays
-    assert min(log.times[0] * episode.cell_time - late for log, late in zip(episode.trace.robots, delays, strict=True)) > 0
+    assert (
+        min(
+            log.times[0] * episode.cell_time - late
+            for log, late in zip(episode.trace.robots, delays, strict=True)
+        )
+        > 0
+    )
     episode.save(tmp_path / "search.json")
     assert SearchEpisode.load(tmp_path / "search.json").verify()

@@ -21,23 +21,32 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.search import TourCost, make_tour
 from shoal.search.cells.distances import CellDistances
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.faults import Crash, Pause, Slow
-from shoal.search.problem.network import network_of
-from shoal.search.protocol.envelope import Receiver, Sender
-from shoal.search.protocol.events import Begin, Declare, Heard, Wake
-from shoal.search.protocol.messages import Beacon, Heartbeat
-from shoal.search.protocol.robot import Brief, Robot, advance
+from shoal.search.problem.network import Crash, Pause, Slow, network_of
+from shoal.search.protocol.messages import Beacon, Heartbeat, Receiver, Sender
+from shoal.search.protocol.robot import advance
+from shoal.search.protocol.state import Begin, Brief, Declare, Heard, Robot, Wake
 from shoal.search.run import run as run_search
-from shoal.search.simulation.live import LiveEvent, LiveOutcome, cell_locks, process, process_pool, radio, run_live, supervisor
-from shoal.search.simulation.live.moving_point import MovingPoint
-from shoal.search.simulation.live.outcome import covered_share, searched_by
-from shoal.search.simulation.live.task import LiveTask
+from shoal.search.simulation.live import (
+    LiveEvent,
+    LiveOutcome,
+    process,
+    radio,
+    run_live,
+    supervisor,
+)
+from shoal.search.simulation.live import agent as cell_locks
+from shoal.search.simulation.live.agent import MovingPoint
+from shoal.search.simulation.live.radio import LiveTask
+from shoal.search.simulation.live.supervisor import covered_share, searched_by
 from shoal.search.simulation.scenario import Scenario
 
 
 def brief_of(rows: int, columns: int, **options: object) -> Brief:
     """Return a brief that needs nothing compiled: the processes are ready sooner."""
-    return Brief(TourCost(make_tour("hilbert-rectangle", (rows, columns))), **{"allocator": "stay", **options})
+    return Brief(
+        TourCost(make_tour("hilbert-rectangle", (rows, columns))),
+        **{"allocator": "stay", **options},
+    )
 
 
 def scenario_in(brief: Brief, starts, *, network: str = "", loss: float = 0.0, **more) -> Scenario:
@@ -46,7 +55,11 @@ def scenario_in(brief: Brief, starts, *, network: str = "", loss: float = 0.0, *
 
 def live(brief: Brief, starts, **options) -> LiveOutcome:
     """Run a live search; the options are those of a scenario and of `run_live`."""
-    own = {name: options.pop(name) for name in ("speed", "channel", "port", "key", "timeout", "on_event") if name in options}
+    own = {
+        name: options.pop(name)
+        for name in ("speed", "channel", "port", "key", "timeout", "on_event")
+        if name in options
+    }
     return run_live(scenario_in(brief, starts, **options), **own)
 
 
@@ -56,7 +69,9 @@ def radio_of(channel, number=1, *, key=b"", **options):
 
 
 def left_over(ids: list[int]) -> list[int]:
-    """Return which processes still run; wait a while for them to end, as a machine that is busy needs it."""
+    """Return which processes still run; wait a while for them to end, as a machine that is busy
+    needs it.
+    """
     limit = time.monotonic() + 30
     while running_now := [one for one in ids if runs(one)]:
         if time.monotonic() > limit:
@@ -81,7 +96,11 @@ def children() -> set[int]:
             starter = (folder / "stat").read_text().rpartition(")")[2].split()[1]
         except (FileNotFoundError, ProcessLookupError):
             continue
-        if b"shoal.search.simulation.live.process" in words and runs(int(folder.name)) and mine(int(starter)):
+        if (
+            b"shoal.search.simulation.live.process" in words
+            and runs(int(folder.name))
+            and mine(int(starter))
+        ):
             found.add(int(folder.name))
     return found
 
@@ -97,7 +116,10 @@ def mine(number: int) -> bool:
 
 
 def udp_ports() -> set[int]:
-    return {int(line.split()[1].split(":")[1], 16) for line in Path("/proc/net/udp").read_text().splitlines()[1:]}
+    return {
+        int(line.split()[1].split(":")[1], 16)
+        for line in Path("/proc/net/udp").read_text().splitlines()[1:]
+    }
 
 
 def descriptors() -> int:
@@ -105,7 +127,9 @@ def descriptors() -> int:
 
 
 def nobody_shared_a_cell(outcome: LiveOutcome) -> bool:
-    """Tell whether no two robots were in a cell at once, by what they wrote down when they were in it for certain."""
+    """Tell whether no two robots were in a cell at once, by what they wrote down when they were in
+    it for certain.
+    """
     stays: dict[int, list[tuple[float, float]]] = {}
     inside: dict[int, tuple[int, float]] = {}
     for event in outcome.events:
@@ -115,13 +139,24 @@ def nobody_shared_a_cell(outcome: LiveOutcome) -> bool:
         if event.kind == "enters":
             assert event.cell is not None
             inside[event.robot] = (event.cell, event.time)
-    return all(one[1] <= other[0] for each in stays.values() for one, other in zip(sorted(each), sorted(each)[1:], strict=False))
+    return all(
+        one[1] <= other[0]
+        for each in stays.values()
+        for one, other in zip(sorted(each), sorted(each)[1:], strict=False)
+    )
 
 
 @pytest.mark.parametrize("channel", ["multicast", "unicast"])
 def test_two_of_four_killed_and_a_third_of_the_messages_lost(channel):
     before = descriptors()
-    outcome = live(brief_of(6, 6), [0, 9, 18, 27], loss=0.3, faults=[Crash(2, 2.0), Crash(4, 4.5)], speed=40.0, channel=channel)
+    outcome = live(
+        brief_of(6, 6),
+        [0, 9, 18, 27],
+        loss=0.3,
+        faults=[Crash(2, 2.0), Crash(4, 4.5)],
+        speed=40.0,
+        channel=channel,
+    )
     assert outcome.complete
     assert outcome.covered == 1.0
     assert sorted(outcome.killed) == [2, 4]
@@ -133,7 +168,8 @@ def test_two_of_four_killed_and_a_third_of_the_messages_lost(channel):
     assert nobody_shared_a_cell(outcome)
     last = min(event.time for event in outcome.events if event.kind == "declared")
     assert (
-        covered_share([event for event in outcome.events if event.time <= last], (1 << 36) - 1) == 1.0
+        covered_share([event for event in outcome.events if event.time <= last], (1 << 36) - 1)
+        == 1.0
     )  # nobody declares too early
     assert children() == set()
     assert descriptors() == before
@@ -141,18 +177,26 @@ def test_two_of_four_killed_and_a_third_of_the_messages_lost(channel):
 
 
 def test_robots_killed_from_outside_are_dead_and_the_others_take_over(monkeypatch):
-    """Nobody tells the supervisor: it once took them for robots that still search, and so the search was not completed."""
-    begin = process_pool.ProcessPool.begin
+    """Nobody tells the supervisor: it once took them for robots that still search, and so the
+    search was not completed.
+    """
+    begin = process.ProcessPool.begin
 
     def begin_and_kill(pool, epoch):
         begin(pool, epoch)
         doomed = [pool.members[number].process for number in (2, 5)]
-        threading.Timer(epoch - time.monotonic() + 0.5, lambda: [os.kill(one, signal.SIGKILL) for one in doomed]).start()
+        threading.Timer(
+            epoch - time.monotonic() + 0.5, lambda: [os.kill(one, signal.SIGKILL) for one in doomed]
+        ).start()
 
-    monkeypatch.setattr(process_pool.ProcessPool, "begin", begin_and_kill)
-    episode = run_search(SearchProblem("square:60", robots=6, footprint=10, starts="line", live=10.0), seed=1)
+    monkeypatch.setattr(process.ProcessPool, "begin", begin_and_kill)
+    episode = run_search(
+        SearchProblem("square:60", robots=6, footprint=10, starts="line", live=10.0), seed=1
+    )
     assert episode.status == "complete", episode.reason
-    assert [number for number, log in enumerate(episode.trace.robots, start=1) if log.status == "dead"] == [2, 5]
+    assert [
+        number for number, log in enumerate(episode.trace.robots, start=1) if log.status == "dead"
+    ] == [2, 5]
     assert set(episode.trace.declared) == {1, 3, 4, 6}
     assert episode.coverage.covered_fraction == 1.0
 
@@ -167,8 +211,12 @@ def test_strangers_on_the_port_are_dropped_and_counted(monkeypatch):
 
     monkeypatch.setattr(supervisor, "reserve", reserve)
     everything = (1 << 16) - 1
-    invented = [Beacon(2, (Heartbeat(2, 10**6, 8, 1.0, "complete"),), ((1, everything), (2, everything)))]
-    invented += [Beacon(number, (Heartbeat(number, 1, 0, 1.0, "searching"),), ()) for number in range(3, 200)]
+    invented = [
+        Beacon(2, (Heartbeat(2, 10**6, 8, 1.0, "complete"),), ((1, everything), (2, everything)))
+    ]
+    invented += [
+        Beacon(number, (Heartbeat(number, 1, 0, 1.0, "searching"),), ()) for number in range(3, 200)
+    ]
 
     def lie(event):
         if event.kind == "searching":
@@ -201,7 +249,14 @@ IMPOSSIBLE = {
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_what_no_robot_of_the_search_can_say(name):
     task = LiveTask(scenario_in(brief_of(4, 4), (0, 8)), 10.0, "unicast", 0)
-    task.check(Beacon(1, (Heartbeat(1, 1, 0, 1.0, "searching"), Heartbeat(2, 7, 8, 1.0, "waiting")), ((2, 3),), ((3, 6),)))
+    task.check(
+        Beacon(
+            1,
+            (Heartbeat(1, 1, 0, 1.0, "searching"), Heartbeat(2, 7, 8, 1.0, "waiting")),
+            ((2, 3),),
+            ((3, 6),),
+        )
+    )
     with pytest.raises(InvalidInputError, match="beacon: expected"):
         task.check(IMPOSSIBLE[name])
 
@@ -219,7 +274,14 @@ def test_they_help_one_another():
 
 def test_a_slow_robot_is_helped_and_messages_are_short_and_signed():
     starts = [0, 24, 48, 72]
-    outcome = live(brief_of(8, 12, hello=6.0), starts, faults=[Slow(2, 8.0)], key=b"of the robots", packet=64, speed=30.0)
+    outcome = live(
+        brief_of(8, 12, hello=6.0),
+        starts,
+        faults=[Slow(2, 8.0)],
+        key=b"of the robots",
+        packet=64,
+        speed=30.0,
+    )
     assert outcome.complete
     assert outcome.covered == 1.0
     searched = searched_by(outcome.events)
@@ -249,7 +311,9 @@ def test_a_robot_finds_things_and_goes_home_in_between():
 
 
 def test_obstacles_are_met_and_told_of():
-    """Two robots, one of them with a wide footprint; neither knows of the wall, which leaves one cell behind it out of reach."""
+    """Two robots, one of them with a wide footprint; neither knows of the wall, which leaves one
+    cell behind it out of reach.
+    """
     tour = make_tour("hilbert-rectangle", (5, 6))
     wall = [int(tour.position[row, col]) for row, col in ((0, 1), (1, 1), (1, 0), (3, 3))]
     brief = Brief(TourCost(tour, distances=CellDistances(tour)), "stay", hello=8.0)
@@ -330,7 +394,9 @@ SCRIPT = """
 def test_when_the_starter_ends_so_do_the_robots(number, tmp_path):
     script = tmp_path / "search.py"
     script.write_text(textwrap.dedent(SCRIPT))
-    starter = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    starter = subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert starter.stdout is not None
     assert starter.stdout.readline() == "searched\n"
     robots = children()
@@ -343,9 +409,11 @@ def test_when_the_starter_ends_so_do_the_robots(number, tmp_path):
 
 
 def test_a_process_that_cannot_start_is_named(monkeypatch):
-    monkeypatch.setattr(process_pool.sys, "executable", "/bin/false")
+    monkeypatch.setattr(process.sys, "executable", "/bin/false")
     before = descriptors()
-    with pytest.raises(ShoalError, match=r"robot 1: its process ended before it was ready: no reason given"):
+    with pytest.raises(
+        ShoalError, match=r"robot 1: its process ended before it was ready: no reason given"
+    ):
         live(brief_of(3, 4), [0])
     assert descriptors() == before
 
@@ -353,7 +421,10 @@ def test_a_process_that_cannot_start_is_named(monkeypatch):
 def test_a_robot_whose_radio_fails_is_named():
     """The port is none."""
     task = LiveTask(scenario_in(brief_of(3, 4), (0,)), 10.0, "multicast", -1)
-    with process_pool.ProcessPool(task) as robots, pytest.raises(ShoalError, match=r"robot 1: .*OverflowError"):
+    with (
+        process.ProcessPool(task) as robots,
+        pytest.raises(ShoalError, match=r"robot 1: .*OverflowError"),
+    ):
         robots.wait_ready(60.0)
     assert children() == set()
 
@@ -363,7 +434,7 @@ def test_a_robot_that_fails_later_is_named_and_the_others_go_on():
     scenario = scenario_in(brief_of(3, 4), (0, 6))
     object.__setattr__(scenario, "rates", (1.0, "fast"))
     task = LiveTask(scenario, 100.0, "unicast", 0)
-    with process_pool.ProcessPool(task) as robots:
+    with process.ProcessPool(task) as robots:
         robots.wait_ready(60.0)
         outcome = supervisor._Watch(robots, task, None, 0.0).run(60.0)
     assert list(outcome.failed) == [2]
@@ -381,7 +452,10 @@ def test_a_robot_that_fails_later_is_named_and_the_others_go_on():
         ({"loss": 1.5}, "loss: expected a probability"),
         ({"speed": 0.0}, "speed: expected cells a second"),
         ({"faults": (Crash(2, 1.0),)}, "fault: expected a robot from 1 to 1"),
-        ({"faults": (Crash(1, -1.0),)}, "live: expected only crashes and slow robots as faults, at times of 0 or more"),
+        (
+            {"faults": (Crash(1, -1.0),)},
+            "live: expected only crashes and slow robots as faults, at times of 0 or more",
+        ),
         ({"faults": (Pause(1, 1.0, 2.0),)}, "live: expected only crashes and slow robots"),
         ({"targets": (12,)}, "targets: expected cells from 0 to 11"),
         ({"packet": 63}, "packet: expected a whole number from 64 to 65507"),
@@ -421,12 +495,19 @@ def test_vehicle_stops_before_a_cell_until_it_may_enter():
 def test_only_one_process_is_in_a_cell_and_death_frees_it():
     with tempfile.TemporaryFile() as ground:
         code = (
-            "import os, sys; from shoal.search.simulation.live import cell_locks; ground = int(sys.argv[1])\n"
-            "print(cell_locks.enter(ground, 3), cell_locks.enter(ground, 4), flush=True); sys.stdin.read()"
+            "import os, sys; from shoal.search.simulation.live import cell_locks; ground ="
+            " int(sys.argv[1])\nprint(cell_locks.enter(ground, 3), cell_locks.enter(ground, 4),"
+            " flush=True); sys.stdin.read()"
         )
         assert cell_locks.enter(ground.fileno(), 3)
         words = [sys.executable, "-c", code, str(ground.fileno())]
-        other = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=[ground.fileno()], text=True)
+        other = subprocess.Popen(
+            words,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            pass_fds=[ground.fileno()],
+            text=True,
+        )
         assert other.stdout is not None
         assert other.stdout.readline() == "False True\n"
         assert not cell_locks.enter(ground.fileno(), 4)

@@ -12,11 +12,20 @@ import pytest
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
+from shoal.missions import (
+    FORMATS,
+    RULES,
+    Mission,
+    check_missions,
+    missions_of,
+    read_mission,
+    write_missions,
+)
+from shoal.missions import checking as lint
+from shoal.missions.fence import Fence
 from shoal.search import open_region
-from shoal.search.flight.staggering import Separation
+from shoal.search.flight.separation import Separation
 from shoal.search.flight.vehicle import vehicle_of
-from shoal.search.missions import FORMATS, RULES, Mission, check_missions, lint, missions_of, read_mission, write_missions
-from shoal.search.missions.fence import Fence
 from shoal.search.regions.projection import LocalFrame
 
 FIELD = {
@@ -25,17 +34,33 @@ FIELD = {
         {
             "type": "Feature",
             "properties": {"no_go": zone},
-            "geometry": {"type": "Polygon", "coordinates": [[[w, s], [e, s], [e, n], [w, n], [w, s]]]},
+            "geometry": {
+                "type": "Polygon",
+                "coordinates": [[[w, s], [e, s], [e, n], [w, n], [w, s]]],
+            },
         }
-        for zone, (w, s, e, n) in [(False, (8.5, 47.4, 8.504, 47.402)), (True, (8.5018, 47.4008, 8.5022, 47.4012))]
+        for zone, (w, s, e, n) in [
+            (False, (8.5, 47.4, 8.504, 47.402)),
+            (True, (8.5018, 47.4008, 8.5022, 47.4012)),
+        ]
     ],
 }
-LANES = [(8.50030017, 47.40030013), (8.50370017, 47.40030013), (8.50370017, 47.40060013), (8.50030017, 47.40060013)]
+LANES = [
+    (8.50030017, 47.40030013),
+    (8.50370017, 47.40030013),
+    (8.50370017, 47.40060013),
+    (8.50030017, 47.40060013),
+]
 OUTSIDE = [*LANES[:2], (8.5047, 47.4004), *LANES[2:]]
 HOME = (8.50010011, 47.40010019)
 AROUND = [(8.5000, 47.4000), (8.5038, 47.4000), (8.5038, 47.4007), (8.5000, 47.4007)]
 
-EXPECTED = {"autopilot": "px4", "vehicle": vehicle_of("fixed-wing,endurance=1000"), "airspace": 20.0, "separation": 10.0}
+EXPECTED = {
+    "autopilot": "px4",
+    "vehicle": vehicle_of("fixed-wing,endurance=1000"),
+    "airspace": 20.0,
+    "separation": 10.0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -112,15 +137,25 @@ def wpl(row, field, value):
 
 
 def swapped_rows(rows):
-    return [*rows[:4], *("\t".join([*f[:8], f[9], f[8], *f[10:]]) for f in (row.split("\t") for row in rows[4:8])), *rows[8:]]
+    return [
+        *rows[:4],
+        *("\t".join([*f[:8], f[9], f[8], *f[10:]]) for f in (row.split("\t") for row in rows[4:8])),
+        *rows[8:],
+    ]
 
 
 def instead(then=None, **changes):
     """Write another mission, and change it."""
 
     def plant(folder, suffix):
-        with mock.patch("shoal.search.missions.files._check_written"):  # as a program writes them that does not look
-            write_missions([mission(**changes)], folder, formats=[name for name in FORMATS if FORMATS.get(name).suffix == suffix])
+        with mock.patch(
+            "shoal.missions.files._check_written"
+        ):  # as a program writes them that does not look
+            write_missions(
+                [mission(**changes)],
+                folder,
+                formats=[name for name in FORMATS if FORMATS.get(name).suffix == suffix],
+            )
         if then is not None:
             then(folder, suffix)
 
@@ -154,7 +189,11 @@ def cut_fence(folder, suffix):
 
 def fence_circle(*, inclusion, radius, polygons=None, center=(47.4003, 8.502)):
     """Add a circle to the fence, over the first leg of the search."""
-    circle = {"inclusion": inclusion, "version": 1, "circle": {"center": list(center), "radius": radius}}
+    circle = {
+        "inclusion": inclusion,
+        "version": 1,
+        "circle": {"center": list(center), "radius": radius},
+    }
 
     def change(data):
         data["geoFence"]["circles"] = [circle]
@@ -169,7 +208,10 @@ def fence_row(command, first):
 
     def plant(folder, suffix):
         instead(fence=Fence(np.array(AROUND)))(folder, suffix)
-        edit(folder / "fence.txt", lambda rows: rows + f"4\t0\t0\t{command}\t{first}\t0\t0\t0\t47.4003\t8.502\t0\t1\n")
+        edit(
+            folder / "fence.txt",
+            lambda rows: rows + f"4\t0\t0\t{command}\t{first}\t0\t0\t0\t47.4003\t8.502\t0\t1\n",
+        )
 
     return plant
 
@@ -177,7 +219,11 @@ def fence_row(command, first):
 def later_speed(value, at=3):
     """Add an item that changes the speed to the other items, which already have one."""
     return items(
-        lambda rows: rows.insert(at, json.loads(json.dumps(rows[1]))) or rows[at]["params"].__setitem__(1, value) or numbered(rows)
+        lambda rows: (
+            rows.insert(at, json.loads(json.dumps(rows[1])))
+            or rows[at]["params"].__setitem__(1, value)
+            or numbered(rows)
+        )
     )
 
 
@@ -188,7 +234,10 @@ def other_speed(folder, _suffix):
 
 def other_place(folder, _suffix):
     write_missions([mission()], folder, formats=["plan", "kml"])
-    edit(folder / "robot-01.kml", lambda before: before.replace("8.50370017,47.40060013", "8.50370017,47.40059913"))
+    edit(
+        folder / "robot-01.kml",
+        lambda before: before.replace("8.50370017,47.40060013", "8.50370017,47.40059913"),
+    )
 
 
 def other_autopilot(folder, _suffix):
@@ -209,69 +258,213 @@ PLANTS = [
     ("unreadable", ".kml", swap("<name>", "<nome>"), "line 3", ()),
     ("unreadable", ".kml", swap("<kml", DOCTYPE), "line 2", ()),
     ("unreadable", ".gpx", swap("<rtept", "&x;<rtept"), "line 6", ()),
-    ("unreadable", ".csv", lambda folder, _: (folder / "robot-01.csv").write_bytes(b"number,\xff\n"), "line 1", ()),
+    (
+        "unreadable",
+        ".csv",
+        lambda folder, _: (folder / "robot-01.csv").write_bytes(b"number,\xff\n"),
+        "line 1",
+        (),
+    ),
     ("missing-key", ".plan", plan(lambda data: data.pop("geoFence")), "", ()),
     ("missing-key", ".plan", plan(lambda data: data.pop("rallyPoints")), "", ()),
     ("missing-key", ".plan", plan(lambda data: data["mission"].pop("firmwareType")), "mission", ()),
-    ("missing-key", ".plan", items(lambda rows: rows[2].pop("autoContinue")), "mission, item 3", ()),
+    (
+        "missing-key",
+        ".plan",
+        items(lambda rows: rows[2].pop("autoContinue")),
+        "mission, item 3",
+        (),
+    ),
     ("missing-key", ".plan", items(lambda rows: rows[2].pop("doJumpId")), "mission, item 3", ()),
     ("missing-key", ".geojson", swap('"autopilot"', '"wagon"'), "feature 1", ()),
     ("missing-key", ".kml", swap('name="sortie"', 'name="flight"'), "line", ()),
     ("missing-key", ".gpx", pattern("<rte>.*</rte>", ""), "", ()),
     ("missing-key", ".gpx", swap("<rtept lat", "<rtept latitude"), "line 6", ()),
     ("missing-key", ".csv", swap("latitude", "lat"), "line 1", ()),
-    ("wrong-value", ".plan", items(lambda rows: rows[1].update(autoContinue=1)), "mission, item 2, autoContinue", ()),
-    ("wrong-value", ".plan", items(lambda rows: rows[1].update(type="ComplexItem")), "mission, item 2, type", ()),
-    ("wrong-value", ".plan", plan(lambda data: data["mission"].update(version=1)), "mission, version", ()),
-    ("wrong-value", ".plan", plan(lambda data: data["mission"].update(vehicleType=6)), "mission", ()),
+    (
+        "wrong-value",
+        ".plan",
+        items(lambda rows: rows[1].update(autoContinue=1)),
+        "mission, item 2, autoContinue",
+        (),
+    ),
+    (
+        "wrong-value",
+        ".plan",
+        items(lambda rows: rows[1].update(type="ComplexItem")),
+        "mission, item 2, type",
+        (),
+    ),
+    (
+        "wrong-value",
+        ".plan",
+        plan(lambda data: data["mission"].update(version=1)),
+        "mission, version",
+        (),
+    ),
+    (
+        "wrong-value",
+        ".plan",
+        plan(lambda data: data["mission"].update(vehicleType=6)),
+        "mission",
+        (),
+    ),
     ("wrong-value", ".waypoints", wpl(5, 8, "north"), "line 6", ()),
     ("wrong-value", ".waypoints", wpl(5, 11, "true"), "line 6", ()),
     ("wrong-value", ".geojson", swap('"kind": "multirotor"', '"kind": "boat"'), "feature 1", ()),
     ("wrong-value", ".csv", swap("2,waypoint", "2,loiter"), "line 4", ()),
     ("wrong-value", ".csv", pattern(r"(\n2,.*?),5\n", r"\1,6\n"), "line 4", ()),
     ("wrong-header", ".waypoints", swap("QGC WPL 110", "QGC WPL 100"), "line 1", ()),
-    ("field-count", ".waypoints", lines(lambda rows: [*rows[:5], rows[5].replace("\t1", "", 1), *rows[6:]]), "line 6", ()),
-    ("field-count", ".waypoints", lines(lambda rows: [*rows[:5], rows[5].replace("\t", " "), *rows[6:]]), "line 6", ()),
+    (
+        "field-count",
+        ".waypoints",
+        lines(lambda rows: [*rows[:5], rows[5].replace("\t1", "", 1), *rows[6:]]),
+        "line 6",
+        (),
+    ),
+    (
+        "field-count",
+        ".waypoints",
+        lines(lambda rows: [*rows[:5], rows[5].replace("\t", " "), *rows[6:]]),
+        "line 6",
+        (),
+    ),
     ("field-count", ".csv", swap("3,waypoint", "3,waypoint,"), "line 5", ()),
-    ("params-count", ".plan", items(lambda rows: rows[3]["params"].pop()), "mission, item 4, params", ()),
+    (
+        "params-count",
+        ".plan",
+        items(lambda rows: rows[3]["params"].pop()),
+        "mission, item 4, params",
+        (),
+    ),
     ("no-home", ".waypoints", lines(lambda rows: [rows[0], *rows[2:]]), "line 2", ()),
     ("no-home", ".geojson", swap('"role": "home"', '"role": "base"'), "", ()),
     ("no-home", ".kml", swap("<name>home", "<name>base"), "", ()),
     ("no-home", ".gpx", swap("<name>home", "<name>base"), "", ()),
     ("no-home", ".csv", lines(lambda rows: [rows[0], *rows[2:]]), "", ("sequence",)),
-    ("zero-waypoints", ".plan", items(lambda rows: rows.__delitem__(slice(2, 6)) or numbered(rows)), "", ()),
+    (
+        "zero-waypoints",
+        ".plan",
+        items(lambda rows: rows.__delitem__(slice(2, 6)) or numbered(rows)),
+        "",
+        (),
+    ),
     ("zero-waypoints", ".plan", items(lambda rows: rows.clear()), "", ()),
     ("zero-waypoints", ".waypoints", lines(lambda rows: rows[:2]), "", ()),
-    ("zero-waypoints", ".kml", pattern(r"(<altitudeMode>\w+</altitudeMode><coordinates>).*?<", r"\1<"), "", ()),
+    (
+        "zero-waypoints",
+        ".kml",
+        pattern(r"(<altitudeMode>\w+</altitudeMode><coordinates>).*?<", r"\1<"),
+        "",
+        (),
+    ),
     ("zero-waypoints", ".gpx", pattern("<rtept.*?/>\n", "", 0), "", ()),
-    ("zero-waypoints", ".csv", lines(lambda rows: [row for row in rows if "waypoint" not in row]), "", ("sequence",)),
-    ("not-a-number", ".plan", items(lambda rows: rows[3]["params"].__setitem__(4, None)), "item 4", ()),
-    ("not-a-number", ".plan", items(lambda rows: rows[3]["params"].__setitem__(6, float("nan"))), "item 4", ()),
-    ("not-a-number", ".plan", items(lambda rows: rows[1]["params"].__setitem__(1, float("inf"))), "", ()),
+    (
+        "zero-waypoints",
+        ".csv",
+        lines(lambda rows: [row for row in rows if "waypoint" not in row]),
+        "",
+        ("sequence",),
+    ),
+    (
+        "not-a-number",
+        ".plan",
+        items(lambda rows: rows[3]["params"].__setitem__(4, None)),
+        "item 4",
+        (),
+    ),
+    (
+        "not-a-number",
+        ".plan",
+        items(lambda rows: rows[3]["params"].__setitem__(6, float("nan"))),
+        "item 4",
+        (),
+    ),
+    (
+        "not-a-number",
+        ".plan",
+        items(lambda rows: rows[1]["params"].__setitem__(1, float("inf"))),
+        "",
+        (),
+    ),
     ("not-a-number", ".waypoints", wpl(5, 9, "nan"), "line 6", ()),
     ("not-a-number", ".kml", swap("8.50370017,", "inf,"), "position 2", ()),
     ("out-of-range", ".waypoints", wpl(5, 9, "188.5"), "line 6", ()),
-    ("out-of-range", ".plan", items(lambda rows: rows[3]["params"].__setitem__(5, -188.5)), "item 4", ()),
+    (
+        "out-of-range",
+        ".plan",
+        items(lambda rows: rows[3]["params"].__setitem__(5, -188.5)),
+        "item 4",
+        (),
+    ),
     ("axes-swapped", ".waypoints", lines(swapped_rows), "line 5", ()),
-    ("axes-swapped", ".plan", items(lambda rows: [r["params"].insert(4, r["params"].pop(5)) for r in rows[2:6]]), "item 3", ()),
+    (
+        "axes-swapped",
+        ".plan",
+        items(lambda rows: [r["params"].insert(4, r["params"].pop(5)) for r in rows[2:6]]),
+        "item 3",
+        (),
+    ),
     ("axes-swapped", ".geojson", every_axis, "position 1", ()),
     ("axes-swapped", ".gpx", every_axis, "line 6", ()),
-    ("antimeridian", ".csv", instead(waypoints=[(179.999, 47.4), (-179.999, 47.4)], home=(179.998, 47.4)), "line 4", ()),
+    (
+        "antimeridian",
+        ".csv",
+        instead(waypoints=[(179.999, 47.4), (-179.999, 47.4)], home=(179.998, 47.4)),
+        "line 4",
+        (),
+    ),
     ("sequence", ".waypoints", lines(lambda rows: [*rows[:5], *rows[6:]]), "line 6", ()),
     ("sequence", ".waypoints", wpl(4, 0, "9"), "line 5", ()),
     ("sequence", ".csv", swap("3,waypoint", "4,waypoint"), "line 5", ()),
-    ("do-jump-id", ".plan", items(lambda rows: [row.update(doJumpId=1) for row in rows]), "item 2", ()),
+    (
+        "do-jump-id",
+        ".plan",
+        items(lambda rows: [row.update(doJumpId=1) for row in rows]),
+        "item 2",
+        (),
+    ),
     ("frame", ".plan", items(lambda rows: rows[3].update(frame=0)), "item 4", ()),
     ("frame", ".plan", items(lambda rows: rows[-1].update(frame=3)), "item 7", ()),
     ("frame", ".waypoints", wpl(6, 2, "0"), "line 7", ()),
     ("take-off", ".plan", drop(0), "item 2", ()),
     ("take-off", ".waypoints", wpl(2, 3, "16"), "line 3", ()),
-    ("take-off", ".plan", rover(items(lambda rows: rows.insert(0, take_off()) or numbered(rows))), "item 1", ()),
-    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, wait()) or numbered(rows)), "item 1", ()),
+    (
+        "take-off",
+        ".plan",
+        rover(items(lambda rows: rows.insert(0, take_off()) or numbered(rows))),
+        "item 1",
+        (),
+    ),
+    (
+        "armed-wait",
+        ".plan",
+        items(lambda rows: rows.insert(0, wait()) or numbered(rows)),
+        "item 1",
+        (),
+    ),
     ("armed-wait", ".waypoints", wpl(2, 3, "93"), "line 3", ("take-off", "frame")),
-    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, wait() | {"command": 112}) or numbered(rows)), "item 1", ()),
-    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, take_off() | {"command": 19}) or numbered(rows)), "item 1", ()),
-    ("armed-wait", ".plan", items(lambda rows: rows.insert(0, take_off() | {"command": 18}) or numbered(rows)), "item 1", ()),
+    (
+        "armed-wait",
+        ".plan",
+        items(lambda rows: rows.insert(0, wait() | {"command": 112}) or numbered(rows)),
+        "item 1",
+        (),
+    ),
+    (
+        "armed-wait",
+        ".plan",
+        items(lambda rows: rows.insert(0, take_off() | {"command": 19}) or numbered(rows)),
+        "item 1",
+        (),
+    ),
+    (
+        "armed-wait",
+        ".plan",
+        items(lambda rows: rows.insert(0, take_off() | {"command": 18}) or numbered(rows)),
+        "item 1",
+        (),
+    ),
     ("take-off", ".plan", items(lambda rows: rows[0]["params"].__setitem__(6, 0)), "item 1", ()),
     ("take-off", ".plan", items(lambda rows: rows[0]["params"].__setitem__(6, -3)), "item 1", ()),
     ("take-off", ".waypoints", wpl(2, 10, "0"), "line 3", ()),
@@ -286,16 +479,46 @@ PLANTS = [
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=3)), "", ()),
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=0)), "mission", ()),
     ("firmware", ".gpx", swap("px4", "ardupilot"), "", ()),
-    ("firmware-mixed", ".plan", beside(mission(robot=2), mission(robot=3, autopilot="ardupilot")), "", ("firmware", "homes-near")),
+    (
+        "firmware-mixed",
+        ".plan",
+        beside(mission(robot=2), mission(robot=3, autopilot="ardupilot")),
+        "",
+        ("firmware", "homes-near"),
+    ),
     ("cap", ".plan", instead(waypoints=extra_waypoints(1997)), "", ()),
     ("cap", ".waypoints", instead(waypoints=extra_waypoints(1997)), "", ()),
     ("cap", ".csv", instead(waypoints=extra_waypoints(1997)), "", ()),
-    ("altitude", ".plan", items(lambda rows: [row["params"].__setitem__(6, -5) for row in rows[2:6]]), "item 3", ()),
+    (
+        "altitude",
+        ".plan",
+        items(lambda rows: [row["params"].__setitem__(6, -5) for row in rows[2:6]]),
+        "item 3",
+        (),
+    ),
     ("altitude", ".kml", swap("<value>30</value>", "<value>30000</value>"), "position 1", ()),
     ("altitude", ".gpx", rover(swap('altitude_m="0"', 'altitude_m="8"')), "line 6", ()),
-    ("altitude", ".plan", items(lambda rows: rows[3]["params"].__setitem__(6, 0)), "item 4", ("altitude-varies",)),
-    ("below-home", ".plan", items(lambda rows: [row["params"].__setitem__(6, -20) for row in rows[2:4]]), "item 3", ()),
-    ("below-home", ".waypoints", lines(lambda rows: [*rows[:4], *(deep(row) for row in rows[4:6]), *rows[6:]]), "line 5", ()),
+    (
+        "altitude",
+        ".plan",
+        items(lambda rows: rows[3]["params"].__setitem__(6, 0)),
+        "item 4",
+        ("altitude-varies",),
+    ),
+    (
+        "below-home",
+        ".plan",
+        items(lambda rows: [row["params"].__setitem__(6, -20) for row in rows[2:4]]),
+        "item 3",
+        (),
+    ),
+    (
+        "below-home",
+        ".waypoints",
+        lines(lambda rows: [*rows[:4], *(deep(row) for row in rows[4:6]), *rows[6:]]),
+        "line 5",
+        (),
+    ),
     (
         "terrain-frame",
         ".waypoints",
@@ -303,23 +526,91 @@ PLANTS = [
         "line 5",
         (),
     ),
-    ("frame", ".plan", items(lambda rows: [row.update(frame=10) for row in rows[2:6]]), "item 3", ()),
-    ("spline", ".plan", items(lambda rows: [row.update(command=82) for row in rows[2:6]]), "item 3", ()),
+    (
+        "frame",
+        ".plan",
+        items(lambda rows: [row.update(frame=10) for row in rows[2:6]]),
+        "item 3",
+        (),
+    ),
+    (
+        "spline",
+        ".plan",
+        items(lambda rows: [row.update(command=82) for row in rows[2:6]]),
+        "item 3",
+        (),
+    ),
     ("spline", ".waypoints", wpl(5, 3, "82"), "line 6", ()),
-    ("rally", ".plan", plan(lambda data: data["rallyPoints"].update(points=[[47.401, 8.502, 30]])), "rally point 1", ()),
-    ("rally", ".plan", instead(fence=Fence(np.array(AROUND)), rally=((8.502, 47.4011),)), "rally point 1", ()),
-    ("rally", ".waypoints", instead(rally=((8.5001, 47.4001), (8.502, 47.401))), "rally point 2", ()),
-    ("invalid", ".csv", instead(waypoints_out=1, waypoints_home=0, then=swap(",1,0\n", ",4,0\n", -1)), "", ()),
+    (
+        "rally",
+        ".plan",
+        plan(lambda data: data["rallyPoints"].update(points=[[47.401, 8.502, 30]])),
+        "rally point 1",
+        (),
+    ),
+    (
+        "rally",
+        ".plan",
+        instead(fence=Fence(np.array(AROUND)), rally=((8.502, 47.4011),)),
+        "rally point 1",
+        (),
+    ),
+    (
+        "rally",
+        ".waypoints",
+        instead(rally=((8.5001, 47.4001), (8.502, 47.401))),
+        "rally point 2",
+        (),
+    ),
+    (
+        "invalid",
+        ".csv",
+        instead(waypoints_out=1, waypoints_home=0, then=swap(",1,0\n", ",4,0\n", -1)),
+        "",
+        (),
+    ),
     ("altitude-high", ".plan", instead(altitude=150.0), "item 3", ()),
     ("altitude-varies", ".plan", items(lambda rows: rows[3]["params"].__setitem__(6, 40)), "", ()),
-    ("camera", ".plan", instead(trigger_distance=8.0, then=items(lambda rows: rows.pop(-2) and numbered(rows))), "item 4", ()),
-    ("camera", ".plan", instead(trigger_distance=8.0, then=items(lambda rows: rows[3]["params"].__setitem__(0, 0))), "item 4", ()),
-    ("gimbal", ".plan", instead(gimbal_pitch=-90.0, then=items(lambda rows: rows[2]["params"].__setitem__(0, -100))), "item 3", ()),
+    (
+        "camera",
+        ".plan",
+        instead(trigger_distance=8.0, then=items(lambda rows: rows.pop(-2) and numbered(rows))),
+        "item 4",
+        (),
+    ),
+    (
+        "camera",
+        ".plan",
+        instead(trigger_distance=8.0, then=items(lambda rows: rows[3]["params"].__setitem__(0, 0))),
+        "item 4",
+        (),
+    ),
+    (
+        "gimbal",
+        ".plan",
+        instead(
+            gimbal_pitch=-90.0, then=items(lambda rows: rows[2]["params"].__setitem__(0, -100))
+        ),
+        "item 3",
+        (),
+    ),
     ("gimbal", ".waypoints", instead(gimbal_pitch=-90.0, then=wpl(4, 10, "0")), "line 5", ()),
     ("acceptance", ".plan", instead(acceptance_radius=40.0), "item 4", ()),
-    ("approach", ".plan", instead(kind="fixed-wing", landing=(8.5003, 47.4009)), "item 6", ("turn-radius", "climb")),
+    (
+        "approach",
+        ".plan",
+        instead(kind="fixed-wing", landing=(8.5003, 47.4009)),
+        "item 6",
+        ("turn-radius", "climb"),
+    ),
     ("turn-radius", ".csv", instead(kind="fixed-wing"), "line 5", ("climb",)),
-    ("climb", ".geojson", instead(kind="fixed-wing", altitude=110.0), "position 1", ("turn-radius",)),
+    (
+        "climb",
+        ".geojson",
+        instead(kind="fixed-wing", altitude=110.0),
+        "position 1",
+        ("turn-radius",),
+    ),
     ("endurance", ".plan", instead(speed=0.01), "", ()),
     (
         "airspace",
@@ -347,13 +638,37 @@ PLANTS = [
     ("homes-near", ".csv", beside(mission(robot=2, home=(8.5, 47.4), landing=HOME)), "", ()),
     ("few-decimals", ".waypoints", pattern(r"(\t\d+\.\d{6})\d\d", r"\1", 0), "", ()),
     ("few-decimals", ".kml", pattern(r"(\d+\.\d{6})\d\d", r"\1", 0), "", ()),
-    ("duplicate", ".plan", instead(waypoints=[LANES[0], LANES[1], LANES[1], LANES[2]]), "item 5", ()),
-    ("outside-region", ".plan", instead(waypoints=[*LANES, (8.5043, 47.4003)]), "item 7", ("transit",)),
+    (
+        "duplicate",
+        ".plan",
+        instead(waypoints=[LANES[0], LANES[1], LANES[1], LANES[2]]),
+        "item 5",
+        (),
+    ),
+    (
+        "outside-region",
+        ".plan",
+        instead(waypoints=[*LANES, (8.5043, 47.4003)]),
+        "item 7",
+        ("transit",),
+    ),
     ("no-go", ".plan", instead(waypoints=[*LANES[:1], (8.502, 47.401)]), "item 4", ()),
     ("no-go", ".gpx", instead(waypoints=[(8.5003, 47.401), (8.5037, 47.401)]), "line 7", ()),
-    ("leg-outside", ".plan", rover(waypoints=[LANES[0], (8.4999, 47.4001), *LANES[1:]]), "item 3", ("outside-region",)),
+    (
+        "leg-outside",
+        ".plan",
+        rover(waypoints=[LANES[0], (8.4999, 47.4001), *LANES[1:]]),
+        "item 3",
+        ("outside-region",),
+    ),
     ("fence", ".plan", instead(fence=Fence(np.add(AROUND, [-0.0002, 0.0]))), "item 4", ()),
-    ("fence", ".waypoints", instead(fence=Fence(np.array(AROUND), (np.add(AROUND, [0.002, 0.0001]),))), "line 6", ()),
+    (
+        "fence",
+        ".waypoints",
+        instead(fence=Fence(np.array(AROUND), (np.add(AROUND, [0.002, 0.0001]),))),
+        "line 6",
+        (),
+    ),
     ("fence", ".plan", fence_circle(inclusion=False, radius=30), "item 4", ()),
     ("fence", ".plan", fence_circle(inclusion=True, radius=3), "item 3", ()),
     ("fence", ".plan", fence_circle(inclusion=False, radius=30, polygons=[]), "item 4", ()),
@@ -372,7 +687,14 @@ PLANTS = [
 
 def take_off():
     params = [0, 0, 0, None, 47.4001, 8.5001, 0]
-    return {"type": "SimpleItem", "command": 22, "frame": 3, "params": params, "autoContinue": True, "doJumpId": 1}
+    return {
+        "type": "SimpleItem",
+        "command": 22,
+        "frame": 3,
+        "params": params,
+        "autoContinue": True,
+        "doJumpId": 1,
+    }
 
 
 def deep(row):
@@ -389,11 +711,17 @@ def wait():
 
 
 def write_good(folder, suffix):
-    write_missions([mission()], folder, formats=[name for name in FORMATS if FORMATS.get(name).suffix == suffix])
+    write_missions(
+        [mission()],
+        folder,
+        formats=[name for name in FORMATS if FORMATS.get(name).suffix == suffix],
+    )
 
 
 @pytest.mark.parametrize(
-    ("rule", "suffix", "plant", "place", "others"), PLANTS, ids=lambda value: value if isinstance(value, str) else ""
+    ("rule", "suffix", "plant", "place", "others"),
+    PLANTS,
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path, region):
     write_good(tmp_path, suffix)
@@ -419,18 +747,37 @@ def test_every_rule_is_planted():
 
 def test_axes_swapped_against_other_robots(tmp_path):
     missions = [mission(robot=number) for number in (1, 2, 3)]
-    write_missions([*missions, mission(robot=4, waypoints=[p[::-1] for p in LANES], home=HOME[::-1])], tmp_path, formats=["plan"])
+    write_missions(
+        [*missions, mission(robot=4, waypoints=[p[::-1] for p in LANES], home=HOME[::-1])],
+        tmp_path,
+        formats=["plan"],
+    )
     (diagnostic,) = lint(tmp_path)
-    assert (diagnostic.file, diagnostic.place, diagnostic.rule) == ("robot-04.plan", "home", "axes-swapped")
+    assert (diagnostic.file, diagnostic.place, diagnostic.rule) == (
+        "robot-04.plan",
+        "home",
+        "axes-swapped",
+    )
 
 
 def test_transit_between_parts(tmp_path):
     path = tmp_path / "parts.json"
-    squares = [[[[w, 47.4], [w + 0.001, 47.4], [w + 0.001, 47.401], [w, 47.401], [w, 47.4]]] for w in (8.5, 8.502)]
+    squares = [
+        [[[w, 47.4], [w + 0.001, 47.4], [w + 0.001, 47.401], [w, 47.401], [w, 47.4]]]
+        for w in (8.5, 8.502)
+    ]
     path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": squares}))
-    write_missions([mission(waypoints=[(8.5005, 47.4005), (8.5025, 47.4005)], home=(8.5005, 47.4005))], tmp_path, formats=["plan"])
+    write_missions(
+        [mission(waypoints=[(8.5005, 47.4005), (8.5025, 47.4005)], home=(8.5005, 47.4005))],
+        tmp_path,
+        formats=["plan"],
+    )
     (diagnostic,) = lint(tmp_path / "robot-01.plan", open_region(path))
-    assert (diagnostic.rule, diagnostic.severity, diagnostic.place) == ("transit", "warning", "item 4")
+    assert (diagnostic.rule, diagnostic.severity, diagnostic.place) == (
+        "transit",
+        "warning",
+        "item 4",
+    )
 
 
 def test_caps(tmp_path):
@@ -442,7 +789,11 @@ def test_caps(tmp_path):
     assert lint(tmp_path, cap=701) == []
     write_missions([replace(many, autopilot="ardupilot")], tmp_path, formats=["plan"])
     assert [diagnostic.rule for diagnostic in lint(tmp_path)] == ["cap"]
-    write_missions([mission(waypoints=extra_waypoints(696), autopilot="ardupilot")], tmp_path, formats=["plan", "wpl"])
+    write_missions(
+        [mission(waypoints=extra_waypoints(696), autopilot="ardupilot")],
+        tmp_path,
+        formats=["plan", "wpl"],
+    )
     assert lint(tmp_path) == []
 
 
@@ -466,7 +817,10 @@ def test_nothing_to_look_over(source, said, tmp_path):
 
 def test_metres_and_degrees_do_not_mix(tmp_path, region):
     write_missions(missions_of([(0, 0), (9, 0)], None), tmp_path)
-    with pytest.raises(InvalidInputError, match="expected a mission in degrees, as the region 'field' is, got one in metres"):
+    with pytest.raises(
+        InvalidInputError,
+        match="expected a mission in degrees, as the region 'field' is, got one in metres",
+    ):
         lint(tmp_path, region)
     write_missions([mission()], tmp_path)
     with pytest.raises(InvalidInputError, match="expected a mission in metres"):
@@ -481,16 +835,27 @@ def test_options_of_the_linter(options, tmp_path):
 
 
 def test_homes_of_different_vehicles_are_apart_by_the_separation(tmp_path):
-    apart = [mission(robot=number, home=(8.5 + east, 47.4001)) for number, east in ((1, 0.0), (2, 0.0002), (3, 0.00041))]
+    apart = [
+        mission(robot=number, home=(8.5 + east, 47.4001))
+        for number, east in ((1, 0.0), (2, 0.0002), (3, 0.00041))
+    ]
     write_missions([*apart, replace(apart[2], sortie=2)], tmp_path, formats=["plan", "wpl"])
     assert lint(tmp_path, separation=15.0) == []
     assert lint(tmp_path) == []
     found = lint(tmp_path, separation=16.0)
     assert [(one.file, one.rule, one.severity) for one in found] == [
-        ("robot-02.plan", "homes-near", "warning"), ("robot-02.waypoints", "homes-near", "warning")
-    ]  # fmt: skip
-    assert "at least 16 m apart, got 15.1 m between robots 1 and 2 and 1 more pair as near" in found[0].sentence
-    write_missions([replace(one, kind="fixed-wing", landing=HOME, loiter=40.0) for one in apart], tmp_path, formats=["csv"])
+        ("robot-02.plan", "homes-near", "warning"),
+        ("robot-02.waypoints", "homes-near", "warning"),
+    ]
+    assert (
+        "at least 16 m apart, got 15.1 m between robots 1 and 2 and 1 more pair as near"
+        in found[0].sentence
+    )
+    write_missions(
+        [replace(one, kind="fixed-wing", landing=HOME, loiter=40.0) for one in apart],
+        tmp_path,
+        formats=["csv"],
+    )
     assert lint(tmp_path, separation=15.0) == []  # one place to circle around
 
 
@@ -499,7 +864,9 @@ def test_a_waypoint_in_a_hole_names_the_hole(tmp_path):
     (outer,), (hole,) = (feature["geometry"]["coordinates"] for feature in FIELD["features"])
     path.write_text(json.dumps({"type": "Polygon", "coordinates": [outer, hole]}))
     write_missions([mission(waypoints=[*LANES[:1], (8.502, 47.401)])], tmp_path, formats=["plan"])
-    (diagnostic,) = (one for one in lint(tmp_path, open_region(path)) if one.rule == "outside-region")
+    (diagnostic,) = (
+        one for one in lint(tmp_path, open_region(path)) if one.rule == "outside-region"
+    )
     assert diagnostic.sentence.endswith(" m inside the hole around (8.502, 47.401)")
 
 
@@ -519,7 +886,9 @@ def test_mistakes_are_an_exit_code(tmp_path, region, capsys):
 
 @pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".geojson", ".kml", ".gpx", ".csv"])
 def test_numbers_that_nobody_means_are_mistakes(suffix, tmp_path, region):
-    """A sortie with the number 999999999999 once took all memory, an integer of 400 digits gave a traceback."""
+    """A sortie with the number 999999999999 once took all memory, an integer of 400 digits gave a
+    traceback.
+    """
     write_good(tmp_path, suffix)
     path = tmp_path / f"robot-01{suffix}"
     good = path.read_text()
@@ -544,7 +913,11 @@ def test_encodings_that_a_mission_declares_do_no_harm(encoding, tmp_path, region
         items(lambda rows: [row.update(command=82) for row in rows[2:6]]),
         items(lambda rows: [row["params"].insert(4, row["params"].pop(5)) for row in rows[2:6]]),
         items(lambda rows: rows[3]["params"].__setitem__(4, None)),
-        items(lambda rows: rows.__setitem__(slice(2, 6), [{"type": "ComplexItem", "complexItemType": "survey"}])),
+        items(
+            lambda rows: rows.__setitem__(
+                slice(2, 6), [{"type": "ComplexItem", "complexItemType": "survey"}]
+            )
+        ),
         items(lambda rows: [row["params"].__setitem__(6, 0) for row in rows[:6]]),
         items(lambda rows: rows[1]["params"].__setitem__(1, 0)),
         items(lambda rows: [row.update(frame=10) for row in rows[2:6]]),
@@ -554,7 +927,9 @@ def test_encodings_that_a_mission_declares_do_no_harm(encoding, tmp_path, region
 )
 @pytest.mark.parametrize("vehicle", [None, "multirotor"])
 def test_a_check_reports_each_of_them_and_is_no_refusal(plant, vehicle, tmp_path, region):
-    """The check of the whole folder, with a footprint: a mistake is a row of its report, whatever else cannot be measured then."""
+    """The check of the whole folder, with a footprint: a mistake is a row of its report, whatever
+    else cannot be measured then.
+    """
     write_good(tmp_path, ".plan")
     plant(tmp_path, ".plan")
     result = check_missions(tmp_path, region, 40, vehicle=vehicle, separation=Separation())
@@ -564,7 +939,13 @@ def test_a_check_reports_each_of_them_and_is_no_refusal(plant, vehicle, tmp_path
 
 def test_a_survey_of_qgroundcontrol_counts_as_its_items(tmp_path, region):
     def survey(rows):
-        rows[2:6] = [{"type": "ComplexItem", "complexItemType": "survey", "TransectStyleComplexItem": {"Items": rows[2:6]}}]
+        rows[2:6] = [
+            {
+                "type": "ComplexItem",
+                "complexItemType": "survey",
+                "TransectStyleComplexItem": {"Items": rows[2:6]},
+            }
+        ]
 
     write_good(tmp_path, ".plan")
     before = check_missions(tmp_path, region, 40)
@@ -581,11 +962,21 @@ def test_a_survey_of_qgroundcontrol_counts_as_its_items(tmp_path, region):
 def test_a_check_takes_a_region_as_a_search_does(tmp_path):
     (tmp_path / "field.json").write_text(json.dumps(FIELD))
     write_missions([mission()], tmp_path / "m", formats=["plan"])
-    seen = [check_missions(tmp_path / "m", given, 40) for given in (str(tmp_path / "field.json"), tmp_path / "field.json")]
+    seen = [
+        check_missions(tmp_path / "m", given, 40)
+        for given in (str(tmp_path / "field.json"), tmp_path / "field.json")
+    ]
     seen.append(check_missions(tmp_path / "m", open_region(tmp_path / "field.json"), 40))
     assert len({one.coverage.covered_fraction for one in seen}) == 1
-    write_missions([Mission([(5.0, 5.0), (15.0, 5.0)], (0.0, 0.0), geographic=False)], tmp_path / "p")
-    assert check_missions(tmp_path / "p", "rectangle:20x10", 10.0, vehicle="multirotor").coverage.covered_fraction == 1.0
+    write_missions(
+        [Mission([(5.0, 5.0), (15.0, 5.0)], (0.0, 0.0), geographic=False)], tmp_path / "p"
+    )
+    assert (
+        check_missions(
+            tmp_path / "p", "rectangle:20x10", 10.0, vehicle="multirotor"
+        ).coverage.covered_fraction
+        == 1.0
+    )
 
 
 def one_place(longitude, latitude, after=8):
@@ -611,18 +1002,36 @@ def one_place(longitude, latitude, after=8):
 
 
 @pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".geojson", ".kml", ".gpx", ".csv"])
-@pytest.mark.parametrize("place", [(47.4006, 8.5008), (8.50370017, 8.5015914)], ids=["swapped", "latitude"])
-def test_one_waypoint_on_another_continent_is_a_row_beside_the_others(suffix, place, tmp_path, capsys):
+@pytest.mark.parametrize(
+    "place", [(47.4006, 8.5008), (8.50370017, 8.5015914)], ids=["swapped", "latitude"]
+)
+def test_one_waypoint_on_another_continent_is_a_row_beside_the_others(
+    suffix, place, tmp_path, capsys
+):
     (tmp_path / "field.json").write_text(json.dumps(FIELD))
     folder = tmp_path / "m"
     write_missions([mission(waypoints=OUTSIDE), mission(robot=2, home=(8.5005, 47.4))], folder)
     one_place(*place)(folder, suffix)
     (name,) = [name for name in FORMATS if FORMATS.get(name).suffix == suffix]
-    base = ["missions", "check", str(folder), str(tmp_path / "field.json"), "--footprint", "40", "--format", name, "--json"]
+    base = [
+        "missions",
+        "check",
+        str(folder),
+        str(tmp_path / "field.json"),
+        "--footprint",
+        "40",
+        "--format",
+        name,
+        "--json",
+    ]
     for more in ([], ["--vehicle", "multirotor"]):
         assert run([*base, *more]) == 1
         rows = json.loads(capsys.readouterr().out)["diagnostics"]
-        ours = [row["sentence"] for row in rows if row["file"] == f"robot-01{suffix}" and row["rule"] == "outside-region"]
+        ours = [
+            row["sentence"]
+            for row in rows
+            if row["file"] == f"robot-01{suffix}" and row["rule"] == "outside-region"
+        ]
         assert len(ours) == 2  # the planted waypoint, and the one that was outside before
         assert ("swapped" in ours[0]) == (place[0] > 40)
     assert len({row["file"] for row in rows}) > 1
@@ -638,7 +1047,9 @@ def test_a_waypoint_on_another_continent_adds_no_view_between_its_neighbours(tmp
 
 @pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
 @pytest.mark.parametrize("index", [1, 3])
-def test_a_waypoint_on_another_continent_is_a_row_for_each_kind_and_place(kind, index, tmp_path, region):
+def test_a_waypoint_on_another_continent_is_a_row_for_each_kind_and_place(
+    kind, index, tmp_path, region
+):
     way = [*LANES]
     way[index] = way[index][::-1]
     write_missions([mission(kind=kind, waypoints=way)], tmp_path, formats=["plan"])
@@ -654,7 +1065,9 @@ def wing_rows():
         [[8.5, 47.4], [8.5004, 47.4], [8.5004, 47.4004], [8.5, 47.4004], [8.5, 47.4]]
     ]
     rows = [47.40003, 47.40013, 47.40023, 47.40033]
-    way = [(8.4985 if (k + side) % 2 else 8.5019, row) for k, row in enumerate(rows) for side in (0, 1)]
+    way = [
+        (8.4985 if (k + side) % 2 else 8.5019, row) for k, row in enumerate(rows) for side in (0, 1)
+    ]
     return field, [(8.5021, 47.4), *way, (8.5001, 47.40038)]
 
 
@@ -667,7 +1080,10 @@ def test_rows_of_a_fixed_wing_from_outside_to_outside_count_in_each_format(liste
     assert ("ways" in json.loads((tmp_path / "m" / "missions.json").read_text())) is True
     if not listed:
         (tmp_path / "m" / "missions.json").unlink()
-    found = [check_missions(tmp_path / "m", tmp_path / "field.json", 16, format=name) for name in ("csv", "plan", "wpl")]
+    found = [
+        check_missions(tmp_path / "m", tmp_path / "field.json", 16, format=name)
+        for name in ("csv", "plan", "wpl")
+    ]
     assert [one.coverage.covered_fraction for one in found] == [pytest.approx(1.0)] * 3
     outside = [one.coverage.outside_m for one in found]
     assert not listed or outside[1:] == pytest.approx(outside[:1] * 2, abs=1.0)
@@ -677,11 +1093,17 @@ def test_a_list_of_missions_about_another_file_is_not_believed(tmp_path):
     field, way = wing_rows()
     (tmp_path / "field.json").write_text(json.dumps(field))
     write_missions(
-        [Mission(way, (8.5021, 47.3999), kind="fixed-wing", waypoints_out=5, waypoints_home=1)], tmp_path, formats=["plan"]
+        [Mission(way, (8.5021, 47.3999), kind="fixed-wing", waypoints_out=5, waypoints_home=1)],
+        tmp_path,
+        formats=["plan"],
     )
     drop(2)(tmp_path, ".plan")
     assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
-    for ways in (3, {"robot-01": 5}, {"robot-01": {"waypoints": 9, "waypoints_out": -1, "waypoints_home": 0}}):
+    for ways in (
+        3,
+        {"robot-01": 5},
+        {"robot-01": {"waypoints": 9, "waypoints_out": -1, "waypoints_home": 0}},
+    ):
         (tmp_path / "missions.json").write_text(json.dumps({"ways": ways}))
         assert read_mission(tmp_path / "robot-01.plan").waypoints_out is None
 
@@ -707,10 +1129,21 @@ def test_inclusion_polygons_apart_are_alternatives(tmp_path, region):
 
 @pytest.mark.parametrize("ending", [b"\n", b"\r\n"])
 def test_comments_of_mission_planner_may_have_any_encoding(ending, tmp_path):
-    rows = [b"#saved by M\xfcller", b"47.4 8.5", b"  # Stra\xdfe", b"47.4 8.504", b"47.402 8.504", b"47.402 8.5"]
+    rows = [
+        b"#saved by M\xfcller",
+        b"47.4 8.5",
+        b"  # Stra\xdfe",
+        b"47.4 8.504",
+        b"47.402 8.504",
+        b"47.402 8.5",
+    ]
     (tmp_path / "a.poly").write_bytes(ending.join(rows))
     (tmp_path / "b.poly").write_bytes(ending.join(row for row in rows if b"#" not in row))
-    assert open_region(tmp_path / "a.poly").area_m2 == open_region(tmp_path / "b.poly").area_m2 > 60_000
+    assert (
+        open_region(tmp_path / "a.poly").area_m2
+        == open_region(tmp_path / "b.poly").area_m2
+        > 60_000
+    )
     (tmp_path / "a.poly").write_bytes(ending.join([*rows, b"47,4\xb0 8,5"]))
     with pytest.raises(InvalidInputError, match="UTF-8, got byte 0xb0 in line 7"):
         open_region(tmp_path / "a.poly")
@@ -727,10 +1160,17 @@ def test_each_leg_has_the_speed_of_the_item_before_it(tmp_path, region):
     way = after.way_in(LocalFrame(*HOME))
     legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
     slow = legs[2:].sum()
-    assert after.duration(ideal) - before.duration(ideal) == pytest.approx(slow / 1.0 - slow / 5.0, rel=1e-6)
+    assert after.duration(ideal) - before.duration(ideal) == pytest.approx(
+        slow / 1.0 - slow / 5.0, rel=1e-6
+    )
     told = check_missions(tmp_path, region, None, vehicle=ideal).flights[0]["duration_s"]
     assert told == pytest.approx(after.duration(ideal))
-    for value, same in ((-1.0, True), (5.0, True), (-2.0, True), (4.0, False)):  # no change, the same, the usual one, another one
+    for value, same in (
+        (-1.0, True),
+        (5.0, True),
+        (-2.0, True),
+        (4.0, False),
+    ):  # no change, the same, the usual one, another one
         write_good(tmp_path, ".plan")
         later_speed(value)(tmp_path, ".plan")
         assert (read_mission(tmp_path / "robot-01.plan").speeds is None) == same
@@ -740,11 +1180,23 @@ def test_each_leg_has_the_speed_of_the_item_before_it(tmp_path, region):
 @pytest.mark.parametrize("kind", ["multirotor", "fixed-wing"])
 def test_missions_with_several_speeds_are_written_and_read(kind, tmp_path):
     speeds = [12.0, 12.0, 9.0, 9.0, 15.0]
-    made = mission(kind=kind, speed=12.0, speeds=np.array(speeds), waypoints_out=1, waypoints_home=1, trigger_distance=8.0)
+    made = mission(
+        kind=kind,
+        speed=12.0,
+        speeds=np.array(speeds),
+        waypoints_out=1,
+        waypoints_home=1,
+        trigger_distance=8.0,
+    )
     write_missions([made], tmp_path, formats=["plan", "wpl"])
     for suffix in (".plan", ".waypoints"):
         found = read_mission(tmp_path / f"robot-01{suffix}")
-        assert (found.speeds.tolist(), found.speed, found.waypoints_out, found.n_items) == (speeds, 12.0, 1, made.n_items)
+        assert (found.speeds.tolist(), found.speed, found.waypoints_out, found.n_items) == (
+            speeds,
+            12.0,
+            1,
+            made.n_items,
+        )
     assert [one.rule for one in lint(tmp_path) if one.rule != "turn-radius"] == []
     with pytest.raises(InvalidInputError, match="robot-01: expected one speed in the formats"):
         write_missions([made], tmp_path, formats=["csv"])
@@ -755,7 +1207,9 @@ def test_missions_with_several_speeds_are_written_and_read(kind, tmp_path):
 def test_a_mission_too_slow_for_the_wind_is_a_row_and_no_refusal(tmp_path, region):
     write_good(tmp_path, ".plan")
     later_speed(1.0)(tmp_path, ".plan")
-    result = check_missions(tmp_path, region, 40, vehicle="multirotor,wind_speed=3", separation=Separation())
+    result = check_missions(
+        tmp_path, region, 40, vehicle="multirotor,wind_speed=3", separation=Separation()
+    )
     assert [one.rule for one in result.diagnostics] == ["speed"]
     assert result.flights == ()
 
@@ -777,15 +1231,42 @@ def test_no_option_hides_a_mistake(plant, tmp_path, capsys):
     flown = [mission(fence=Fence(np.array(AROUND))), mission(robot=2, home=(8.5005, 47.4002))]
     write_missions(flown, tmp_path / "m", formats=["plan"])
     plant(tmp_path / "m", ".plan")
-    options = ["--terrain", "flat.asc"], ["--fence-distance", "1"], ["--vehicle", "multirotor"], ["--bands", "30"], ["--cap", "99"]
+    options = (
+        ["--terrain", "flat.asc"],
+        ["--fence-distance", "1"],
+        ["--vehicle", "multirotor"],
+        ["--bands", "30"],
+        ["--cap", "99"],
+    )
     for one in options:
         given = [str(tmp_path / word) if word == "flat.asc" else word for word in one]
         assert (
-            run(["missions", "check", str(tmp_path / "m"), str(tmp_path / "field.json"), "--footprint", "40", "--json", *given])
+            run(
+                [
+                    "missions",
+                    "check",
+                    str(tmp_path / "m"),
+                    str(tmp_path / "field.json"),
+                    "--footprint",
+                    "40",
+                    "--json",
+                    *given,
+                ]
+            )
             == 1
         )
         rows = json.loads(capsys.readouterr().out)["diagnostics"]
         assert [row["file"] for row in rows if row["severity"] == "error"][:1] == ["robot-01.plan"]
     assert (
-        run(["missions", "check", str(tmp_path / "m"), str(tmp_path / "field.json"), "--terrain", str(tmp_path / "none.asc")]) == 2
+        run(
+            [
+                "missions",
+                "check",
+                str(tmp_path / "m"),
+                str(tmp_path / "field.json"),
+                "--terrain",
+                str(tmp_path / "none.asc"),
+            ]
+        )
+        == 2
     )

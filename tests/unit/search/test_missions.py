@@ -15,24 +15,32 @@ from tests.unit.search.test_mission_lint import FIELD
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
-from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
-from shoal.search.flight.merging import merged
-from shoal.search.flight.vehicle import vehicle_of
-from shoal.search.missions import (
+from shoal.missions import (
     FORMATS,
     Mission,
     MissionFormat,
     check_missions,
-    lint,
     mission_files,
     missions_of,
     read_mission,
     write_missions,
 )
+from shoal.missions import checking as lint
+from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
+from shoal.search.flight.timing import merged
+from shoal.search.flight.vehicle import vehicle_of
 from shoal.views.search.missions import missions_figure
 
 FRAME = LocalFrame(8.5, 47.4)
-LANES = [(-90.0, -20.0), (0.0, -20.0), (90.0, -20.0), (90.0, 0.0), (-90.0, 0.0), (-90.0, 20.0), (90.0, 20.0)]
+LANES = [
+    (-90.0, -20.0),
+    (0.0, -20.0),
+    (90.0, -20.0),
+    (90.0, 0.0),
+    (-90.0, 0.0),
+    (-90.0, 20.0),
+    (90.0, 20.0),
+]
 
 
 def far(metres):
@@ -62,7 +70,9 @@ def field(tmp_path_factory):
 @pytest.mark.parametrize("kind", ["multirotor", "fixed-wing", "rover"])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_what_each_vehicle_gets(kind, autopilot, tmp_path):
-    (mission,) = missions_of(LANES, FRAME, vehicle=f"{kind},cruise_speed=15", autopilot=autopilot, home=(-100, -30))
+    (mission,) = missions_of(
+        LANES, FRAME, vehicle=f"{kind},cruise_speed=15", autopilot=autopilot, home=(-100, -30)
+    )
     plan, wpl = write_missions([mission], tmp_path, formats=["plan", "wpl"])
     data = json.loads(plan.read_text())["mission"]
     assert data["firmwareType"] == {"px4": 12, "ardupilot": 3}[autopilot]
@@ -70,27 +80,49 @@ def test_what_each_vehicle_gets(kind, autopilot, tmp_path):
     commands = [item["command"] for item in data["items"]]
     assert commands == [*([] if kind == "rover" else [22]), 178, *[16] * len(mission.waypoints), 20]
     assert len(commands) + 1 == mission.n_items == len(wpl.read_text().splitlines()) - 1
-    if kind != "rover":  # up over home to the first waypoint's altitude, or towards the first waypoint and there no more than high
-        first, take_off = (data["items"][commands.index(command)]["params"][4:] for command in (16, 22))
+    if (
+        kind != "rover"
+    ):  # up over home to the first waypoint's altitude, or towards the first waypoint and there no more than high
+        first, take_off = (
+            data["items"][commands.index(command)]["params"][4:] for command in (16, 22)
+        )
         start = data["plannedHomePosition"][:2] if kind == "multirotor" else first[:2]
         assert take_off == [*start, (1.0 if kind == "multirotor" else 0.8) * first[2]]
     speed = data["items"][commands.index(178)]
-    assert speed["params"] == [int(kind != "fixed-wing"), 15, -1, 0, 0, 0, 0]  # through the air, or over ground
+    assert speed["params"] == [
+        int(kind != "fixed-wing"),
+        15,
+        -1,
+        0,
+        0,
+        0,
+        0,
+    ]  # through the air, or over ground
     radius = {"multirotor": 1, "fixed-wing": 5, "rover": 0.5}[kind]
     assert data["items"][commands.index(16)]["params"][:4] == [0, radius, 0, None]
-    assert data["items"][commands.index(16)]["params"][6] == {"multirotor": 30, "fixed-wing": 80, "rover": 0}[kind]
+    assert (
+        data["items"][commands.index(16)]["params"][6]
+        == {"multirotor": 30, "fixed-wing": 80, "rover": 0}[kind]
+    )
     home, points = read_plan(plan)
     assert read_wpl(wpl) == (home, points)
     if kind != "fixed-wing":
-        assert np.abs(FRAME.to_metres([home, *points]) - [(-100, -30), LANES[0], *LANES[2:]]).max() < 0.001
+        assert (
+            np.abs(FRAME.to_metres([home, *points]) - [(-100, -30), LANES[0], *LANES[2:]]).max()
+            < 0.001
+        )
     assert lint(tmp_path) == []
     for path in (plan, wpl):
         assert (read_mission(path).kind, read_mission(path).speed) == (kind, 15)
 
 
 def test_a_camera_in_mission_items(tmp_path):
-    """Trigger from the first waypoint to the last, gimbal, heading: written, read by others and by us."""
-    vehicle = "multirotor,sensor_width=13.2,sensor_height=8.8,focal_length=8.8,front_overlap=0.75,yaw=90"
+    """Trigger from the first waypoint to the last, gimbal, heading: written, read by others and by
+    us.
+    """
+    vehicle = (
+        "multirotor,sensor_width=13.2,sensor_height=8.8,focal_length=8.8,front_overlap=0.75,yaw=90"
+    )
     (mission,) = missions_of(LANES, FRAME, vehicle=vehicle)
     plan, wpl = write_missions([mission], tmp_path, formats=["plan", "wpl"])
     rows = json.loads(plan.read_text())["mission"]["items"]
@@ -102,7 +134,12 @@ def test_a_camera_in_mission_items(tmp_path):
     assert read_wpl(wpl) == read_plan(plan)
     for path in (plan, wpl):
         read = read_mission(path)
-        assert (read.trigger_distance, read.gimbal_pitch, read.yaw, read.acceptance_radius) == (7.5, -90, 90, 1)
+        assert (read.trigger_distance, read.gimbal_pitch, read.yaw, read.acceptance_radius) == (
+            7.5,
+            -90,
+            90,
+            1,
+        )
         assert read.n_items == mission.n_items == 13
     assert lint(tmp_path) == []
 
@@ -162,11 +199,17 @@ def test_ways_home_around_obstacles():
         assert shapely.covers(region.reach, way)
         assert mission.length <= 600 + 1e-6
         assert mission.n_items <= 250
-    with pytest.raises(InvalidInputError, match="cap: expected room for more waypoints of robot 1, got 57: the paths"):
+    with pytest.raises(
+        InvalidInputError,
+        match="cap: expected room for more waypoints of robot 1, got 57: the paths",
+    ):
         missions_of(paths.route(order).points, None, ways=paths.leg, **{**call, "cap": 60})
     straight = missions_of(paths.route(order).points, None, **call)
     assert not all(
-        shapely.covers(region.reach, shapely.linestrings(np.vstack([mission.home, mission.waypoints, mission.home])))
+        shapely.covers(
+            region.reach,
+            shapely.linestrings(np.vstack([mission.home, mission.waypoints, mission.home])),
+        )
         for mission in straight
     )
 
@@ -176,9 +219,16 @@ def test_a_path_home_that_the_battery_does_not_allow_is_named_with_its_time():
         return [one, (200.0, -5.0), other]
 
     with pytest.raises(InvalidInputError, match="because the paths from home to") as refused:
-        missions_of([(0, 0), (10, 0)], None, home=(0, -10), vehicle="multirotor,endurance=2,reserve=0", ways=detour)
+        missions_of(
+            [(0, 0), (10, 0)],
+            None,
+            home=(0, -10),
+            vehicle="multirotor,endurance=2,reserve=0",
+            ways=detour,
+        )
     needed, got = re.search(
-        r"more than ([\d.]+) min .*\(0, 0\) and back take as long, got ([\d.]+) min", str(refused.value)
+        r"more than ([\d.]+) min .*\(0, 0\) and back take as long, got ([\d.]+) min",
+        str(refused.value),
     ).groups()
     assert float(needed) > float(got)  # 200 m out, 200 m back, though home is 10 m away
 
@@ -188,19 +238,31 @@ def test_a_path_home_that_the_battery_does_not_allow_is_named_with_its_time():
     [
         (
             {"vehicle": far(100), "home": (500, 0)},
-            r"endurance: expected sorties of more than 19.68 min for robot 1, because \(-90, -20\) is 590.339 m from home",
+            (
+                r"endurance: expected sorties of more than 19.68 min for robot 1, because \(-90,"
+                r" -20\) is 590.339 m from home"
+            ),
         ),
         ({"vehicle": far(5)}, "endurance: expected"),
         ({"rate": 0}, "rate: expected a number, above 0, got 0"),
         ({"cap": 5}, "cap: expected a whole number, 6 or more, got 5"),
         (
             {"vehicle": "boat"},
-            "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml or .json, got 'boat'",
+            (
+                "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml or"
+                " .json, got 'boat'"
+            ),
         ),
         ({"autopilot": "dji"}, "autopilot: expected one of px4, ardupilot, got 'dji'"),
-        ({"vehicle": "multirotor,altitude=0"}, "altitude: expected a number of metres above 0 for a vehicle that flies, got 0"),
+        (
+            {"vehicle": "multirotor,altitude=0"},
+            "altitude: expected a number of metres above 0 for a vehicle that flies, got 0",
+        ),
         ({"vehicle": "rover,altitude=3"}, "altitude: expected no value for a rover, got 3"),
-        ({"altitude_frame": "moon"}, "altitude_frame: expected one of home, sea, ground, got 'moon'"),
+        (
+            {"altitude_frame": "moon"},
+            "altitude_frame: expected one of home, sea, ground, got 'moon'",
+        ),
         ({"altitude_frame": "ground"}, "altitude_frame: expected home or sea without a terrain"),
         ({"tolerance": -1}, "tolerance: expected a number, 0 or more, got -1"),
         ({"robot": 0}, "mission: robot: expected a whole number, 1 or more, got 0"),
@@ -216,7 +278,10 @@ def test_bad_options(options, said):
     ("changes", "said"),
     [
         ({"waypoints": []}, "mission: expected waypoints, got none"),
-        ({"waypoints": [(47.4, 108.5)]}, r"expected a longitude within ±180 and then a latitude within ±90, got \(47.4, 108.5\)"),
+        (
+            {"waypoints": [(47.4, 108.5)]},
+            r"expected a longitude within ±180 and then a latitude within ±90, got \(47.4, 108.5\)",
+        ),
         ({"sortie": True}, "mission: sortie: expected a whole number, 1 or more, got True"),
     ],
 )
@@ -234,17 +299,26 @@ def test_missions_are_frozen():
 def test_metres_go_to_csv_only(tmp_path):
     missions = missions_of(LANES, None)
     assert [path.name for path in write_missions(missions, tmp_path)] == ["robot-01.csv"]
-    with pytest.raises(InvalidInputError, match="format 'plan': expected missions in degrees, got robot-01 in metres"):
+    with pytest.raises(
+        InvalidInputError,
+        match="format 'plan': expected missions in degrees, got robot-01 in metres",
+    ):
         write_missions(missions, tmp_path, formats=["plan"])
 
 
 def test_nothing_half_written(tmp_path, monkeypatch):
     missions = missions_of(LANES, FRAME)
-    with pytest.raises(UnknownNameError, match="unknown mission format 'plam': did you mean 'plan'"):
+    with pytest.raises(
+        UnknownNameError, match="unknown mission format 'plam': did you mean 'plan'"
+    ):
         write_missions(missions, tmp_path / "a", formats=["gpx", "plam"])
-    with pytest.raises(InvalidInputError, match="expected each robot and sortie once, got robot-01 again"):
+    with pytest.raises(
+        InvalidInputError, match="expected each robot and sortie once, got robot-01 again"
+    ):
         write_missions([*missions, *missions], tmp_path / "a")
-    with pytest.raises(InvalidInputError, match="missions: expected at least one mission to write, got none"):
+    with pytest.raises(
+        InvalidInputError, match="missions: expected at least one mission to write, got none"
+    ):
         write_missions([], tmp_path / "a")
     with pytest.raises(InvalidInputError, match="formats: expected a sequence of names"):
         write_missions(missions, tmp_path / "a", formats="plan")
@@ -258,13 +332,23 @@ def test_nothing_half_written(tmp_path, monkeypatch):
 
 def test_files_of_an_earlier_search_do_not_stay(tmp_path):
     (tmp_path / "notes.csv").write_text("mine\n")
-    write_missions([replace(missions_of(LANES, FRAME)[0], robot=robot) for robot in (1, 2, 3)], tmp_path)
+    write_missions(
+        [replace(missions_of(LANES, FRAME)[0], robot=robot) for robot in (1, 2, 3)], tmp_path
+    )
     (tmp_path / "robot-07.csv").write_text("mine, too\n")
     write_missions(missions_of(LANES, FRAME), tmp_path, formats=["plan"])
-    assert {path.name for path in tmp_path.iterdir()} == {"notes.csv", "robot-07.csv", "robot-01.plan", "missions.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "notes.csv",
+        "robot-07.csv",
+        "robot-01.plan",
+        "missions.json",
+    }
 
 
-@pytest.mark.parametrize("manifest", ["{", "[]", '{"files": 3}', '{"files": ["../robot-01.csv", "notes.csv", 4, "/robot-01.csv"]}'])
+@pytest.mark.parametrize(
+    "manifest",
+    ["{", "[]", '{"files": 3}', '{"files": ["../robot-01.csv", "notes.csv", 4, "/robot-01.csv"]}'],
+)
 def test_a_manifest_of_somebody_else_removes_nothing(manifest, tmp_path):
     folder = tmp_path / "in"
     folder.mkdir()
@@ -285,8 +369,8 @@ def test_a_replaced_file_keeps_its_permissions(tmp_path):
 
 def test_a_format_of_ones_own(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(
-        "from shoal.search.missions import MissionFormat\n"
-        "TEXT = MissionFormat('.mine', lambda mission: f'{mission.robot}\\n', lambda text, sheet: None)\n"
+        "from shoal.missions import MissionFormat\nTEXT = MissionFormat('.mine', lambda mission:"
+        " f'{mission.robot}\\n', lambda text, sheet: None)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     (path,) = write_missions(missions_of(LANES, FRAME, robot=4), tmp_path, formats=["mine:TEXT"])
@@ -305,7 +389,14 @@ def test_a_format_of_ones_own(tmp_path, monkeypatch):
         ("robot-01.gpx", "<kml/>", "line 1: expected <gpx>, got <kml>"),
         ("robot-01.csv", "", "expected the column 'number', got none"),
         ("robot-01.geojson", "[]", "expected a FeatureCollection"),
-        ("robot-01.json", "{}", r"expected a mission file \(.plan .waypoints .geojson .kml .gpx .csv\), got the suffix '.json'"),
+        (
+            "robot-01.json",
+            "{}",
+            (
+                r"expected a mission file \(.plan .waypoints .geojson .kml .gpx .csv\), got the"
+                r" suffix '.json'"
+            ),
+        ),
     ],
 )
 def test_files_that_are_refused(name, content, said, tmp_path):
@@ -347,7 +438,9 @@ def test_check_measures_what_is_missing(field, tmp_path):
     write_missions([kept, missions[1]], tmp_path, formats=["gpx"])
     result = check_missions(tmp_path, region, 20)
     assert result.coverage.uncovered_m2 > grid.size**2
-    assert result.coverage.covered_fraction == pytest.approx(1 - result.coverage.uncovered_m2 / region.area_m2)
+    assert result.coverage.covered_fraction == pytest.approx(
+        1 - result.coverage.uncovered_m2 / region.area_m2
+    )
     result.write_uncovered(tmp_path / "uncovered.geojson")
     left = open_region(tmp_path / "uncovered.geojson")
     assert left.area_m2 == pytest.approx(result.coverage.uncovered_m2, rel=1e-4)
@@ -382,19 +475,39 @@ def test_check_in_metres(tmp_path):
         (["FIELD", "FIELD"], "expected a folder of mission files, got a file"),
         (["empty", "FIELD"], "expected a folder with mission files, got a folder without"),
         (["missions", "nowhere.geojson"], "expected a region file, got no such file"),
-        (["missions", "square:100"], "expected a mission in metres, as the region 'square:100' is, got one in degrees"),
+        (
+            ["missions", "square:100"],
+            "expected a mission in metres, as the region 'square:100' is, got one in degrees",
+        ),
         (["missions", "FIELD", "--footprint", "0"], "footprint: expected a length above 0"),
         (["missions", "FIELD", "--least", "2"], "--least: expected a number from 0 to 1"),
-        (["missions", "FIELD", "--format", "gpy"], "unknown mission format 'gpy': did you mean 'gpx'"),
+        (
+            ["missions", "FIELD", "--format", "gpy"],
+            "unknown mission format 'gpy': did you mean 'gpx'",
+        ),
         (["missions", "FIELD", "--format", "gpx"], "expected files of the format 'gpx', got none"),
-        (["missions", "FIELD", "--autopilot", "dji"], "autopilot: expected one of px4, ardupilot, got 'dji'"),
+        (
+            ["missions", "FIELD", "--autopilot", "dji"],
+            "autopilot: expected one of px4, ardupilot, got 'dji'",
+        ),
     ],
 )
 def test_bad_input_of_the_command(arguments, said, field, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     write_missions(missions_of(LANES, FRAME), "missions", formats=["plan"])
-    assert run(["missions", "check", *(str(field) if word == "FIELD" else word for word in arguments), "--out", "out"]) == 2
+    assert (
+        run(
+            [
+                "missions",
+                "check",
+                *(str(field) if word == "FIELD" else word for word in arguments),
+                "--out",
+                "out",
+            ]
+        )
+        == 2
+    )
     captured = capsys.readouterr()
     assert said in captured.err
     assert captured.err.count("\n") == 1
@@ -409,12 +522,20 @@ def test_the_command(field, tmp_path, capsys):
     arguments = ["missions", "check", str(tmp_path / "missions"), str(field), "--footprint", "20"]
     assert run([*arguments, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert (result["format"], result["files"], result["errors"]) == ("plan", ["robot-01.plan", "robot-02.plan"], 0)
+    assert (result["format"], result["files"], result["errors"]) == (
+        "plan",
+        ["robot-01.plan", "robot-02.plan"],
+        0,
+    )
     assert result["covered_fraction"] > 0.99999
     assert run([*arguments[:-1], "16", "--out", str(tmp_path / "out")]) == 1
     captured = capsys.readouterr()
     assert "of the region is seen, less than 99.9 %" in captured.err
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"check.json", "map.png", "uncovered.geojson"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "check.json",
+        "map.png",
+        "uncovered.geojson",
+    }
     written = json.loads((tmp_path / "out" / "check.json").read_text())
     assert 0.5 < written["covered_fraction"] < 0.95
     assert run([*arguments[:-1], "16", "--least", "0.5"]) == 0
@@ -429,7 +550,10 @@ def test_the_command_with_zones_beside(tmp_path, capsys):
     missions, _ = swept(open_region(field), 20)
     write_missions(missions, tmp_path / "missions", formats=["plan"])
     assert run(["missions", "check", str(tmp_path / "missions"), str(field)]) == 0
-    assert run(["missions", "check", str(tmp_path / "missions"), str(field), "--no-go", str(zone)]) == 1
+    assert (
+        run(["missions", "check", str(tmp_path / "missions"), str(field), "--no-go", str(zone)])
+        == 1
+    )
     assert "no-go zones" in capsys.readouterr().out
 
 
@@ -451,28 +575,51 @@ def round_the_zone(start, end):
 
 
 def test_cameras_take_no_images_on_the_ways_out_and_home(tmp_path):
-    """The trigger stayed on until the last waypoint: pictures of the way home around a no-go zone, drawn as if searched."""
-    (mission,) = missions_of([(250, 0), *LANES], FRAME, vehicle=CAMERA, home=(400, -100), ways=round_the_zone, out=1)
+    """The trigger stayed on until the last waypoint: pictures of the way home around a no-go zone,
+    drawn as if searched.
+    """
+    (mission,) = missions_of(
+        [(250, 0), *LANES], FRAME, vehicle=CAMERA, home=(400, -100), ways=round_the_zone, out=1
+    )
     assert (mission.waypoints_out, mission.waypoints_home) == (1, 1)
-    np.testing.assert_allclose(FRAME.to_metres(mission.waypoints[mission.searched]), merged(np.array(LANES), 0.001), atol=0.01)
+    np.testing.assert_allclose(
+        FRAME.to_metres(mission.waypoints[mission.searched]),
+        merged(np.array(LANES), 0.001),
+        atol=0.01,
+    )
     for path in write_missions([mission], tmp_path):
         read = read_mission(path)
         assert (read.waypoints_out, read.waypoints_home) == (1, 1), path
     rows = json.loads((tmp_path / "robot-01.plan").read_text())["mission"]["items"]
     count = len(mission.waypoints) - 2
-    assert [row["command"] for row in rows if row["command"] in (16, 206)] == [16, 16, 206, *[16] * (count - 1), 206, 16]
+    assert [row["command"] for row in rows if row["command"] in (16, 206)] == [
+        16,
+        16,
+        206,
+        *[16] * (count - 1),
+        206,
+        16,
+    ]
     assert lint(tmp_path) == []
     region = region_of(shapely.box(-100, -40, 300, 40), frame=FRAME)
     seen = check_missions(tmp_path, region, 20.0).coverage
     assert seen.length_m == pytest.approx(4 * 180 - 180 + 40, abs=0.1)  # three rows and two steps
     (axes,) = missions_figure([read_mission(tmp_path / "robot-01.plan")], region).axes
-    round_corner = [line for line in axes.lines if (np.hypot(*(line.get_xydata() - (250.0, 0.0)).T) < 0.1).any()]
+    round_corner = [
+        line for line in axes.lines if (np.hypot(*(line.get_xydata() - (250.0, 0.0)).T) < 0.1).any()
+    ]
     assert [line.get_linestyle() for line in round_corner] == ["--", "--"]
 
 
 def test_sorties_search_from_where_they_join_the_route_to_where_they_leave_it():
     vehicle = CAMERA + ",endurance=3,reserve=0"
-    missions = missions_of(LANES, FRAME, vehicle=vehicle, home=(-90, -80), ways=lambda start, end: [start, (-90.0, -60.0), end])
+    missions = missions_of(
+        LANES,
+        FRAME,
+        vehicle=vehicle,
+        home=(-90, -80),
+        ways=lambda start, end: [start, (-90.0, -60.0), end],
+    )
     assert len(missions) > 1
     ends = [FRAME.to_metres(mission.waypoints[mission.searched])[[0, -1]] for mission in missions]
     for before, after in pairwise(ends):
@@ -481,8 +628,12 @@ def test_sorties_search_from_where_they_join_the_route_to_where_they_leave_it():
 
 
 def test_a_search_that_ends_with_a_descent_counts_its_last_waypoint():
-    """The descent has both ends at one place: its lower end was taken for the way home, and a cell there was not seen."""
-    (mission,) = missions_of([(0, 0, 25), (50, 0, 25), (50, 0, 15)], None, vehicle="multirotor", home=(0, 0))
+    """The descent has both ends at one place: its lower end was taken for the way home, and a cell
+    there was not seen.
+    """
+    (mission,) = missions_of(
+        [(0, 0, 25), (50, 0, 25), (50, 0, 15)], None, vehicle="multirotor", home=(0, 0)
+    )
     assert (mission.waypoints_out, mission.waypoints_home) == (0, 0)
 
 
@@ -491,17 +642,32 @@ def test_durations_and_their_share_of_the_battery(field, tmp_path, capsys):
     missions, _ = swept(region, 20, vehicle="multirotor,endurance=20,reserve=0.25")
     write_missions(missions, tmp_path, vehicle=vehicle_of("multirotor,endurance=20,reserve=0.25"))
     told = json.loads((tmp_path / "missions.json").read_text())
-    assert told["durations_s"].keys() == told["usable_fractions"].keys() == {mission.name for mission in missions}
-    assert told["usable_fractions"]["robot-01"] == pytest.approx(told["durations_s"]["robot-01"] / 900)
+    assert (
+        told["durations_s"].keys()
+        == told["usable_fractions"].keys()
+        == {mission.name for mission in missions}
+    )
+    assert told["usable_fractions"]["robot-01"] == pytest.approx(
+        told["durations_s"]["robot-01"] / 900
+    )
     arguments = ["missions", "check", str(tmp_path), str(field), "--footprint", "20", "--vehicle"]
     assert run([*arguments, "multirotor,endurance=20,reserve=0.25"]) == 0
-    minutes, share = told["durations_s"]["robot-01"] / 60, 100 * told["usable_fractions"]["robot-01"]
+    minutes, share = (
+        told["durations_s"]["robot-01"] / 60,
+        100 * told["usable_fractions"]["robot-01"],
+    )
     out = " ".join(capsys.readouterr().out.split())
-    said = re.search(r"flight robot-01: ([\d.]+) min, ([\d.]+) % of the 15 min that the battery allows without its reserve", out)
+    said = re.search(
+        r"flight robot-01: ([\d.]+) min, ([\d.]+) % of the 15 min that the battery allows without"
+        r" its reserve",
+        out,
+    )
     assert [float(number) for number in said.groups()] == pytest.approx([minutes, share], rel=0.01)
     assert run([*arguments, f"multirotor,endurance={minutes * 1.2},reserve=0.25"]) == 1
     out = " ".join(capsys.readouterr().out.split())
-    assert re.search(r"expected a mission of at most [\d.]+ min, the endurance without the reserve, got", out)
+    assert re.search(
+        r"expected a mission of at most [\d.]+ min, the endurance without the reserve, got", out
+    )
     assert run([*arguments, "ideal", "--json"]) == 0
     flights = json.loads(capsys.readouterr().out)["flights"]
     assert [one["mission"] for one in flights] == [mission.name for mission in missions]

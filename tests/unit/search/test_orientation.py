@@ -13,18 +13,23 @@ from tests.reference.regions import county
 import shoal
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
-from shoal.search import SearchProblem, TourCost, coverage_check, make_tour, open_region, plan_search
-from shoal.search.allocation.choice import compared_allocations
-from shoal.search.allocation.orientation import best_grid_tour, grid_tour
-from shoal.search.cells.clipping import rotated, rotated_shape
-from shoal.search.cells.grid import cells_of
+from shoal.missions.checking import angle_of
+from shoal.search import (
+    SearchProblem,
+    TourCost,
+    coverage_check,
+    make_tour,
+    open_region,
+    plan_search,
+)
+from shoal.search.cells.grid import cells_of, rotated, rotated_shape
 from shoal.search.flight.timing import turns_of
-from shoal.search.kernels import run_order, stabbing
-from shoal.search.missions.checking import angle_of
+from shoal.search.kernels import lanes as run_order
+from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
 from shoal.search.problem import ALLOCATIONS
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
-from shoal.search.tours.comb import CombTour
+from shoal.search.tours.rows import CombTour
 from shoal.views.search.history import SearchHistory
 
 
@@ -37,7 +42,9 @@ def blob(seed, *, corners=14, holes=1, size=400.0):
     area = max(shapely.get_parts(area), key=lambda part: part.area)
     for _ in range(holes):
         area = area.difference(shapely.box(-60, -20, 50, 30))
-    return region_of(max(shapely.get_parts(area), key=lambda part: part.area), frame=None, name=f"blob {seed}")
+    return region_of(
+        max(shapely.get_parts(area), key=lambda part: part.area), frame=None, name=f"blob {seed}"
+    )
 
 
 def test_turning():
@@ -58,14 +65,21 @@ def test_at_any_angle_all_is_seen_from_inside(tour, angle, offset, seed):
     seen = coverage_check(region, [route.points], 37.0, angle=angle)
     assert (seen.covered_fraction, seen.outside_m) == (1.0, 0.0)
     grid = laid.grid
-    assert sum(piece.area for piece in grid.clipped.pieces) + grid.clipped.whole.sum() * 37.0**2 == pytest.approx(region.area_m2)
-    np.testing.assert_array_equal(grid.cell_of(grid.lattice.to_region(grid.lattice.centers(*grid.cells.T))), grid.cells)
+    assert sum(
+        piece.area for piece in grid.clipped.pieces
+    ) + grid.clipped.whole.sum() * 37.0**2 == pytest.approx(region.area_m2)
+    np.testing.assert_array_equal(
+        grid.cell_of(grid.lattice.to_region(grid.lattice.centers(*grid.cells.T))), grid.cells
+    )
 
 
 def test_turning_the_region_and_the_rows_changes_nothing_else():
     region = blob(7)
     other = region_of(rotated_shape(region.area, 25), frame=None, name="turned")
-    one, two = (grid_tour(place, 37.0, "boustrophedon", angle=angle) for place, angle in ((region, 0.0), (other, 25.0)))
+    one, two = (
+        grid_tour(place, 37.0, "boustrophedon", angle=angle)
+        for place, angle in ((region, 0.0), (other, 25.0))
+    )
     assert (one.grid.mask == two.grid.mask).all()
     assert one.once_round(1.0) == pytest.approx(two.once_round(1.0), rel=1e-6)
 
@@ -75,14 +89,19 @@ def test_the_best_angle_is_along_a_long_field():
     region = region_of(field, frame=None, name="field")
     best = best_grid_tour(region, 20.0, ["boustrophedon", "spanning-tree"], turn_cost=2.0)
     assert best.grid.angle == pytest.approx(38.0)
-    assert best.once_round(2.0) < 0.8 * grid_tour(region, 20.0, "spanning-tree", angle=0.0).once_round(2.0)
+    assert best.once_round(2.0) < 0.8 * grid_tour(
+        region, 20.0, "spanning-tree", angle=0.0
+    ).once_round(2.0)
     assert best.once_round(2.0) <= min(
-        grid_tour(region, 20.0, tour, angle=38.0).once_round(2.0) for tour in ("boustrophedon", "spanning-tree")
+        grid_tour(region, 20.0, tour, angle=38.0).once_round(2.0)
+        for tour in ("boustrophedon", "spanning-tree")
     )
 
 
 def test_rows_of_a_real_region_bend_about_twice_each():
-    """Places to see cut cells from were chosen one by one: 229 turns in 59 rows, and links between rows 15 cells longer."""
+    """Places to see cut cells from were chosen one by one: 229 turns in 59 rows, and links between
+    rows 15 cells longer.
+    """
     region = county("AK", "Sitka", area_m2=9e6)
     laid = grid_tour(region, 40.0, "boustrophedon", angle=110.0)
     route = laid.paths.route(np.concatenate([laid.tour.cells, laid.tour.cells[:1]]))
@@ -107,28 +126,38 @@ def test_each_cut_cell_is_seen_alone_from_its_place():
 
 def test_a_way_of_few_links_crosses_all_windows():
     """Five windows that one line crosses, beside places that lead up and down."""
-    points = np.array([(0.0, 0), *((x, y) for x in range(1, 6) for y in (-0.4, 0.0, 0.4)), (6.0, 0)])
+    points = np.array(
+        [(0.0, 0), *((x, y) for x in range(1, 6) for y in (-0.4, 0.0, 0.4)), (6.0, 0)]
+    )
     starts = np.array([0, 1, 4, 7, 10, 13, 16, 17])
-    boxes = np.array([(0.0, 0, 0, 0), *((float(x), -0.4, float(x), 0.4) for x in range(1, 6)), (6.0, 0, 6, 0)])
+    boxes = np.array(
+        [(0.0, 0, 0, 0), *((float(x), -0.4, float(x), 0.4) for x in range(1, 6)), (6.0, 0, 6, 0)]
+    )
     before = np.empty(len(points), dtype=np.int64)
     none = np.zeros(0, dtype=np.int64)
-    stabbing.fewest_links(points, starts, boxes, 1.0, 24, none, before)
+    run_order.fewest_links(points, starts, boxes, 1.0, 24, none, before)
     assert before[-1] == 0
     boxes[3], points[7:10, 1] = (3.0, 0.3, 3.0, 0.4), (0.3, 0.35, 0.4)
-    stabbing.fewest_links(points, starts, boxes, 1.0, 24, none, before)
+    run_order.fewest_links(points, starts, boxes, 1.0, 24, none, before)
     assert (before[-1], before[7]) == (7, 0)
-    stabbing.fewest_links(points, starts, boxes, 1.0, 24, np.array([7 * 17 + 16]), before)
+    run_order.fewest_links(points, starts, boxes, 1.0, 24, np.array([7 * 17 + 16]), before)
     assert (before[-1], before[8]) == (8, 0)
 
 
 def test_the_allocation_is_the_one_done_first_flights_home_included():
     tour_cost = TourCost(make_tour("moore", (8, 8)))
-    team = {"rates": np.ones(2), "places": tour_cost.points[[0, 30]], "widths": np.ones(2, dtype=np.int64)}
+    team = {
+        "rates": np.ones(2),
+        "places": tour_cost.points[[0, 30]],
+        "widths": np.ones(2, dtype=np.int64),
+    }
     found = compared_allocations(tour_cost, np.array([0, 30]), ALLOCATIONS, **team)
     given, times = found[0][0], {allocation.allocator: time for allocation, time in found}
     assert given.allocator == next(iter(times))
     assert given.makespan == min(times.values())
-    found = compared_allocations(tour_cost, np.array([0, 30]), ALLOCATIONS, **team, energy=25.0, recharge=10.0)
+    found = compared_allocations(
+        tour_cost, np.array([0, 30]), ALLOCATIONS, **team, energy=25.0, recharge=10.0
+    )
     longer = {allocation.allocator: time for allocation, time in found}
     assert all(longer[name] >= times[name] + 10.0 for name in times)
 
@@ -145,12 +174,16 @@ def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
 
 def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
     region = blob(3)
-    free, dear = (best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost) for cost in (0.0, 1.0))
+    free, dear = (
+        best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost) for cost in (0.0, 1.0)
+    )
     assert free.grid.angle == pytest.approx(dear.grid.angle, abs=0.5)
 
 
 def test_the_check_of_coverage_loses_no_footprints():
-    """Many with nearly the same sides: united without a grid, some were not there, and 9,693 square metres "not seen"."""
+    """Many with nearly the same sides: united without a grid, some were not there, and 9,693 square
+    metres "not seen".
+    """
     region = blob(0, corners=40)
     laid = grid_tour(region, 25.0, "spanning-tree", angle=33.0)
     route = laid.paths.route(np.concatenate([laid.tour.cells, laid.tour.cells[:1]]))
@@ -163,11 +196,17 @@ def length_of_runs(ends, order, backwards):
 
 
 def changed_orders(order, backwards):
-    """Yield what one exchange makes of an order: a part the other way round, or up to three runs at another place."""
+    """Yield what one exchange makes of an order: a part the other way round, or up to three runs at
+    another place.
+    """
     n, pairs = len(order), list(zip(order.tolist(), backwards.tolist(), strict=True))
     for i in range(n):
         for j in range(i + 1, n):
-            yield pairs[:i] + [(run, 1 - back) for run, back in reversed(pairs[i : j + 1])] + pairs[j + 1 :]
+            yield (
+                pairs[:i]
+                + [(run, 1 - back) for run, back in reversed(pairs[i : j + 1])]
+                + pairs[j + 1 :]
+            )
     for i, count in product(range(n), (1, 2, 3)):
         turned = pairs[i:] + pairs[:i]
         moved, rest = turned[:count], turned[count:]
@@ -194,7 +233,9 @@ def test_no_exchange_of_runs_is_left(seed):
 
 
 def test_random_exchanges_shorten_what_no_exchange_does():
-    """From here exchanges of links and moves of runs lead to 39.82 cells between runs, and no further."""
+    """From here exchanges of links and moves of runs lead to 39.82 cells between runs, and no
+    further.
+    """
     rng = np.random.default_rng(43)
     ends = rng.integers(0, 12, (24, 2, 2)).astype(float)
     ends[:, 1, 0] = ends[:, 0, 0]
@@ -207,11 +248,21 @@ def test_boustrophedon_turns_twice_a_row():
     tour = make_tour("boustrophedon", (7, 30))
     assert tour.metrics().turns == 14
     mask = np.random.default_rng(1).random((40, 50)) < 0.8
-    assert make_tour("boustrophedon", mask).metrics().length < make_tour("comb", mask).metrics().length
+    assert (
+        make_tour("boustrophedon", mask).metrics().length < make_tour("comb", mask).metrics().length
+    )
 
 
 @pytest.mark.parametrize(
-    ("given", "kept"), [("auto", "auto"), (370, None), (190.0, 10.0), (-45, 135.0), ("north", None), (float("nan"), None)]
+    ("given", "kept"),
+    [
+        ("auto", "auto"),
+        (370, None),
+        (190.0, 10.0),
+        (-45, 135.0),
+        ("north", None),
+        (float("nan"), None),
+    ],
 )
 def test_the_field(given, kept):
     if kept is None:
@@ -222,8 +273,12 @@ def test_the_field(given, kept):
 
 
 def test_search_at_an_angle(tmp_path):
-    """Robots at all angles see all, through losses and crashes; the episode is saved and verified; metres are the region's."""
-    episode = shoal.run("ring:120x50", robots=3, footprint=15, angle="auto", loss=0.2, crashes=1, targets=3, seed=2)
+    """Robots at all angles see all, through losses and crashes; the episode is saved and verified;
+    metres are the region's.
+    """
+    episode = shoal.run(
+        "ring:120x50", robots=3, footprint=15, angle="auto", loss=0.2, crashes=1, targets=3, seed=2
+    )
     assert episode.status.done
     assert episode.coverage.covered_fraction == 1.0
     assert episode.report()["tour"] in ("boustrophedon", "spanning-tree")
@@ -236,15 +291,29 @@ def test_search_at_an_angle(tmp_path):
 
 
 def test_rows_on_the_earth_have_the_best_angle_unless_one_is_given(tmp_path):
-    """A region on the earth as an operator has it; the same in metres, and one with an angle of its own, keep that."""
+    """A region on the earth as an operator has it; the same in metres, and one with an angle of its
+    own, keep that.
+    """
     field = rotated_shape(shapely.box(0, 0, 400, 60), 38)
     frame = LocalFrame(8.5, 47.4)
-    earth, plane = region_of(field, frame=frame, name="field"), region_of(field, frame=None, name="field")
+    earth, plane = (
+        region_of(field, frame=frame, name="field"),
+        region_of(field, frame=None, name="field"),
+    )
     chosen = plan_search(SearchProblem(earth, robots=2, footprint=20), seed=1)
     assert chosen.grid.angle == pytest.approx(38.0)
-    assert {one.tour for one in chosen.compared if one.allocation is None} == {"boustrophedon", "spanning-tree"}
-    level = [SearchProblem(plane, robots=2, footprint=20), SearchProblem(earth, robots=2, footprint=20, angle=0)]
-    turns = [turns_of(plan.route(0, plan.stops(0)).points).sum() for plan in (plan_search(one, seed=1) for one in level)]
+    assert {one.tour for one in chosen.compared if one.allocation is None} == {
+        "boustrophedon",
+        "spanning-tree",
+    }
+    level = [
+        SearchProblem(plane, robots=2, footprint=20),
+        SearchProblem(earth, robots=2, footprint=20, angle=0),
+    ]
+    turns = [
+        turns_of(plan.route(0, plan.stops(0)).points).sum()
+        for plan in (plan_search(one, seed=1) for one in level)
+    ]
     assert [plan_search(one, seed=1).grid.angle for one in level] == [0.0, 0.0]
     assert turns_of(chosen.route(0, chosen.stops(0)).points).sum() < min(turns) / 1.5
     episode = shoal.run(SearchProblem(earth, robots=2, footprint=20), seed=1)
@@ -254,11 +323,32 @@ def test_rows_on_the_earth_have_the_best_angle_unless_one_is_given(tmp_path):
 
 
 def test_missions_are_checked_at_the_angle_of_their_rows(tmp_path, capfd):
-    outline = [[13.40, 52.50], [13.406, 52.501], [13.4055, 52.503], [13.3995, 52.5022], [13.40, 52.50]]
-    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [outline]}}
+    outline = [
+        [13.40, 52.50],
+        [13.406, 52.501],
+        [13.4055, 52.503],
+        [13.3995, 52.5022],
+        [13.40, 52.50],
+    ]
+    feature = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [outline]},
+    }
     place = tmp_path / "field.geojson"
     place.write_text(json.dumps(feature))
-    words = ["search", str(place), "--robots", "2", "--footprint", "25", "--angle", "21.37", "--missions", str(tmp_path / "out")]
+    words = [
+        "search",
+        str(place),
+        "--robots",
+        "2",
+        "--footprint",
+        "25",
+        "--angle",
+        "21.37",
+        "--missions",
+        str(tmp_path / "out"),
+    ]
     assert command(words) == 0
     check = ["missions", "check", str(tmp_path / "out"), str(place), "--footprint", "25", "--json"]
     capfd.readouterr()
@@ -288,8 +378,12 @@ def test_pictures_lay_rows_level_and_turn_north():
 @pytest.mark.parametrize("tour", ["auto", "boustrophedon", "spanning-tree", "comb"])
 @pytest.mark.parametrize("angle", [0.0, 45.0, 90.0, 120.0])
 def test_rows_run_along_the_angle_that_was_asked_for(tour, angle):
-    """A spanning tree took the axis with more neighbouring blocks: rows at 135 degrees for --angle 45."""
-    problem = SearchProblem("rectangle:150x300", robots=1, footprint=15, angle=angle, tour=tour, vehicle="multirotor")
+    """A spanning tree took the axis with more neighbouring blocks: rows at 135 degrees for --angle
+    45.
+    """
+    problem = SearchProblem(
+        "rectangle:150x300", robots=1, footprint=15, angle=angle, tour=tour, vehicle="multirotor"
+    )
     plan = plan_search(problem, seed=1)
     legs = np.diff(plan.route(0, plan.stops(0)).points, axis=0)
     lengths, ways = np.hypot(*legs.T), np.degrees(np.arctan2(legs[:, 1], legs[:, 0]))
@@ -309,8 +403,12 @@ def test_the_angle_told_is_the_direction_of_the_rows():
 
 @pytest.mark.parametrize("tour", ["boustrophedon", "spanning-tree", "comb"])
 def test_rows_of_a_second_pass_cross_those_of_the_first(tour):
-    plan = plan_search(SearchProblem("rectangle:100x40", robots=1, footprint=10, passes=2, tour=tour), seed=1)
-    one, other = (plan.tour.row_angle(layer.angle, number) for number, layer in enumerate(plan.grid.layers))
+    plan = plan_search(
+        SearchProblem("rectangle:100x40", robots=1, footprint=10, passes=2, tour=tour), seed=1
+    )
+    one, other = (
+        plan.tour.row_angle(layer.angle, number) for number, layer in enumerate(plan.grid.layers)
+    )
     assert abs(one - other) == 90.0
 
 
@@ -327,7 +425,12 @@ def test_lanes_of_a_comb_run_as_asked(shape, along):
 
 def test_wind_counts_along_the_real_rows():
     wind = "multirotor,wind_speed=3,wind_from=0"
-    plan = plan_search(SearchProblem("rectangle:90x240", robots=1, footprint=15, tour="spanning-tree", vehicle=wind), seed=1)
+    plan = plan_search(
+        SearchProblem(
+            "rectangle:90x240", robots=1, footprint=15, tour="spanning-tree", vehicle=wind
+        ),
+        seed=1,
+    )
     assert plan.row_angle == 90.0
     assert plan.cell_seconds == pytest.approx(15 / plan.vehicle.mean_speed(90.0))
     assert plan.cell_seconds != pytest.approx(15 / plan.vehicle.mean_speed(0.0))

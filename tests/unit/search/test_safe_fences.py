@@ -1,4 +1,6 @@
-"""Missions are safe as written: an independent reader of the files tests each leg against each polygon of the fence."""
+"""Missions are safe as written: an independent reader of the files tests each leg against each
+polygon of the fence.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +13,14 @@ import shapely
 
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
-from shoal.search.allocation.plan import plan_search
+from shoal.missions import Mission, check_missions, fence, write_missions
+from shoal.missions import checking as lint
+from shoal.missions.deconfliction import plan_missions
+from shoal.missions.fence import Fence, corners_of, enclosing_polygons
 from shoal.search.cells.grid import cells_of
 from shoal.search.cells.routing import RegionPaths
-from shoal.search.flight.staggering import Separation
-from shoal.search.missions import Mission, check_missions, fence, lint, write_missions
-from shoal.search.missions.deconfliction import plan_missions
-from shoal.search.missions.fence import Fence
-from shoal.search.missions.polygons import corners_of, enclosing_polygons
+from shoal.search.flight.separation import Separation
+from shoal.search.planning.plan import plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.margin import sag_of, with_default_margin
@@ -39,11 +41,19 @@ def metres(lonlat, origin):
 
 
 def read_plan(path):
-    """Return the path from home to the end, the last circles, and the polygons with whether each is an inclusion."""
+    """Return the path from home to the end, the last circles, and the polygons with whether each is
+    an inclusion.
+    """
     data = json.loads(path.read_text())
     latitude, longitude, _ = data["mission"]["plannedHomePosition"]
-    items = [(one["command"], *one["params"][4:6][::-1], one["params"][2]) for one in data["mission"]["items"]]
-    polygons = [([corner[::-1] for corner in one["polygon"]], one["inclusion"]) for one in data["geoFence"]["polygons"]]
+    items = [
+        (one["command"], *one["params"][4:6][::-1], one["params"][2])
+        for one in data["mission"]["items"]
+    ]
+    polygons = [
+        ([corner[::-1] for corner in one["polygon"]], one["inclusion"])
+        for one in data["geoFence"]["polygons"]
+    ]
     return flown((longitude, latitude), items), polygons
 
 
@@ -75,9 +85,13 @@ def flown(home, items):
 
 
 def judge(folder, most):
-    """Return the smallest distance of any leg from any polygon of the fence, after tests of all of them."""
+    """Return the smallest distance of any leg from any polygon of the fence, after tests of all of
+    them.
+    """
     nearest = np.inf
-    files = [(path, read_plan) for path in folder.glob("*.plan")] + [(path, read_waypoints) for path in folder.glob("*.waypoints")]
+    files = [(path, read_plan) for path in folder.glob("*.plan")] + [
+        (path, read_waypoints) for path in folder.glob("*.waypoints")
+    ]
     assert files
     for path, reader in files:
         (way, circles), polygons = reader(path)
@@ -85,7 +99,10 @@ def judge(folder, most):
         assert sum(len(ring) for ring, _ in polygons) <= most, path
         points = metres(way, way[0])
         legs = list(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)))
-        legs += [shapely.Point(metres([place], way[0])[0]).buffer(radius).exterior for place, radius in circles]
+        legs += [
+            shapely.Point(metres([place], way[0])[0]).buffer(radius).exterior
+            for place, radius in circles
+        ]
         for ring, kept in polygons:
             area = shapely.Polygon(metres(ring, way[0]))
             for leg in legs:
@@ -93,7 +110,10 @@ def judge(folder, most):
                     assert area.buffer(TIGHT).covers(leg), (path, "outside")
                     nearest = min(nearest, leg.distance(area.exterior))
                 else:
-                    assert not leg.intersects(area.buffer(-TIGHT)), (path, leg.intersection(area).length)
+                    assert not leg.intersects(area.buffer(-TIGHT)), (
+                        path,
+                        leg.intersection(area).length,
+                    )
                     nearest = min(nearest, leg.distance(area))
     return nearest
 
@@ -106,15 +126,29 @@ def star(x, y, radius, corners=16, depth=0.8):
 
 
 def written(region, folder, autopilot="px4", **settings):
-    settings = {"tour": "boustrophedon", "angle": 0.0, "allocation": "hop"} | settings  # what takes no time to plan
-    made = MissionFolder(folder, SearchProblem(region, **settings), MissionOptions(format=("plan", "wpl"), autopilot=autopilot))
+    settings = {
+        "tour": "boustrophedon",
+        "angle": 0.0,
+        "allocation": "hop",
+    } | settings  # what takes no time to plan
+    made = MissionFolder(
+        folder,
+        SearchProblem(region, **settings),
+        MissionOptions(format=("plan", "wpl"), autopilot=autopilot),
+    )
     made.plan(plan_search(made.problem, seed=0))
-    write_missions(made.missions, folder, formats=("plan", "wpl"), vehicle=made.problem.chosen_vehicle)
+    write_missions(
+        made.missions, folder, formats=("plan", "wpl"), vehicle=made.problem.chosen_vehicle
+    )
     return made
 
 
 def field(zones, width=300.0, height=200.0, frame=FRAME):
-    return region_of(shapely.box(0, 0, width, height), frame=frame, no_go=shapely.union_all(zones) if zones else None)
+    return region_of(
+        shapely.box(0, 0, width, height),
+        frame=frame,
+        no_go=shapely.union_all(zones) if zones else None,
+    )
 
 
 FOUR = [star(68, 60, 16), star(68, 140, 20), star(180, 70, 23), star(210, 150, 16)]
@@ -123,13 +157,17 @@ FOUR = [star(68, 60, 16), star(68, 140, 20), star(180, 70, 23), star(210, 150, 1
 @pytest.mark.parametrize("autopilot", MOST)
 def test_no_leg_enters_a_many_cornered_zone_of_the_written_fence(tmp_path, autopilot):
     made = written(field(FOUR), tmp_path, autopilot, robots=2, footprint=20.0, vehicle="multirotor")
-    assert made.problem.margin == pytest.approx(3.01)  # 2 m position error, 1 m acceptance radius, 1 cm rounding
+    assert made.problem.margin == pytest.approx(
+        3.01
+    )  # 2 m position error, 1 m acceptance radius, 1 cm rounding
     assert judge(tmp_path, MOST[autopilot]) > 2.99
     assert not check_missions(tmp_path, made.problem.place, 20.0, fence_distance=2.99).errors
 
 
 @pytest.mark.parametrize("count", [25, 40])
-def test_more_zones_than_a_fence_has_corners_are_merged_before_the_search_is_planned(tmp_path, count):
+def test_more_zones_than_a_fence_has_corners_are_merged_before_the_search_is_planned(
+    tmp_path, count
+):
     rng = np.random.default_rng(count)
     zones = [star(*rng.uniform((20, 20), (380, 280)), rng.uniform(2, 6), 5) for _ in range(count)]
     written(field(zones, 400.0, 300.0), tmp_path, robots=2, footprint=30.0, vehicle="multirotor")
@@ -140,16 +178,31 @@ def test_more_zones_than_a_fence_has_corners_are_merged_before_the_search_is_pla
 def test_random_regions_and_zones(tmp_path, number):
     rng = np.random.default_rng(number)
     outline = shapely.union(
-        shapely.box(0, 0, *rng.uniform((150, 60), (300, 100))), shapely.box(0, 0, *rng.uniform((50, 150), (90, 250)))
+        shapely.box(0, 0, *rng.uniform((150, 60), (300, 100))),
+        shapely.box(0, 0, *rng.uniform((50, 150), (90, 250))),
     )
     zones = [
-        star(*rng.uniform((10, 10), (200, 150)), rng.uniform(5, 20), int(rng.integers(3, 25)), rng.uniform(0.5, 1))
+        star(
+            *rng.uniform((10, 10), (200, 150)),
+            rng.uniform(5, 20),
+            int(rng.integers(3, 25)),
+            rng.uniform(0.5, 1),
+        )
         for _ in range(4)
     ]
     region = region_of(outline, frame=FRAME, no_go=shapely.union_all(zones))
-    settings = {"launch": tuple((-30.0, float(y)) for y in rng.uniform(-50, 200, 2))} if number % 2 else {}
+    settings = (
+        {"launch": tuple((-30.0, float(y)) for y in rng.uniform(-50, 200, 2))} if number % 2 else {}
+    )
     made = written(
-        region, tmp_path, list(MOST)[number % 2], robots=2, footprint=20.0, vehicle="multirotor", transit=True, **settings
+        region,
+        tmp_path,
+        list(MOST)[number % 2],
+        robots=2,
+        footprint=20.0,
+        vehicle="multirotor",
+        transit=True,
+        **settings,
     )
     assert judge(tmp_path, 64 if number % 2 == 0 else 70) > made.problem.margin - 2 * TIGHT
     assert not check_missions(tmp_path, made.problem.place, 20.0).errors
@@ -167,8 +220,16 @@ def test_a_fixed_wing_flies_from_part_to_part_around_the_zone_between_them(tmp_p
 @pytest.mark.parametrize("zones", [FOUR, []])
 def test_a_saved_search_with_missions_is_verified_after_loading(zones, tmp_path):
     region = field(zones) if zones else "ring:120x60"  # the hole of the ring has many corners, too
-    given = {"robots": 1, "footprint": 40.0, "vehicle": "multirotor", "tour": "boustrophedon", "angle": 0.0}
-    episode = MissionFolder(tmp_path, SearchProblem(region, **given), MissionOptions(format=() if zones else ("plan",))).run(seed=0)
+    given = {
+        "robots": 1,
+        "footprint": 40.0,
+        "vehicle": "multirotor",
+        "tour": "boustrophedon",
+        "angle": 0.0,
+    }
+    episode = MissionFolder(
+        tmp_path, SearchProblem(region, **given), MissionOptions(format=() if zones else ("plan",))
+    ).run(seed=0)
     assert episode.problem.place.barriers
     episode.save(tmp_path / "episode.json")
     loaded = type(episode).load(tmp_path / "episode.json")
@@ -179,32 +240,53 @@ def test_a_saved_search_with_missions_is_verified_after_loading(zones, tmp_path)
 def test_transits_lead_around_zones_and_are_marked():
     region = region_of(shapely.box(0, 0, 100, 40), no_go=shapely.box(40, -20, 60, 50))
     route = RegionPaths(cells_of(region, 20), transit=True).legs([(30.0, 20.0), (70.0, 20.0)])
-    assert not shapely.linestrings(route.points).intersects(shapely.box(40, -20, 60, 50).buffer(-1e-6))
+    assert not shapely.linestrings(route.points).intersects(
+        shapely.box(40, -20, 60, 50).buffer(-1e-6)
+    )
     assert route.transit.all()
     assert len(route.points) == 4
 
 
 def test_fixed_wings_loiter_clear_of_zones():
     region = region_of(shapely.box(0, 0, 400, 300), frame=FRAME, no_go=shapely.box(30, 20, 60, 80))
-    plan = plan_search(SearchProblem(region, robots=1, footprint=40.0, vehicle="fixed-wing", launch=((10.0, 50.0),), margin=2.0))
+    plan = plan_search(
+        SearchProblem(
+            region,
+            robots=1,
+            footprint=40.0,
+            vehicle="fixed-wing",
+            launch=((10.0, 50.0),),
+            margin=2.0,
+        )
+    )
     (mission,) = plan_missions(plan, separation=Separation())
     circle = shapely.Polygon(mission.circle_in(FRAME))
     assert circle.distance(region.no_go) > 1.9
 
 
 def test_vehicles_that_loiter_are_timed_by_flights_and_not_by_their_circles():
-    plan = plan_search(SearchProblem("rectangle:300x200", robots=3, footprint=40.0, vehicle="fixed-wing"))
+    plan = plan_search(
+        SearchProblem("rectangle:300x200", robots=3, footprint=40.0, vehicle="fixed-wing")
+    )
     missions = plan_missions(plan, separation=Separation())
     assert all(mission.loiter for mission in missions)
     assert max(mission.start or 0.0 for mission in missions) < 600
 
 
 def test_a_path_outside_the_written_fence_is_refused_before_a_file_exists(tmp_path):
-    plan = plan_search(SearchProblem(field([]), robots=1, footprint=40.0, vehicle="multirotor", angle=0.0))
+    plan = plan_search(
+        SearchProblem(field([]), robots=1, footprint=40.0, vehicle="multirotor", angle=0.0)
+    )
     missions = plan_missions(plan)
-    fence = Fence(missions[0].fence.inclusion, (FRAME.to_degrees(shapely.get_coordinates(shapely.box(80, 0, 120, 200))[:-1]),))
+    fence = Fence(
+        missions[0].fence.inclusion,
+        (FRAME.to_degrees(shapely.get_coordinates(shapely.box(80, 0, 120, 200))[:-1]),),
+    )
     for name in ("plan", "wpl", "geojson", "kml", "gpx", "csv"):
-        with pytest.raises(InvalidInputError, match=r"robot-01\.\w+: expected paths and rally points inside the fence as the file"):
+        with pytest.raises(
+            InvalidInputError,
+            match=r"robot-01\.\w+: expected paths and rally points inside the fence as the file",
+        ):
             write_missions([replace(missions[0], fence=fence)], tmp_path / "out", formats=(name,))
     assert not (tmp_path / "out").exists()
     rally = replace(missions[0], rally=(tuple(FRAME.to_degrees([(500.0, 500.0)])[0].tolist()),))
@@ -217,11 +299,24 @@ def test_zones_that_have_no_room_in_the_fence_are_said(tmp_path, monkeypatch):
     said = []
     monkeypatch.setattr("shoal.core.notices.listeners", [said.append])
     monkeypatch.setattr("shoal.core.notices._told", set())
-    monkeypatch.setattr("shoal.views.search.mission_folder.fenced_region", lambda region, most, **_: region)
-    region = field([star(*place, 2.0, 5) for place in np.random.default_rng(1).uniform((10, 10), (190, 90), (30, 2))], 200, 100)
+    monkeypatch.setattr(
+        "shoal.views.search.mission_folder.fenced_region", lambda region, most, **_: region
+    )
+    region = field(
+        [
+            star(*place, 2.0, 5)
+            for place in np.random.default_rng(1).uniform((10, 10), (190, 90), (30, 2))
+        ],
+        200,
+        100,
+    )
     written(region, tmp_path, footprint=20.0, vehicle="multirotor")
     assert judge(tmp_path, 64) > 0
-    left = [text for text in said if "no exclusion polygons, because the autopilot stores at most 64 corners" in text]
+    left = [
+        text
+        for text in said
+        if "no exclusion polygons, because the autopilot stores at most 64 corners" in text
+    ]
     assert len(left) == 1
 
 
@@ -229,7 +324,9 @@ def test_the_default_margin_is_what_the_vehicle_needs_or_what_the_region_has_roo
     big, narrow = (region_of(shapely.box(0, 0, *sides)) for sides in ((200, 100), (200, 3)))
     assert with_default_margin(big, 3.0, footprint=20.0).margin == 3.0
     assert 0 < with_default_margin(narrow, 3.0, footprint=20.0).margin < 1.5
-    assert with_default_margin(big, 3.0, footprint=20.0, inner=np.array([(1.0, 50.0)])).margin <= 1.0
+    assert (
+        with_default_margin(big, 3.0, footprint=20.0, inner=np.array([(1.0, 50.0)])).margin <= 1.0
+    )
     zone = region_of(shapely.box(0, 0, 200, 100), no_go=shapely.box(50, 50, 60, 60))
     assert SearchProblem(zone, vehicle="rover").place.margin == pytest.approx(1.51)
     assert SearchProblem(zone).place.margin == 0  # the ideal vehicle is where it should be
@@ -250,12 +347,24 @@ def test_long_sides_of_a_fence_are_straight_in_degrees_and_the_margin_has_room_f
     sag = abs(FRAME60.to_metres([(middle[0], ends[:, 1].mean())])[0, 1])
     assert sag_of(region) == pytest.approx(sag, rel=0.02)
     assert sag > 0.8
-    assert SearchProblem(region, vehicle="multirotor").kept_margin(region, fenced=True).margin == pytest.approx(3 + sag, abs=0.03)
+    assert SearchProblem(region, vehicle="multirotor").kept_margin(
+        region, fenced=True
+    ).margin == pytest.approx(3 + sag, abs=0.03)
 
 
 def test_missions_without_a_margin_say_so(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("shoal.core.notices._told", set())
-    words = ["search", "rectangle:200x100", "--footprint", "20", "--vehicle", "multirotor", "--format", "csv", "--missions"]
+    words = [
+        "search",
+        "rectangle:200x100",
+        "--footprint",
+        "20",
+        "--vehicle",
+        "multirotor",
+        "--format",
+        "csv",
+        "--missions",
+    ]
     assert command([*words, str(tmp_path / "a"), "--json"]) == 0
     out = capsys.readouterr()
     assert json.loads(out.out)["region"]["margin_m"] == pytest.approx(3.01)
@@ -267,8 +376,16 @@ def test_missions_without_a_margin_say_so(tmp_path, capsys, monkeypatch):
 
 def test_the_check_finds_paths_that_are_nearer_to_the_fence_than_asked(tmp_path, capsys):
     made = written(field(FOUR), tmp_path, robots=1, footprint=20.0, vehicle="multirotor")
-    assert not [one for one in lint(tmp_path, made.problem.place, fence_distance=2.9) if one.rule == "fence-near"]
-    near = [one for one in lint(tmp_path, made.problem.place, fence_distance=4.0) if one.rule == "fence-near"]
+    assert not [
+        one
+        for one in lint(tmp_path, made.problem.place, fence_distance=2.9)
+        if one.rule == "fence-near"
+    ]
+    near = [
+        one
+        for one in lint(tmp_path, made.problem.place, fence_distance=4.0)
+        if one.rule == "fence-near"
+    ]
     assert near
     assert "expected at least 4 m between all paths and the fence, got 3" in near[0].sentence
     write_missions(made.missions, tmp_path / "csv", formats=("csv",))
@@ -293,7 +410,9 @@ def test_enclosing_polygons_contain_the_given_ones_and_keep_clear(seed):
 def test_stay_inside_crosses_the_border_once_and_at_the_nearest_place():
     given = {"robots": 1, "footprint": 20.0, "launch": ((-60.0, 90.0),), "simulate": False}
     region = region_of(shapely.union(shapely.box(0, 0, 200, 30), shapely.box(0, 0, 30, 200)))
-    free, kept = (plan_search(SearchProblem(region, stay_inside=stay, **given)) for stay in (False, True))
+    free, kept = (
+        plan_search(SearchProblem(region, stay_inside=stay, **given)) for stay in (False, True)
+    )
     assert kept.outside_lengths(0)[0] == pytest.approx(60.0)
     assert kept.outside_lengths(0)[1] == pytest.approx(60.0)
     assert sum(free.outside_lengths(0)) > 120.0
@@ -304,25 +423,53 @@ def test_stay_inside_crosses_the_border_once_and_at_the_nearest_place():
 
 @pytest.mark.parametrize("launch", [None, "10,10"])
 def test_stay_inside_without_a_point_outside_is_refused(launch, capsys):
-    words = ["search", "rectangle:100x50", "--stay-inside", *(["--launch", launch] if launch else [])]
+    words = [
+        "search",
+        "rectangle:100x50",
+        "--stay-inside",
+        *(["--launch", launch] if launch else []),
+    ]
     assert command(words) == 2
-    assert "stay_inside: expected launch or landing points outside the region" in capsys.readouterr().err
+    assert (
+        "stay_inside: expected launch or landing points outside the region"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(
     ("corners", "left"),
     [
-        ([(0, 0), (100, 0), (100, 50), (140, 50), (100, 50.0001), (100, 100), (0, 100)], 5),  # a spur of no width
+        (
+            [(0, 0), (100, 0), (100, 50), (140, 50), (100, 50.0001), (100, 100), (0, 100)],
+            5,
+        ),  # a spur of no width
         ([(0, 0), (100, 0), (100, 50), (140, 50), (100, 50.003), (100, 100), (0, 100)], 7),
-        ([(0, 0), (100, 0), (99, 50), (60, 50), (30, 60), (60, 50.0000001), (100, 100), (0, 100)], 6),
-        ([(0, 0), (50, 49.9999999), (100, 0), (100, 100), (50, 50.0000001), (0, 100)], None),  # two parts that meet at a corner
+        (
+            [
+                (0, 0),
+                (100, 0),
+                (99, 50),
+                (60, 50),
+                (30, 60),
+                (60, 50.0000001),
+                (100, 100),
+                (0, 100),
+            ],
+            6,
+        ),
+        (
+            [(0, 0), (50, 49.9999999), (100, 0), (100, 100), (50, 50.0000001), (0, 100)],
+            None,
+        ),  # two parts that meet at a corner
     ],
 )
 @pytest.mark.parametrize("whole", [True, False])
 def test_rings_are_simple_in_the_rounded_coordinates(corners, left, whole):
     shape = shapely.Polygon(corners)
     rings = fence._written(shape, FRAME, whole=whole)
-    assert all(shapely.Polygon(ring).is_valid and (ring == np.round(ring, 8)).all() for ring in rings)
+    assert all(
+        shapely.Polygon(ring).is_valid and (ring == np.round(ring, 8)).all() for ring in rings
+    )
     assert len(rings) == (1 if whole or left else 2)
     assert left is None or len(rings[0]) <= left
     there = shapely.union_all([shapely.Polygon(FRAME.to_metres(ring)) for ring in rings])
@@ -331,7 +478,11 @@ def test_rings_are_simple_in_the_rounded_coordinates(corners, left, whole):
 
 
 def test_a_fence_that_crosses_itself_is_refused_before_a_file_exists(tmp_path):
-    ring = FRAME.to_degrees(np.array([(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (140.0, 50.0), (100.0, 50.0), (0.0, 100.0)]))
+    ring = FRAME.to_degrees(
+        np.array(
+            [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (140.0, 50.0), (100.0, 50.0), (0.0, 100.0)]
+        )
+    )
     way = FRAME.to_degrees(np.array([(10.0, 10.0), (40.0, 10.0)]))
     flown = Mission(way, tuple(way[0].tolist()), fence=Fence(ring))
     with pytest.raises(InvalidInputError, match="neither touch nor cross themselves"):

@@ -14,17 +14,39 @@ from tests.search_episodes import planned, search
 
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.search import Arc, SearchEpisode, TourCost, allocate, make_tour, open_region
-from shoal.search.allocation.partition import cost_of_all
+from shoal.search.allocation.allocate import cost_of_all
 from shoal.search.cells.distances import CellDistances
-from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults
-from shoal.search.problem.network import RadioNetwork, network_of
-from shoal.search.protocol.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
+from shoal.search.problem.network import (
+    Battery,
+    Crash,
+    Liar,
+    Pause,
+    RadioNetwork,
+    Slow,
+    WrongPosition,
+    check_faults,
+    network_of,
+)
 from shoal.search.protocol.messages import Beacon, Heartbeat
-from shoal.search.protocol.robot import Brief, Robot, advance
-from shoal.search.simulation.live.trace import takeovers_of
+from shoal.search.protocol.robot import advance
+from shoal.search.protocol.state import (
+    Begin,
+    Blocked,
+    Brief,
+    Declare,
+    Go,
+    Heard,
+    Robot,
+    Send,
+    Sensed,
+    Wake,
+    WakeAt,
+)
+from shoal.search.simulation.live.supervisor import takeovers_of
+from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.trace import RobotLog
-from shoal.search.simulation.world import Scenario, SearchWorld
-from shoal.search.tours.bitset import arc_bits, at_least, members, next_in, runs, turned
+from shoal.search.simulation.world import SearchWorld
+from shoal.search.tours.masks import arc_bits, at_least, members, next_in, runs, turned
 
 ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 
@@ -43,7 +65,9 @@ def test_every_cell_is_allotted_once(allocator, layout):
     rng = np.random.default_rng(3)
     for _ in range(8):
         shape = tuple(int(side) for side in rng.integers(1, 14, size=2))
-        tour_cost = TourCost(make_tour("hilbert-rectangle", shape), turn_cost=float(rng.choice([0, 1])))
+        tour_cost = TourCost(
+            make_tour("hilbert-rectangle", shape), turn_cost=float(rng.choice([0, 1]))
+        )
         n, m = len(tour_cost), int(rng.integers(1, 25))
         if layout == "random" or layout == "unequal":
             starts = rng.integers(0, n, size=m)
@@ -66,7 +90,9 @@ def test_allocations_get_better():
     for _ in range(30):
         starts = rng.integers(0, 1024, size=20)
         for allocator in ALLOCATORS:
-            means[allocator].append(allocate(tour_cost, starts, allocator=allocator).makespan / 1024)
+            means[allocator].append(
+                allocate(tour_cost, starts, allocator=allocator).makespan / 1024
+            )
     mean = {allocator: np.mean(values) for allocator, values in means.items()}
     assert mean["hop"] < mean["two-way"] < mean["individual-shift"] < mean["stay"]
     assert mean["common-shift"] < mean["stay"]
@@ -77,7 +103,9 @@ def test_allocations_get_better():
 def test_more_robots_than_cells(allocator):
     rng = np.random.default_rng(22)
     for _ in range(60):
-        tour_cost = TourCost(make_tour("hilbert-rectangle", (int(rng.integers(1, 4)), int(rng.integers(1, 5)))))
+        tour_cost = TourCost(
+            make_tour("hilbert-rectangle", (int(rng.integers(1, 4)), int(rng.integers(1, 5))))
+        )
         n, m = len(tour_cost), int(rng.integers(1, 40))
         starts = (rng.integers(n) + rng.integers(0, 3, size=m)) % n
         found = allocate(tour_cost, starts, allocator=allocator)
@@ -86,12 +114,18 @@ def test_more_robots_than_cells(allocator):
 
 
 def test_leaving_a_cell_out_never_costs_more():
-    """The bound of the protocol rests on that: what others have searched makes the rest no longer."""
+    """The bound of the protocol rests on that: what others have searched makes the rest
+    no longer.
+    """
     rng = np.random.default_rng(23)
     for number in range(60):
         tour = make_tour(("comb", "hilbert", "spanning-tree")[number % 3], (5, 4))
         tour_cost = TourCost(tour, turn_cost=float(rng.choice([0, 0.5, 2])))
-        wanted, here, fresh = int(rng.integers(1, 1 << 20)), int(rng.integers(20)), bool(rng.integers(2))
+        wanted, here, fresh = (
+            int(rng.integers(1, 1 << 20)),
+            int(rng.integers(20)),
+            bool(rng.integers(2)),
+        )
         whole = cost_of_all(tour_cost, wanted, here, fresh)
         for cell in members(wanted):
             assert cost_of_all(tour_cost, wanted & ~(1 << cell), here, fresh) <= whole + 1e-9
@@ -116,7 +150,10 @@ def test_faster_robots_search_more():
 
 
 def test_turns_cost():
-    straight, bent = TourCost(make_tour("comb", (8, 8))), TourCost(make_tour("comb", (8, 8)), turn_cost=1.0)
+    straight, bent = (
+        TourCost(make_tour("comb", (8, 8))),
+        TourCost(make_tour("comb", (8, 8)), turn_cost=1.0),
+    )
     assert straight.whole == 64
     assert bent.whole == 64 + bent.turns.sum()
     assert bent.turns.sum() == make_tour("comb", (8, 8)).metrics().turns
@@ -134,27 +171,63 @@ def test_turns_cost():
         (lambda c: TourCost(c.tour, np.zeros((3, 2))), "points: expected finite numbers of shape"),
         (lambda c: Scenario(Brief(c), ()), "starts: expected one or more cells"),
         (lambda c: Scenario(Brief(c), (0,), (0.0,)), "rates: expected 1 speeds"),
-        (lambda c: Scenario(Brief(c), (0,), faults=(Crash(2, 1.0),)), "fault: expected a robot from 1 to 1"),
+        (
+            lambda c: Scenario(Brief(c), (0,), faults=(Crash(2, 1.0),)),
+            "fault: expected a robot from 1 to 1",
+        ),
         (lambda c: network_of("loud:3"), "network: expected perfect or some of"),
         (lambda c: network_of("loss:2"), "network"),
         (lambda c: network_of("bursts:0.5"), "network"),
         (lambda c: network_of(loss=1.5), "loss: expected a probability"),
-        (lambda c: search("square:100", robots=2, faults="crash:3@1"), "faults: expected a robot from 1 to 2"),
-        (lambda c: check_faults(["crash:1@x"]), "faults: expected crash:ROBOT@TIME, got 'crash:1@x'"),
-        (lambda c: planned("square:100", robots=0, footprint=10), "robots: expected a whole number"),
-        (lambda c: planned("square:40", robots=10_000, footprint=8), "robots: expected a whole number from 1 to 1000, got 10000"),
-        (lambda c: planned("square:40", robots=1, footprint=1e308), r"footprint: expected a number, above 0 and at most 1e\+100"),
-        (lambda c: search("square:40", robots=127, footprint=8, loss=0.1), "expected a simulation, .* got 25 cells and 127 robots"),
-        (lambda c: planned("square:100", robots=2, footprint=10, starts=[(0, 0)]), "starts: expected 2 points"),
+        (
+            lambda c: search("square:100", robots=2, faults="crash:3@1"),
+            "faults: expected a robot from 1 to 2",
+        ),
+        (
+            lambda c: check_faults(["crash:1@x"]),
+            "faults: expected crash:ROBOT@TIME, got 'crash:1@x'",
+        ),
+        (
+            lambda c: planned("square:100", robots=0, footprint=10),
+            "robots: expected a whole number",
+        ),
+        (
+            lambda c: planned("square:40", robots=10_000, footprint=8),
+            "robots: expected a whole number from 1 to 1000, got 10000",
+        ),
+        (
+            lambda c: planned("square:40", robots=1, footprint=1e308),
+            r"footprint: expected a number, above 0 and at most 1e\+100",
+        ),
+        (
+            lambda c: search("square:40", robots=127, footprint=8, loss=0.1),
+            "expected a simulation, .* got 25 cells and 127 robots",
+        ),
+        (
+            lambda c: planned("square:100", robots=2, footprint=10, starts=[(0, 0)]),
+            "starts: expected 2 points",
+        ),
         (lambda c: planned("square:100", robots=1, footprint=10, starts=[(999, 0)]), "starts"),
-        (lambda c: planned("square:100", robots=1, footprint=10, starts="no.csv"), "no.csv: expected a table of starts"),
+        (
+            lambda c: planned("square:100", robots=1, footprint=10, starts="no.csv"),
+            "no.csv: expected a table of starts",
+        ),
         (
             lambda c: search("square:100", robots=1, footprint=10, multiplicity=0),
             "multiplicity: expected a whole number, 1 or more",
         ),
-        (lambda c: search("square:100", robots=1, vehicle="ideal,cruise_speed=-1"), "cruise_speed: expected a number, above 0"),
-        (lambda c: search("square:100", robots=1, footprint=10, detection=2), "detection: expected a number from 0 to 1"),
-        (lambda c: search("square:100", robots=1, footprint=10, targets=1000), "targets: expected a number from 0 to 100"),
+        (
+            lambda c: search("square:100", robots=1, vehicle="ideal,cruise_speed=-1"),
+            "cruise_speed: expected a number, above 0",
+        ),
+        (
+            lambda c: search("square:100", robots=1, footprint=10, detection=2),
+            "detection: expected a number from 0 to 1",
+        ),
+        (
+            lambda c: search("square:100", robots=1, footprint=10, targets=1000),
+            "targets: expected a number from 0 to 100",
+        ),
         (
             lambda c: search("square:100", robots=1, footprint=10, loss=0.5, simulate=False),
             "loss or a network: expected a sim",
@@ -184,11 +257,15 @@ def test_bits_against_sets():
         order = [(first + k) % n for k in range(n)]
         assert next_in(bits, first, n) == next((cell for cell in order if cell in cells), None)
         stretches = list(runs(bits, first, n))
-        assert [(start + k) % n for start, length in stretches for k in range(length)] == [c for c in order if c in cells]
+        assert [(start + k) % n for start, length in stretches for k in range(length)] == [
+            c for c in order if c in cells
+        ]
         assert set(members(turned(bits, first, n))) == {(cell - first) % n for cell in cells}
         sets = [int(rng.integers(0, 1 << min(n, 60))) for _ in range(4)]
         for k in (1, 2, 3):
-            assert set(members(at_least(sets, k))) == {c for c in range(n) if sum(one >> c & 1 for one in sets) >= k}
+            assert set(members(at_least(sets, k))) == {
+                c for c in range(n) if sum(one >> c & 1 for one in sets) >= k
+            }
         for arc in (Arc(first, max(count, 1)), Arc(first, max(count, 1), -1)):
             way = [(first + arc.step * k) % n for k in range(arc.count)]
             assert arc.next_of(bits, n) == next((cell for cell in way if cell in cells), None)
@@ -204,7 +281,11 @@ def test_a_robot_alone_searches_everything_in_the_time_of_one_round():
 def test_a_step_of_the_robot_does_not_change_its_state():
     robot = Robot(1, Brief(TourCost(make_tour("moore", (4, 4)))), start=2)
     before = dict(robot.__dict__)
-    for event in (Begin(0.0), Heard(0.0, Beacon(2, (Heartbeat(2, 1, 9, 1.0, "listening"),), ((2, 1),))), Wake(1.0)):
+    for event in (
+        Begin(0.0),
+        Heard(0.0, Beacon(2, (Heartbeat(2, 1, 9, 1.0, "listening"),), ((2, 1),))),
+        Wake(1.0),
+    ):
         advance(robot, event)
         assert robot.__dict__ == before
 
@@ -239,9 +320,24 @@ def test_a_blocked_robot_goes_elsewhere_and_comes_back():
 
 
 def test_a_search_from_plan_to_file(tmp_path):
-    faults = [Crash(2, 20.0), Pause(3, 5, 40), Slow(4, 1.5), Battery(5, 60.0), WrongPosition(6, 3), Liar(1)]
+    faults = [
+        Crash(2, 20.0),
+        Pause(3, 5, 40),
+        Slow(4, 1.5),
+        Battery(5, 60.0),
+        WrongPosition(6, 3),
+        Liar(1),
+    ]
     episode = search(
-        "ring:120x80", robots=7, footprint=10, loss=0.3, faults=faults, targets=5, multiplicity=2, seed=3, network="delay:0.5"
+        "ring:120x80",
+        robots=7,
+        footprint=10,
+        loss=0.3,
+        faults=faults,
+        targets=5,
+        multiplicity=2,
+        seed=3,
+        network="delay:0.5",
     )
     assert episode
     assert episode.coverage.covered_fraction == pytest.approx(1.0)
@@ -250,7 +346,10 @@ def test_a_search_from_plan_to_file(tmp_path):
     assert json.loads(json.dumps(report)) == report
     assert report["routes"][1]["status"] == "dead"
     told = {(finding["x"], finding["y"]) for finding in report["findings"]}
-    assert {tuple((episode.plan.tour_cost.points[cell] * 10).tolist()) for cell in episode.scenario.targets} <= told
+    assert {
+        tuple((episode.plan.tour_cost.points[cell] * 10).tolist())
+        for cell in episode.scenario.targets
+    } <= told
     path = tmp_path / "episode.json"
     episode.save(path)
     again = SearchEpisode.load(path)
@@ -267,7 +366,16 @@ def test_a_search_from_plan_to_file(tmp_path):
 
 
 def test_findings_weigh_who_has_seen_what():
-    episode = search("square:100", robots=3, footprint=10, targets=3, multiplicity=3, detection=0.7, false_alarm=0.02, seed=1)
+    episode = search(
+        "square:100",
+        robots=3,
+        footprint=10,
+        targets=3,
+        multiplicity=3,
+        detection=0.7,
+        false_alarm=0.02,
+        seed=1,
+    )
     assert episode
     for finding in episode.findings:
         assert set(finding.found_by) | set(finding.missed_by) == {1, 2, 3}
@@ -277,7 +385,11 @@ def test_findings_weigh_who_has_seen_what():
 
 def test_robots_with_little_energy_come_home_in_between():
     episode = search(
-        "circle:60", robots=3, footprint=10, vehicle=f"ideal,endurance={250 / 60},reserve=0,recharge={20 / 60}", seed=2
+        "circle:60",
+        robots=3,
+        footprint=10,
+        vehicle=f"ideal,endurance={250 / 60},reserve=0,recharge={20 / 60}",
+        seed=2,
     )
     assert episode
     for robot, route in enumerate(episode.routes):
@@ -305,13 +417,17 @@ def test_starts_from_a_file(tmp_path):
     plan = planned("square:100", robots=2, footprint=10, starts=table)
     assert plan.places.tolist() == [[20, 20], [20, 80]]
     table.write_text("x,y\n1,2\n3\n")
-    with pytest.raises(InvalidInputError, match=r"starts.csv: line 3: expected two numbers, x,y, got 1 columns"):
+    with pytest.raises(
+        InvalidInputError, match=r"starts.csv: line 3: expected two numbers, x,y, got 1 columns"
+    ):
         planned("square:100", robots=2, footprint=10, starts=table)
 
 
 def test_a_plan_without_a_simulation():
     plan = planned("square:300", robots=5, footprint=10, seed=4, vehicle="ideal,turn_time=5")
-    one = search("square:300", robots=5, footprint=10, seed=4, vehicle="ideal,turn_time=5", simulate=False)
+    one = search(
+        "square:300", robots=5, footprint=10, seed=4, vehicle="ideal,turn_time=5", simulate=False
+    )
     assert not one.simulated
     assert one.trace.covered_at == plan.allocation.makespan
     ends = [float(log.times[-1]) for log in one.trace.robots]
@@ -328,11 +444,15 @@ def test_nothing_is_lost_on_a_perfect_network():
 
 
 def corridor(obstacles, *, starts=(0,), multiplicity=1, **more):
-    """Return a scenario in which robots go from cell to cell: rows of 5, a comb tour, (row, col) as numbers on it."""
+    """Return a scenario in which robots go from cell to cell: rows of 5, a comb tour, (row, col) as
+    numbers on it.
+    """
     tour = make_tour("comb", (4, 5))
     tour_cost = TourCost(tour, distances=CellDistances(tour))
     cells = tuple(int(tour.position[cell]) for cell in obstacles)
-    return tour, Scenario(Brief(tour_cost, multiplicity=multiplicity), starts, obstacles=cells, **more)
+    return tour, Scenario(
+        Brief(tour_cost, multiplicity=multiplicity), starts, obstacles=cells, **more
+    )
 
 
 def test_an_obstacle_is_met_told_and_gone_round():
@@ -344,7 +464,9 @@ def test_an_obstacle_is_met_told_and_gone_round():
     assert set(outcome.declared) == {1, 2}
     for vehicle in outcome.vehicles.values():
         assert {cell for _, cell in vehicle.obstructed} <= set(scenario.obstacles)
-        assert at_least(list(vehicle.robot.closed.values()), 1) == scenario.blocked  # each knows both
+        assert (
+            at_least(list(vehicle.robot.closed.values()), 1) == scenario.blocked
+        )  # each knows both
     met = [cell for vehicle in outcome.vehicles.values() for _, cell in vehicle.obstructed]
     assert sorted(set(met)) == sorted(scenario.obstacles)
 
@@ -402,8 +524,14 @@ def test_a_search_with_obstacles_is_saved_and_verified(tmp_path):
     assert len(episode.obstacles) == 3
     assert 0 < episode.coverage.uncovered_m2 <= 300
     assert episode.coverage.outside_m == 0
-    inside = shapely.union_all([shapely.box(20, 30, 30, 40), shapely.box(30, 30, 40, 50)]).buffer(-1e-6)
-    assert not any(shapely.LineString(route.points).intersects(inside) for route in episode.routes if len(route.points) > 1)
+    inside = shapely.union_all([shapely.box(20, 30, 30, 40), shapely.box(30, 30, 40, 50)]).buffer(
+        -1e-6
+    )
+    assert not any(
+        shapely.LineString(route.points).intersects(inside)
+        for route in episode.routes
+        if len(route.points) > 1
+    )
     episode.save(tmp_path / "e.json")
     assert SearchEpisode.load(tmp_path / "e.json").verify()
     with pytest.raises(InvalidInputError, match="no obstacle at the start of a robot"):
@@ -412,12 +540,22 @@ def test_a_search_with_obstacles_is_saved_and_verified(tmp_path):
 
 @pytest.mark.parametrize("seed", [4, 7])
 def test_no_way_home_leads_through_obstacles(seed):
-    """With these seeds a robot has come across a corner, and knew no way back through the cells that it had been in."""
+    """With these seeds a robot has come across a corner, and knew no way back through the cells
+    that it had been in.
+    """
     episode = search(
-        "square:100", robots=3, footprint=10, loss=0.3, seed=seed, vehicle=f"ideal,endurance={260 / 60},reserve=0", obstacles=6
+        "square:100",
+        robots=3,
+        footprint=10,
+        loss=0.3,
+        seed=seed,
+        vehicle=f"ideal,endurance={260 / 60},reserve=0",
+        obstacles=6,
     )
     rows, cols = episode.plan.tour.cells[[*episode.scenario.obstacles]].T
-    inside = shapely.union_all(shapely.box(10 * cols, 90 - 10 * rows, 10 * cols + 10, 100 - 10 * rows)).buffer(-1e-6)
+    inside = shapely.union_all(
+        shapely.box(10 * cols, 90 - 10 * rows, 10 * cols + 10, 100 - 10 * rows)
+    ).buffer(-1e-6)
     assert episode
     assert not any(shapely.LineString(route.points).intersects(inside) for route in episode.routes)
 
@@ -436,16 +574,24 @@ def test_a_scenario_can_be_simulated_again():
 def test_parts_are_shared_by_the_ways_that_robots_go():
     yard = open_region("rectangle:200x100", no_go=[[(99, 0), (101, 0), (101, 90), (99, 90)]])
     plan = planned(yard, robots=6, footprint=10, allocation="hop", starts="clustered", seed=1)
-    straight = TourCost(plan.tour, plan.tour_cost.points, steps=plan.tour_cost.steps, distances=plan.tour_cost.distances)
+    straight = TourCost(
+        plan.tour,
+        plan.tour_cost.points,
+        steps=plan.tour_cost.steps,
+        distances=plan.tour_cost.distances,
+    )
     found = {}
     for tour_cost in (plan.tour_cost, straight):
         given = allocate(tour_cost, plan.starts, places=plan.places / 10)
         found[tour_cost] = max(
-            plan.route(robot, plan.numbers(arcs)[:1]).length / 10 + tour_cost.search_cost(arcs[0].first, arcs[0].count)
+            plan.route(robot, plan.numbers(arcs)[:1]).length / 10
+            + tour_cost.search_cost(arcs[0].first, arcs[0].count)
             for robot, arcs in enumerate(given.arcs)
             if arcs
         )
-    assert found[plan.tour_cost] == pytest.approx(plan.allocation.makespan, rel=0.02)  # what is planned is what it takes
+    assert found[plan.tour_cost] == pytest.approx(
+        plan.allocation.makespan, rel=0.02
+    )  # what is planned is what it takes
     assert found[plan.tour_cost] < 0.98 * found[straight]
 
 
@@ -454,7 +600,9 @@ def test_two_robots_share_the_part_of_a_dead_one():
     scenario = Scenario(Brief(TourCost(tour), "stay"), (0, 20, 21), faults=(Crash(1, 0.0),))
     outcome = SearchWorld(scenario, check=Checker(scenario)).run(until=1e4)
     check_outcome(scenario, outcome)
-    whose = {number: {cell for _, cell in vehicle.visits} for number, vehicle in outcome.vehicles.items()}
+    whose = {
+        number: {cell for _, cell in vehicle.visits} for number, vehicle in outcome.vehicles.items()
+    }
     assert len(whose[2] & set(range(20))) > 4  # from behind
     assert len(whose[3] & set(range(20))) > 4
 
@@ -478,7 +626,12 @@ def test_takeovers_of_live_robots_are_counted_from_what_they_searched():
     )
     dead = ((3.0, "dead"),)
     logs = [
-        RobotLog(np.array([cell for _, cell in row]), np.array([time for time, _ in row]), dead if k == 0 else (), ())
+        RobotLog(
+            np.array([cell for _, cell in row]),
+            np.array([time for time, _ in row]),
+            dead if k == 0 else (),
+            (),
+        )
         for k, row in enumerate(rows)
     ]
     assert takeovers_of(scenario, logs) == 1  # cells 2 and 3 at one go; cell 4 was a live robot's
@@ -486,15 +639,21 @@ def test_takeovers_of_live_robots_are_counted_from_what_they_searched():
 
 def test_time_and_bound_of_a_search_in_two_passes_are_those_of_both():
     """A multiplicity of 2 once had the time, the bound and the completeness of one pass."""
-    once, twice = (search("square:100", robots=4, footprint=10, starts="line", multiplicity=k) for k in (1, 2))
+    once, twice = (
+        search("square:100", robots=4, footprint=10, starts="line", multiplicity=k) for k in (1, 2)
+    )
     assert twice.metrics["lower_bound"] == 2 * once.metrics["lower_bound"] == 500.0
     assert twice.makespan >= twice.metrics["lower_bound"]
     assert twice.metrics["planned"] > 1.8 * once.metrics["planned"]
     assert twice.status == "complete"
     assert "by 2 robots" in twice.reason
-    counts = np.bincount(np.concatenate([np.unique(log.cells) for log in twice.trace.robots]), minlength=100)
+    counts = np.bincount(
+        np.concatenate([np.unique(log.cells) for log in twice.trace.robots]), minlength=100
+    )
     assert (counts >= 2).all()
-    planned = np.bincount(np.concatenate([np.unique(twice.plan.stops(robot)) for robot in range(4)]), minlength=100)
+    planned = np.bincount(
+        np.concatenate([np.unique(twice.plan.stops(robot)) for robot in range(4)]), minlength=100
+    )
     assert (planned == 2).all()
     assert twice.verify()
 
@@ -503,6 +662,10 @@ def test_a_pass_that_is_missed_is_not_complete():
     episode = search("square:60", robots=2, footprint=10, multiplicity=2, faults=["crash:2@3"])
     assert episode.status == "incomplete"
     assert episode.makespan is None
-    assert "of 36 cells that robots can reach were searched by fewer than 2 robots" in episode.reason
-    with pytest.raises(InvalidInputError, match="multiplicity: expected at most 2, the number of robots, got 3"):
+    assert (
+        "of 36 cells that robots can reach were searched by fewer than 2 robots" in episode.reason
+    )
+    with pytest.raises(
+        InvalidInputError, match="multiplicity: expected at most 2, the number of robots, got 3"
+    ):
         search("square:60", robots=2, multiplicity=3)

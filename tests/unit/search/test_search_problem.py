@@ -11,11 +11,30 @@ import shapely
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.search import LocalFrame, SearchEpisode, SearchProblem, region_of
-from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults, fault_text
+from shoal.search.problem.network import (
+    Battery,
+    Crash,
+    Liar,
+    Pause,
+    Slow,
+    WrongPosition,
+    check_faults,
+    fault_text,
+)
 from shoal.search.run import run
 
-FIELD = {"type": "Polygon", "coordinates": [[[7.0, 50.0], [7.003, 50.0], [7.003, 50.002], [7.0, 50.002], [7.0, 50.0]]]}
-FAULTS = (Crash(2, 10.5), Pause(3, 5.0, 40.0), Slow(1, 2.0, 0.25), Battery(1, 1e-7), WrongPosition(4, -2), Liar(4))
+FIELD = {
+    "type": "Polygon",
+    "coordinates": [[[7.0, 50.0], [7.003, 50.0], [7.003, 50.002], [7.0, 50.002], [7.0, 50.0]]],
+}
+FAULTS = (
+    Crash(2, 10.5),
+    Pause(3, 5.0, 40.0),
+    Slow(1, 2.0, 0.25),
+    Battery(1, 1e-7),
+    WrongPosition(4, -2),
+    Liar(4),
+)
 
 
 @pytest.mark.parametrize(
@@ -23,7 +42,12 @@ FAULTS = (Crash(2, 10.5), Pause(3, 5.0, 40.0), Slow(1, 2.0, 0.25), Battery(1, 1e
     [
         {},
         {"faults": FAULTS, "loss": 0.25, "network": "range:8,delay:0.5"},
-        {"robots": 3, "footprint": [2, 2, 6.5], "rates": (1, 2, 0.1), "starts": [(5, 5), (0.1, 1 / 3), (9, 9)]},
+        {
+            "robots": 3,
+            "footprint": [2, 2, 6.5],
+            "rates": (1, 2, 0.1),
+            "starts": [(5, 5), (0.1, 1 / 3), (9, 9)],
+        },
         {"no_go": [shapely.box(20, 20, 40, 30), [(50, 50), (60, 50), (60, 60)], "zones.json"]},
         {"no_go": [(50, 50), (60, 50), (60, 60)]},
         {
@@ -34,7 +58,11 @@ FAULTS = (Crash(2, 10.5), Pause(3, 5.0, 40.0), Slow(1, 2.0, 0.25), Battery(1, 1e
             "live": 20,
             "crashes": 1,
         },
-        {"region": region_of(shapely.box(0, 0, 1 / 3, 20), frame=LocalFrame(8.5, 47.4), name="field")},
+        {
+            "region": region_of(
+                shapely.box(0, 0, 1 / 3, 20), frame=LocalFrame(8.5, 47.4), name="field"
+            )
+        },
         {
             "robots": np.int64(2),
             "vehicle": {"preset": "rover", "cruise_speed": np.float32(0.5)},
@@ -70,16 +98,31 @@ def test_faults_are_spelled(fault):
         ({"faults": [7]}, "faults: expected faults such as crash:2@30, got 7"),
         ({"crashes": 5}, "crashes: expected at most 4, one per robot, got 5"),
         ({"network": "wifi"}, "network: expected perfect or some of"),
-        ({"live": 20, "network": "delay:1"}, "live: expected no network, because a live search has only loss, got 'delay:1'"),
+        (
+            {"live": 20, "network": "delay:1"},
+            "live: expected no network, because a live search has only loss, got 'delay:1'",
+        ),
         ({"live": 20, "faults": "liar:1"}, "live: expected only crashes and slow robots"),
         ({"multiplicity": 0}, "multiplicity: expected a whole number, 1 or more, got 0"),
         ({"loss": 1.5}, "loss: expected a number from 0 to 1, got 1.5"),
         ({"region": 7}, "region: expected a name, the path of a file or a SearchRegion, got 7"),
         ({"region": {"name": "x"}}, "region: expected name, area and frame"),
-        ({"region": {"name": "x", "area": "POLYGON", "frame": None}}, "region: area: expected well-known text"),
-        ({"region": region_of(shapely.box(0, 0, 9, 9)), "closed_lines": True}, "region: expected a name or a file"),
-        ({"no_go": 5}, "no-go zone 1: expected a file, a Shapely polygon or points of shape (n, 2), got 5"),
-        ({"no_go": ["a.json", [1, 2]]}, "no-go zone 2: expected a file, a Shapely polygon or points"),
+        (
+            {"region": {"name": "x", "area": "POLYGON", "frame": None}},
+            "region: area: expected well-known text",
+        ),
+        (
+            {"region": region_of(shapely.box(0, 0, 9, 9)), "closed_lines": True},
+            "region: expected a name or a file",
+        ),
+        (
+            {"no_go": 5},
+            "no-go zone 1: expected a file, a Shapely polygon or points of shape (n, 2), got 5",
+        ),
+        (
+            {"no_go": ["a.json", [1, 2]]},
+            "no-go zone 2: expected a file, a Shapely polygon or points",
+        ),
         ({"targets": -1}, "targets: expected a whole number, 0 or more, got -1"),
         ({"robots": True}, "robots: expected a whole number from 1 to 1000, got True"),
     ],
@@ -93,10 +136,23 @@ def test_bad_fields_are_refused_in_a_sentence(fields, words):
 def test_every_way_to_the_same_search(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "field.json").write_text(json.dumps(FIELD))
-    problem = SearchProblem("field.json", robots=3, footprint=20, faults="crash:2@5", targets=2, loss=0.2)
+    problem = SearchProblem(
+        "field.json", robots=3, footprint=20, faults="crash:2@5", targets=2, loss=0.2
+    )
     episode = run(problem, seed=5)
     (tmp_path / "problem.json").write_text(json.dumps(problem.to_dict()))
-    words = ["--robots", "3", "--footprint", "20", "--faults", "crash:2@5", "--targets", "2", "--loss", "0.2"]
+    words = [
+        "--robots",
+        "3",
+        "--footprint",
+        "20",
+        "--faults",
+        "crash:2@5",
+        "--targets",
+        "2",
+        "--loss",
+        "0.2",
+    ]
     for arguments in (["search", "field.json", *words], ["search", "problem.json"]):
         assert command([*arguments, "--seed", "5", "--json"]) == 0
         told = json.loads(capsys.readouterr().out)
@@ -112,20 +168,30 @@ def test_an_episode_says_what_auto_chose_and_what_came_of_it():
     episode = run(SearchProblem("square:60", robots=2))
     assert (episode.problem.tour, episode.problem.allocation) == ("auto", "auto")
     report = episode.report()
-    assert (report["tour"], report["allocation"], report["status"]) == ("spanning-tree", "two-way", "complete")
+    assert (report["tour"], report["allocation"], report["status"]) == (
+        "spanning-tree",
+        "two-way",
+        "complete",
+    )
     times = {one["allocation"]: one["cells"] for one in report["compared"]}
     assert list(times)[:2] == ["two-way", "hop"]
     assert times["two-way"] == min(times.values()) == report["planned_cells"]
     assert list(episode.metrics)[: len(SearchProblem.measures)] == list(SearchProblem.measures)
     assert episode.makespan == episode.metrics["makespan"] == report["makespan_s"]
     assert episode.reason.startswith("all 36 cells that robots can reach were searched after ")
-    assert not run(SearchProblem("square:40", robots=127, footprint=8)).simulated  # each tells each of a share of all
-    assert run(SearchProblem("square:60", robots=2, simulate=False)).reason.endswith("nothing was simulated")
+    assert not run(
+        SearchProblem("square:40", robots=127, footprint=8)
+    ).simulated  # each tells each of a share of all
+    assert run(SearchProblem("square:60", robots=2, simulate=False)).reason.endswith(
+        "nothing was simulated"
+    )
     dead = run(SearchProblem("square:60", robots=2, faults="crash:1@3,crash:2@4"))
     assert not dead
     assert dead.makespan is None
     searched = {int(cell) for log in dead.trace.robots for cell in log.cells}
-    assert dead.reason == f"{36 - len(searched)} of 36 cells that robots can reach were never searched"
+    assert (
+        dead.reason == f"{36 - len(searched)} of 36 cells that robots can reach were never searched"
+    )
 
 
 @pytest.mark.parametrize("fields", [{"tour": "hilbrt"}, {"allocation": "hope"}])

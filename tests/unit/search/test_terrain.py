@@ -10,19 +10,26 @@ import numpy as np
 import pytest
 from PIL import Image, TiffImagePlugin
 from pyproj import Transformer
-from tests.reference.flight import bilinear, ground_speed, legs_of, seconds_of, usable_seconds, way_of_plan
+from tests.reference.flight import (
+    bilinear,
+    ground_speed,
+    legs_of,
+    seconds_of,
+    usable_seconds,
+    way_of_plan,
+)
 from tests.reference.missions import READERS
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
+from shoal.missions import checking as lint
+from shoal.missions import missions_of, read_mission, write_missions
+from shoal.missions.approach import clearance_of
 from shoal.search import LocalFrame
-from shoal.search.flight import terrain_files
+from shoal.search.flight import terrain as terrain_files
 from shoal.search.flight.flight import Flight
-from shoal.search.flight.terrain import Terrain
-from shoal.search.flight.terrain_files import open_terrain
+from shoal.search.flight.terrain import Terrain, open_terrain
 from shoal.search.flight.vehicle import vehicle_of
-from shoal.search.missions import lint, missions_of, read_mission, write_missions
-from shoal.search.missions.approach import clearance_of
 
 FRAME = LocalFrame(8.5, 47.4)
 TO_UTM = Transformer.from_crs(4326, 32632, always_xy=True)
@@ -38,11 +45,25 @@ def mountain():
     return np.maximum(900 - 14.0 * np.hypot(x, y), 500) + rng.uniform(-6, 6, (SIDE, SIDE))
 
 
-def write_geotiff(path, heights, *, code=32632, no_data=None, model=1, points=False, cell=CELL, corner=None, **more):
+def write_geotiff(
+    path,
+    heights,
+    *,
+    code=32632,
+    no_data=None,
+    model=1,
+    points=False,
+    cell=CELL,
+    corner=None,
+    **more,
+):
     """Write heights, first row southernmost, with the tags of a GeoTIFF."""
     tags = TiffImagePlugin.ImageFileDirectory_v2()
     half = CELL / 2
-    west, north = corner or (EAST - SIDE // 2 * CELL - (0 if points else half), NORTH + SIDE // 2 * CELL + (0 if points else half))
+    west, north = corner or (
+        EAST - SIDE // 2 * CELL - (0 if points else half),
+        NORTH + SIDE // 2 * CELL + (0 if points else half),
+    )
     tags[33550], tags.tagtype[33550] = (cell, cell, 0.0), 12
     tags[33922], tags.tagtype[33922] = (0.0, 0.0, 0.0, west, north, 0.0), 12
     keys = [
@@ -51,12 +72,17 @@ def write_geotiff(path, heights, *, code=32632, no_data=None, model=1, points=Fa
         *([(3072 if model == 1 else 2048, code)] if code else []),
         *more.get("keys", []),
     ]
-    tags[34735], tags.tagtype[34735] = (1, 1, 0, len(keys), *(value for key, number in keys for value in (key, 0, 1, number))), 3
+    tags[34735], tags.tagtype[34735] = (
+        (1, 1, 0, len(keys), *(value for key, number in keys for value in (key, 0, 1, number))),
+        3,
+    )
     if no_data is not None:
         tags[42113] = str(no_data)
     for tag in more.get("without", ()):
         del tags[tag]
-    Image.fromarray(np.asarray(heights, dtype=np.float32)[::-1]).save(path, tiffinfo=tags, compression="tiff_deflate")
+    Image.fromarray(np.asarray(heights, dtype=np.float32)[::-1]).save(
+        path, tiffinfo=tags, compression="tiff_deflate"
+    )
 
 
 def height_there(grid, longitude, latitude):
@@ -75,12 +101,21 @@ def hills(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("vehicle", "error"),
-    [("multirotor,endurance=500", 2.0), ("fixed-wing,climb_speed=30,sink_speed=30", 5.0), ("multirotor,endurance=25", 1.0)],
+    [
+        ("multirotor,endurance=500", 2.0),
+        ("fixed-wing,climb_speed=30,sink_speed=30", 5.0),
+        ("multirotor,endurance=25", 1.0),
+    ],
 )
 def test_missions_keep_their_height_above_a_mountain(vehicle, error, hills, tmp_path):
     """Every metre of every leg of the files, as computed from the grid by other code."""
     path, grid = hills
-    options = {"vehicle": vehicle, "altitude_frame": "ground", "terrain": open_terrain(path), "terrain_error": error}
+    options = {
+        "vehicle": vehicle,
+        "altitude_frame": "ground",
+        "terrain": open_terrain(path),
+        "terrain_error": error,
+    }
     missions = missions_of(LANES, FRAME, home=(-600, -450), link=101.0, **options)
     wanted = vehicle_of(vehicle).height
     files = write_missions(missions, tmp_path, formats=["plan"])
@@ -89,7 +124,9 @@ def test_missions_keep_their_height_above_a_mountain(vehicle, error, hills, tmp_
     for file in files:
         way = way_of_plan(file)
         base = height_there(grid, *way[0][:2])
-        for (x, y, z), (east, north, top) in pairwise(way[1:-1]):  # up over home and down to it apart
+        for (x, y, z), (east, north, top) in pairwise(
+            way[1:-1]
+        ):  # up over home and down to it apart
             count = max(1, round(math.hypot((east - x) * 75_000, (north - y) * 111_000)))
             for step in range(count + 1):
                 share = step / count
@@ -109,7 +146,10 @@ def test_missions_keep_their_height_above_a_mountain(vehicle, error, hills, tmp_
 
 def test_a_fixed_wing_rises_before_the_mountain_as_fast_as_it_can_and_no_faster(hills, tmp_path):
     path, _ = hills
-    wing, ground = vehicle_of("fixed-wing,turn_radius=20,wind_speed=4,wind_from=250"), open_terrain(path)
+    wing, ground = (
+        vehicle_of("fixed-wing,turn_radius=20,wind_speed=4,wind_from=250"),
+        open_terrain(path),
+    )
     asked = {"vehicle": wing, "altitude_frame": "ground", "terrain": ground, "terrain_error": 5.0}
     missions = missions_of(LANES, FRAME, home=(-600, -600), link=101.0, **asked)
     told = {name: value for name, value in wing.to_dict(defaults=True).items() if value is not None}
@@ -120,12 +160,20 @@ def test_a_fixed_wing_rises_before_the_mountain_as_fast_as_it_can_and_no_faster(
             assert -2.0 * lasting - 0.02 <= up <= 3.0 * lasting + 0.02, leg
         assert seconds_of(way, told) <= usable_seconds(told)
     seen = clearance_of(missions, ground, FRAME)
-    assert 8 < seen.lowest < 80 < 120 < seen.highest  # lowest where it climbs in circles after take-off
+    assert (
+        8 < seen.lowest < 80 < 120 < seen.highest
+    )  # lowest where it climbs in circles after take-off
     ups = missions[0].altitudes  # heights above ground differ: files say so
     assert ups[np.argmax(ups >= 75) :].min() >= 75
     assert not [one for one in lint(tmp_path, vehicle=wing) if one.severity == "error"]
     write_missions(
-        missions_of(LANES, FRAME, home=(-600, -600), link=101.0, **asked | {"vehicle": "fixed-wing,climb_speed=30,sink_speed=30"}),
+        missions_of(
+            LANES,
+            FRAME,
+            home=(-600, -600),
+            link=101.0,
+            **asked | {"vehicle": "fixed-wing,climb_speed=30,sink_speed=30"},
+        ),
         tmp_path,
     )
     found = lint(tmp_path, vehicle=wing)
@@ -140,7 +188,11 @@ def test_formats_say_what_altitudes_count_from(hills, tmp_path):
     cases = {
         "ground": {"vehicle": "multirotor", "altitude_frame": "ground", "terrain": terrain},
         "sea": {"vehicle": "multirotor,altitude=1000,endurance=500", "altitude_frame": "sea"},
-        "sea over terrain": {**level, "vehicle": "multirotor,altitude=1000,endurance=500", "altitude_frame": "sea"},
+        "sea over terrain": {
+            **level,
+            "vehicle": "multirotor,altitude=1000,endurance=500",
+            "altitude_frame": "sea",
+        },
         "home over terrain": level,
         "home": {},
     }
@@ -157,12 +209,19 @@ def test_formats_say_what_altitudes_count_from(hills, tmp_path):
             else:
                 assert again.altitude == pytest.approx(mission.altitude)
                 assert again.altitude_frame == mission.altitude_frame
-        kml, gpx = ((tmp_path / name / f"robot-01{suffix}").read_text() for suffix in (".kml", ".gpx"))
+        kml, gpx = (
+            (tmp_path / name / f"robot-01{suffix}").read_text() for suffix in (".kml", ".gpx")
+        )
         plan = json.loads((tmp_path / name / "robot-01.plan").read_text())["mission"]
         mode = kml.split("<altitudeMode>")[1].split("<")[0]
         first = float(kml.split("<coordinates>\n")[1].split("\n")[0].split(",")[2])
         raised = float(gpx.split("<ele>")[1].split("<")[0]) if "<ele>" in gpx else None
-        said[name] = mode, round(first), None if raised is None else round(raised), plan["globalPlanAltitudeMode"]
+        said[name] = (
+            mode,
+            round(first),
+            None if raised is None else round(raised),
+            plan["globalPlanAltitudeMode"],
+        )
     assert said == {
         "ground": ("relativeToGround", 30, round(base + 30), 1),
         "sea": ("absolute", 1000, 1000, 2),
@@ -175,11 +234,23 @@ def test_formats_say_what_altitudes_count_from(hills, tmp_path):
 
 def test_level_ways_that_meet_the_ground_are_refused(hills):
     with pytest.raises(
-        InvalidInputError, match=r"altitude: expected more than .* m above home, the height of the ground at .*, got 80"
+        InvalidInputError,
+        match=(
+            r"altitude: expected more than .* m above home, the height of the ground at .*, got 80"
+        ),
     ):
-        missions_of(LANES, FRAME, vehicle="multirotor,altitude=80,endurance=100", terrain=open_terrain(hills[0]))
-    with pytest.raises(InvalidInputError, match="expected heights of the ground under the whole path, got none at"):
-        missions_of([(0, 0), (9000, 0)], FRAME, altitude_frame="ground", terrain=open_terrain(hills[0]))
+        missions_of(
+            LANES,
+            FRAME,
+            vehicle="multirotor,altitude=80,endurance=100",
+            terrain=open_terrain(hills[0]),
+        )
+    with pytest.raises(
+        InvalidInputError, match="expected heights of the ground under the whole path, got none at"
+    ):
+        missions_of(
+            [(0, 0), (9000, 0)], FRAME, altitude_frame="ground", terrain=open_terrain(hills[0])
+        )
 
 
 def test_grids_of_both_formats_are_one(hills, tmp_path):
@@ -205,19 +276,32 @@ def test_grids_of_both_formats_are_one(hills, tmp_path):
 
 
 def test_heights_where_none_are(tmp_path):
-    (tmp_path / "flat.asc").write_text("ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2 3\n4 -9999 6\n")
+    (tmp_path / "flat.asc").write_text(
+        "ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2 3\n4 -9999 6\n"
+    )
     terrain = open_terrain(tmp_path / "flat.asc")
     assert terrain.at([(5, 5), (15, 15), (5, 10)], None).tolist() == [4, 2, 2.5]
-    with pytest.raises(InvalidInputError, match=r"flat.asc: expected heights .*, got none at \(10, 5\)"):
+    with pytest.raises(
+        InvalidInputError, match=r"flat.asc: expected heights .*, got none at \(10, 5\)"
+    ):
         terrain.at([(10, 5)], None)
     with pytest.raises(
-        InvalidInputError, match="expected a position on Earth, as in the region, got metres without a position on Earth"
+        InvalidInputError,
+        match=(
+            "expected a position on Earth, as in the region, got metres without a position on Earth"
+        ),
     ):
         Terrain(np.zeros((2, 2)), 0, 0, (1, 1), None).at([(0, 0)], FRAME)
 
 
 def ascii_grid(**changes):
-    head = {"ncols": "2", "nrows": "2", "xllcorner": "0", "yllcorner": "0", "cellsize": "1"} | changes
+    head = {
+        "ncols": "2",
+        "nrows": "2",
+        "xllcorner": "0",
+        "yllcorner": "0",
+        "cellsize": "1",
+    } | changes
     body = head.pop("body", "1 2\n3 4\n")
     return "".join(f"{name} {value}\n" for name, value in head.items() if value is not None) + body
 
@@ -225,31 +309,79 @@ def ascii_grid(**changes):
 BAD = [
     ("a.asc", ascii_grid(body="1 2\n3 x\n"), "a.asc, line 7: expected numbers, got '3 x'"),
     ("a.asc", ascii_grid(body="1 2\n3\n"), "a.asc: expected 4 heights, ncols times nrows, got 3"),
-    ("a.asc", ascii_grid(ncols=None), "a.asc: expected ncols above 0 in the head of an ESRI ASCII grid, got none"),
+    (
+        "a.asc",
+        ascii_grid(ncols=None),
+        "a.asc: expected ncols above 0 in the head of an ESRI ASCII grid, got none",
+    ),
     ("a.asc", ascii_grid(cellsize="-1"), "a.asc: expected cellsize above 0"),
-    ("a.asc", ascii_grid(cellsize="wide"), "a.asc, line 5: expected a number as 'cellsize', got 'wide'"),
-    ("a.asc", ascii_grid(xllcorner=None), "a.asc: expected xllcorner and yllcorner, or xllcenter and yllcenter, got none"),
-    ("a.asc", ascii_grid(ncols="100000", nrows="100000"), "a.asc: expected at most 40000000 heights, got 100000 x 100000"),
-    ("a.asc", ascii_grid(ncols="1", nrows="4"), "a.asc: expected at least 2 rows and 2 columns of heights, got 4 and 1"),
+    (
+        "a.asc",
+        ascii_grid(cellsize="wide"),
+        "a.asc, line 5: expected a number as 'cellsize', got 'wide'",
+    ),
+    (
+        "a.asc",
+        ascii_grid(xllcorner=None),
+        "a.asc: expected xllcorner and yllcorner, or xllcenter and yllcenter, got none",
+    ),
+    (
+        "a.asc",
+        ascii_grid(ncols="100000", nrows="100000"),
+        "a.asc: expected at most 40000000 heights, got 100000 x 100000",
+    ),
+    (
+        "a.asc",
+        ascii_grid(ncols="1", nrows="4"),
+        "a.asc: expected at least 2 rows and 2 columns of heights, got 4 and 1",
+    ),
     (
         "a.asc",
         ascii_grid(body="1 2\n3 1e30\n"),
         "a.asc: expected heights of at most 20000 m, got 1e+30; the file may lack a NODATA value",
     ),
-    ("a.asc", ascii_grid(body="-9999 -9999\n-9999 nan\n"), "a.asc: expected heights, got a grid in which all heights are missing"),
-    ("a.asc", "ncols 2\nNCOLS 2\n" + ascii_grid(), "a.asc: expected nrows above 0 in the head of an ESRI ASCII grid, got none"),
+    (
+        "a.asc",
+        ascii_grid(body="-9999 -9999\n-9999 nan\n"),
+        "a.asc: expected heights, got a grid in which all heights are missing",
+    ),
+    (
+        "a.asc",
+        "ncols 2\nNCOLS 2\n" + ascii_grid(),
+        "a.asc: expected nrows above 0 in the head of an ESRI ASCII grid, got none",
+    ),
     ("a.asc", "hills", "a.asc: expected ncols above 0"),
     ("a.txt", "", "a.txt: expected heights in a file .tif or .asc, got the suffix '.txt'"),
     ("a.tif", "II*\0", "a.tif: expected a GeoTIFF, got one that cannot be read"),
     ("a.tif", "", "a.tif: expected a file of heights, got an empty file"),
-    ("a.tif", {"code": 32767}, "a.tif: expected the EPSG code of a coordinate reference system, got 32767"),
-    ("a.tif", {"code": None}, "a.tif: expected the EPSG code of a coordinate reference system, got none"),
+    (
+        "a.tif",
+        {"code": 32767},
+        "a.tif: expected the EPSG code of a coordinate reference system, got 32767",
+    ),
+    (
+        "a.tif",
+        {"code": None},
+        "a.tif: expected the EPSG code of a coordinate reference system, got none",
+    ),
     ("a.tif", {"code": 9}, "a.tif: expected a known coordinate reference system, got 'EPSG:9'"),
-    ("a.tif", {"code": 4978, "model": 2}, "a.tif: expected a geographic or projected coordinate reference system"),
+    (
+        "a.tif",
+        {"code": 4978, "model": 2},
+        "a.tif: expected a geographic or projected coordinate reference system",
+    ),
     ("a.tif", {"without": (34735,)}, "a.tif: expected a GeoTIFF, got a TIFF without the keys"),
-    ("a.tif", {"without": (33922,)}, "a.tif: expected the position of the grid (tags 33550 and 33922, or 34264), got none"),
+    (
+        "a.tif",
+        {"without": (33922,)},
+        "a.tif: expected the position of the grid (tags 33550 and 33922, or 34264), got none",
+    ),
     ("a.tif", {"cell": 0.0}, "a.tif: expected cells with sides above 0, got 0 x 0"),
-    ("a.tif", {"keys": [(4099, 9002)]}, "a.tif: expected heights in metres, got the unit EPSG:9002"),
+    (
+        "a.tif",
+        {"keys": [(4099, 9002)]},
+        "a.tif: expected heights in metres, got the unit EPSG:9002",
+    ),
 ]
 
 
@@ -268,7 +400,9 @@ def test_bad_files_of_heights_are_one_sentence(name, content, said, tmp_path, mo
 
 
 def test_a_flight_needs_what_its_altitude_counts_from():
-    with pytest.raises(InvalidInputError, match="altitude_frame: expected home or sea without a terrain"):
+    with pytest.raises(
+        InvalidInputError, match="altitude_frame: expected home or sea without a terrain"
+    ):
         Flight(vehicle_of("multirotor"), np.zeros(2), altitude_frame="ground")
     rover = Flight(vehicle_of("rover"), np.zeros(2), altitude_frame="ground")
     assert rover.waypoints(np.array([(5.0, 0.0)])).tolist() == [[5.0, 0.0, 0.0]]

@@ -23,7 +23,7 @@ from shoal.search import (
 )
 from shoal.search.tours import TOURS
 from shoal.testing import check_tour_maker
-from shoal.views.search.tours import tour_figure
+from shoal.views.search.figures import tour_figure
 
 NAMES = list(TOURS)
 SHAPES = [
@@ -52,8 +52,12 @@ def test_conformance(name):
 
 
 @pytest.mark.parametrize("name", CLOSED_BY_A_STEP)
-@pytest.mark.parametrize("shape", [*itertools.product(range(2, 12), repeat=2), (33, 64), (64, 33), (65, 65)], ids=str)
-def test_steps_in_a_rectangle_go_to_neighbours_and_one_diagonally_where_both_sides_are_odd(name, shape):
+@pytest.mark.parametrize(
+    "shape", [*itertools.product(range(2, 12), repeat=2), (33, 64), (64, 33), (65, 65)], ids=str
+)
+def test_steps_in_a_rectangle_go_to_neighbours_and_one_diagonally_where_both_sides_are_odd(
+    name, shape
+):
     steps = np.sort(make_tour(name, shape).steps)
     odd = shape[0] % 2 and shape[1] % 2
     assert np.all(steps[:-1] == 1)
@@ -115,7 +119,9 @@ def test_a_dead_end_costs_its_way_back():
     mask[:, :4] = True
     mask[3, 4:] = True
     metrics = make_tour("spanning-tree", mask).metrics()
-    assert metrics.length == pytest.approx(23 + math.hypot(8, 1))  # 23 steps to neighbours and one back to the room
+    assert metrics.length == pytest.approx(
+        23 + math.hypot(8, 1)
+    )  # 23 steps to neighbours and one back to the room
 
 
 def test_components_are_visited_one_after_the_other():
@@ -156,13 +162,22 @@ def test_encode_and_decode_keep_shapes():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: hilbert_decode(2**20, order=10), "expected 0 to 1048575 on the Hilbert curve of order 10, got 1048576"),
+        (
+            lambda: hilbert_decode(2**20, order=10),
+            "expected 0 to 1048575 on the Hilbert curve of order 10, got 1048576",
+        ),
         (lambda: hilbert_decode([0, -1], order=31), "got -1 at number 1"),
         (lambda: hilbert_decode(np.uint64(2**63), order=31), "got 9223372036854775808"),
         (lambda: hilbert_decode(8, order=1, dimensions=3), "expected 0 to 7 on"),
         (lambda: hilbert_decode(0, order=1, dimensions=4), "dimensions: expected 2 or 3, got 4"),
-        (lambda: hilbert_decode(0.5, order=1), "expected whole numbers that fit 64 bits, got dtype float64"),
-        (lambda: hilbert_decode(0, order=32), "order: expected a whole number from 0 to 31, got 32"),
+        (
+            lambda: hilbert_decode(0.5, order=1),
+            "expected whole numbers that fit 64 bits, got dtype float64",
+        ),
+        (
+            lambda: hilbert_decode(0, order=32),
+            "order: expected a whole number from 0 to 31, got 32",
+        ),
         (lambda: hilbert_decode(0, order=21, dimensions=3), "from 0 to 20, got"),
         (lambda: hilbert_decode(0, order=2.0), "got 2.0"),
         (lambda: hilbert_decode(0, order=True), "got True"),
@@ -200,20 +215,41 @@ class Broken:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: make_tour("comb", np.zeros((3, 3), dtype=bool)), "expected at least one cell to be searched, got none"),
-        (lambda: make_tour("comb", np.ones((3, 3))), "expected booleans, True for a cell to be searched, got dtype float64"),
+        (
+            lambda: make_tour("comb", np.zeros((3, 3), dtype=bool)),
+            "expected at least one cell to be searched, got none",
+        ),
+        (
+            lambda: make_tour("comb", np.ones((3, 3))),
+            "expected booleans, True for a cell to be searched, got dtype float64",
+        ),
         (lambda: make_tour("comb", np.ones((3, 3, 3, 3), dtype=bool)), "got an array of 4"),
-        (lambda: make_tour("comb", (3, 0)), r"expected at least one cell along each side, got \(3, 0\)"),
+        (
+            lambda: make_tour("comb", (3, 0)),
+            r"expected at least one cell along each side, got \(3, 0\)",
+        ),
         (lambda: make_tour("comb", (3,)), r"expected \(rows, columns\)"),
         (lambda: make_tour("comb", (2**20, 2**20)), "expected at most 268435456 cells"),
-        (lambda: make_tour("hilbert", (2, 2, 2**21)), "expected at most 1048576 cells along each side"),
+        (
+            lambda: make_tour("hilbert", (2, 2, 2**21)),
+            "expected at most 1048576 cells along each side",
+        ),
         (lambda: make_tour("combe", (3, 3)), "did you mean 'comb'"),
         (lambda: make_tour("math:pi", (3, 3)), "expected name, dimensions and make"),
         (lambda: make_tour(Broken(None), (2, 2)), "expected make.. to return a Tour, got NoneType"),
-        (lambda: make_tour(Broken(make_tour("comb", (2, 3))), (2, 2)), r"expected the shape \(2, 2\) of the mask, got \(2, 3\)"),
+        (
+            lambda: make_tour(Broken(make_tour("comb", (2, 3))), (2, 2)),
+            r"expected the shape \(2, 2\) of the mask, got \(2, 3\)",
+        ),
         (lambda: make_tour(Broken(tour_of([[0, 0], [0, 1]])), (2, 2)), r"leaves out cell \(1, 0\)"),
-        (lambda: make_tour(Broken(tour_of([[0, 0], [0, 1]])), np.eye(2, dtype=bool)), r"visits cell \(0, 1\)"),
-        (lambda: tour_of([[0, 0], [0, 1], [0, 0]]), r"expected each cell once, got \(0, 0\) again as number 2"),
+        (
+            lambda: make_tour(Broken(tour_of([[0, 0], [0, 1]])), np.eye(2, dtype=bool)),
+            r"visits cell \(0, 1\)",
+        ),
+        (
+            lambda: tour_of([[0, 0], [0, 1], [0, 0]]),
+            r"expected each cell once, got \(0, 0\) again as number 2",
+        ),
         (lambda: tour_of([[0, 0], [2, 1]]), r"cell \(2, 1\), number 1, is outside \(2, 2\)"),
         (lambda: tour_of([[0.0, 0]]), "expected whole numbers"),
         (lambda: tour_of(np.empty((0, 2), dtype=int)), "N at least 1"),
@@ -228,7 +264,18 @@ def tour_of(cells):
     return Tour(np.array(cells), (2, 2), closed=True, name="given")
 
 
-FIELDS = ["tour", "region", "shape", "closed", "cells", "length", "closing_edge", "turns", "turns_per_cell", "longest_step"]
+FIELDS = [
+    "tour",
+    "region",
+    "shape",
+    "closed",
+    "cells",
+    "length",
+    "closing_edge",
+    "turns",
+    "turns_per_cell",
+    "longest_step",
+]
 FIELDS += ["neighbour_steps", "neighbour_stretch", "dilation"]
 
 
@@ -241,7 +288,9 @@ def test_command(tmp_path, capsys):
     assert json.loads((tmp_path / "summary.json").read_text()) == result
     header, *rows = csv.reader((tmp_path / "tour.csv").read_text().splitlines())
     assert header == ["row", "col"]
-    assert np.array(rows, dtype=int).tolist() == make_tour("hilbert-rectangle", (7, 12)).cells.tolist()
+    assert (
+        np.array(rows, dtype=int).tolist() == make_tour("hilbert-rectangle", (7, 12)).cells.tolist()
+    )
 
 
 def test_command_in_space_and_on_a_map(tmp_path, capsys):
@@ -259,7 +308,9 @@ def test_sizes_that_are_none(size, capsys):
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("shape", [(8, 8), (1, 1), (1, 7), (40, 3), (210, 210), (4, 5, 6), (1, 1, 1)], ids=str)
+@pytest.mark.parametrize(
+    "shape", [(8, 8), (1, 1), (1, 7), (40, 3), (210, 210), (4, 5, 6), (1, 1, 1)], ids=str
+)
 def test_figures_are_drawn(shape, tmp_path):
     figure = tour_figure(make_tour("hilbert", shape))
     figure.savefig(tmp_path / "tour.png")
@@ -271,4 +322,8 @@ def test_figure_has_a_line_a_step_and_a_dashed_closing_edge():
     assert len(axes.collections[0].get_segments()) == 63
     dashed = [line for line in axes.lines if line.get_linestyle() == "--"]
     assert [line.get_xydata().tolist() for line in dashed] == [[[7, 7], [0, 7]]]
-    assert not [line for line in tour_figure(make_tour("open-hilbert", (8, 8))).axes[0].lines if line.get_linestyle() == "--"]
+    assert not [
+        line
+        for line in tour_figure(make_tour("open-hilbert", (8, 8))).axes[0].lines
+        if line.get_linestyle() == "--"
+    ]

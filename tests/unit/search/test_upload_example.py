@@ -1,4 +1,6 @@
-"""examples/upload_mission.py sends an autopilot what a file holds: here one that asks for item after item over no wire."""
+"""examples/upload_mission.py sends an autopilot what a file holds: here one that asks for item
+after item over no wire.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +13,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from shoal.missions import missions_of, write_missions
+from shoal.missions.fence import Fence
 from shoal.search import LocalFrame
-from shoal.search.missions import missions_of, write_missions
-from shoal.search.missions.fence import Fence
 
 EXAMPLE = runpy.run_path(str(Path(__file__).parents[3] / "examples" / "upload_mission.py"))
 AROUND, ZONE = (
@@ -38,12 +40,16 @@ class Autopilot:
 
     def recv_match(self, **_):
         name = "MISSION_ACK" if len(self.got) == self.wanted else "MISSION_REQUEST_INT"
-        return SimpleNamespace(get_type=lambda: name, mission_type=self.kind, type=self.verdict, seq=len(self.got))
+        return SimpleNamespace(
+            get_type=lambda: name, mission_type=self.kind, type=self.verdict, seq=len(self.got)
+        )
 
 
 @pytest.fixture
 def plan(tmp_path):
-    (mission,) = missions_of([(0, 0), (90, 0), (90, 20)], LocalFrame(8.5, 47.4), robot=1, vehicle="multirotor")
+    (mission,) = missions_of(
+        [(0, 0), (90, 0), (90, 20)], LocalFrame(8.5, 47.4), robot=1, vehicle="multirotor"
+    )
     mission = replace(mission, fence=Fence(AROUND, (ZONE,)), rally=((8.5, 47.4),))
     (path,) = write_missions([mission], tmp_path, formats=["plan"])
     return json.loads(path.read_text())
@@ -57,16 +63,25 @@ def test_the_items_of_a_file_are_sent_in_their_order(plan, with_home):
     sent = [(item[2], item[4], item[11:14]) for item in autopilot.got]
     home = [(16, (474000000, 85000000, 0.0))] * with_home
     written = [(item["command"], item["params"][4:]) for item in plan["mission"]["items"]]
-    expected = [*home, *((command, (round(y * 1e7), round(x * 1e7), z)) for command, (y, x, z) in written)]
+    expected = [
+        *home,
+        *((command, (round(y * 1e7), round(x * 1e7), z)) for command, (y, x, z) in written),
+    ]
     assert sent == [(number, command, place) for number, (command, place) in enumerate(expected)]
 
 
 def test_fence_and_rally_points_are_sent_with_their_commands(plan):
     found = EXAMPLE["items_of"](plan, with_home=False)
-    assert [(command, params[0]) for _, command, params in found["fence"]] == [(5001, 4)] * 4 + [(5002, 3)] * 3
-    assert [(command, params[4:6]) for _, command, params in found["rally"]] == [(5100, [47.4, 8.5])]
+    assert [(command, params[0]) for _, command, params in found["fence"]] == [(5001, 4)] * 4 + [
+        (5002, 3)
+    ] * 3
+    assert [(command, params[4:6]) for _, command, params in found["rally"]] == [
+        (5100, [47.4, 8.5])
+    ]
 
 
 def test_a_refusal_is_told(plan):
     with pytest.raises(SystemExit, match="MAV_MISSION_RESULT 4"):
-        EXAMPLE["upload"](Autopilot(verdict=4), EXAMPLE["items_of"](plan, with_home=False)["mission"], 0)
+        EXAMPLE["upload"](
+            Autopilot(verdict=4), EXAMPLE["items_of"](plan, with_home=False)["mission"], 0
+        )

@@ -12,22 +12,31 @@ from tests.reference.flight import ground_speed
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
-from shoal.search.allocation.plan import plan_search
+from shoal.missions.deconfliction import plan_missions
 from shoal.search.flight.flight import Flight
-from shoal.search.flight.pace import turn_cells, working_seconds
-from shoal.search.flight.timing import trajectory, turn_shares
+from shoal.search.flight.timing import trajectory, turn_cells, turn_shares, working_seconds
 from shoal.search.flight.vehicle import PRESETS, Vehicle, vehicle_of
-from shoal.search.missions.deconfliction import plan_missions
+from shoal.search.planning.plan import plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.run import run as run_search
 
-GOOD = {"preset": "fixed-wing", "cruise_speed": 18, "turn_radius": 60, "wind_speed": 5, "wind_from": 270}
+GOOD = {
+    "preset": "fixed-wing",
+    "cruise_speed": 18,
+    "turn_radius": 60,
+    "wind_speed": 5,
+    "wind_from": 270,
+}
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
 def test_a_vehicle_file(suffix, tmp_path):
     path = tmp_path / f"drone{suffix}"
-    text = json.dumps(GOOD) if suffix == ".json" else "\n".join(f"{name} = {json.dumps(value)}" for name, value in GOOD.items())
+    text = (
+        json.dumps(GOOD)
+        if suffix == ".json"
+        else "\n".join(f"{name} = {json.dumps(value)}" for name, value in GOOD.items())
+    )
     path.write_text(text)
     vehicle = vehicle_of(str(path))
     assert vehicle == vehicle_of(GOOD) == Vehicle(**GOOD) == vehicle_of(path)
@@ -46,23 +55,53 @@ def test_presets_stand_for_themselves(preset):
 
 
 BAD = [
-    ("d.toml", "cruise_speed = ", "d.toml: expected TOML in UTF-8, with each key once, got something else"),
-    ("d.toml", "cruise_speed = -3", "d.toml: cruise_speed: expected a number, above 0 and at most 100, got -3"),
+    (
+        "d.toml",
+        "cruise_speed = ",
+        "d.toml: expected TOML in UTF-8, with each key once, got something else",
+    ),
+    (
+        "d.toml",
+        "cruise_speed = -3",
+        "d.toml: cruise_speed: expected a number, above 0 and at most 100, got -3",
+    ),
     ("d.toml", 'cruise_speed = "fast"', "d.toml: cruise_speed: expected a number"),
-    ("d.toml", "cruise_sped = 3", "d.toml: cruise_sped: expected no such field, got 3 (did you mean 'cruise_speed'?)"),
-    ("d.toml", 'kind = "rover"', "d.toml: kind: expected no such field, got 'rover' (did you mean 'preset'?)"),
-    ("d.toml", 'preset = "zeppelin"', "d.toml: preset: expected one of ideal, multirotor, fixed-wing, rover, got 'zeppelin'"),
+    (
+        "d.toml",
+        "cruise_sped = 3",
+        "d.toml: cruise_sped: expected no such field, got 3 (did you mean 'cruise_speed'?)",
+    ),
+    (
+        "d.toml",
+        'kind = "rover"',
+        "d.toml: kind: expected no such field, got 'rover' (did you mean 'preset'?)",
+    ),
+    (
+        "d.toml",
+        'preset = "zeppelin"',
+        "d.toml: preset: expected one of ideal, multirotor, fixed-wing, rover, got 'zeppelin'",
+    ),
     (
         "d.toml",
         "wind_speed = 5",
-        "d.toml: wind_speed: expected less than the cruise_speed of 5 m/s, so that the vehicle can return",
+        (
+            "d.toml: wind_speed: expected less than the cruise_speed of 5 m/s, so that the vehicle"
+            " can return"
+        ),
     ),
     (
         "d.toml",
         "turn_radius = 9",
-        "d.toml: turn_radius: expected a radius above 0 for a fixed-wing, and 0 for a vehicle that turns",
+        (
+            "d.toml: turn_radius: expected a radius above 0 for a fixed-wing, and 0 for a vehicle"
+            " that turns"
+        ),
     ),
-    ("d.toml", 'preset = "fixed-wing"\nturn_radius = 0', "d.toml: turn_radius: expected a radius above 0 for a fixed-wing"),
+    (
+        "d.toml",
+        'preset = "fixed-wing"\nturn_radius = 0',
+        "d.toml: turn_radius: expected a radius above 0 for a fixed-wing",
+    ),
     (
         "d.toml",
         'preset = "fixed-wing"\nturn_radius = 5',
@@ -72,12 +111,31 @@ BAD = [
     (
         "d.toml",
         "endurance = 0.5",
-        "d.toml: endurance: expected more than the 0.533 min of climbing and sinking, without the reserve",
+        (
+            "d.toml: endurance: expected more than the 0.533 min of climbing and sinking, without"
+            " the reserve"
+        ),
     ),
-    ("d.toml", "altitude = 0", "d.toml: altitude: expected a number of metres above 0 for a vehicle that flies, got 0"),
-    ("d.toml", 'preset = "rover"\naltitude = 3', "d.toml: altitude: expected no value for a rover, got 3"),
-    ("d.toml", 'preset = "rover"\nwind_speed = 0.5', "d.toml: wind_speed: expected no value for a rover, got 0.5"),
-    ("d.toml", "sensor_width = 13", "d.toml: sensor_height: expected a value together with sensor_width, got none"),
+    (
+        "d.toml",
+        "altitude = 0",
+        "d.toml: altitude: expected a number of metres above 0 for a vehicle that flies, got 0",
+    ),
+    (
+        "d.toml",
+        'preset = "rover"\naltitude = 3',
+        "d.toml: altitude: expected no value for a rover, got 3",
+    ),
+    (
+        "d.toml",
+        'preset = "rover"\nwind_speed = 0.5',
+        "d.toml: wind_speed: expected no value for a rover, got 0.5",
+    ),
+    (
+        "d.toml",
+        "sensor_width = 13",
+        "d.toml: sensor_height: expected a value together with sensor_width, got none",
+    ),
     (
         "d.toml",
         "sensor_width = 9\nsensor_height = 6\nfocal_length = 9\ndetector_width = 3",
@@ -87,13 +145,24 @@ BAD = [
     ("d.toml", "altitude = nan", "d.toml: altitude: expected a number"),
     ("d.toml", "altitude = [3]", "d.toml: altitude: expected a number"),
     ("d.toml", "altitude = true", "d.toml: altitude: expected a number"),
-    ("d.toml", "x = " + "[" * 60 + "]" * 60, "d.toml: expected lists and objects that are nested at most 50 deep, got deeper ones"),
+    (
+        "d.toml",
+        "x = " + "[" * 60 + "]" * 60,
+        "d.toml: expected lists and objects that are nested at most 50 deep, got deeper ones",
+    ),
     ("d.toml", "#" * 100_001, "d.toml: expected a vehicle file of at most 100000 bytes"),
     ("d.toml", b"\xff", "d.toml"),
     ("d.json", "{", "d.json"),
     ("d.json", "[3]", "d.json: expected fields with values, got [3]"),
     ("d.json", '{"altitude": 1e999}', "d.json: altitude: expected a number"),
-    ("d.ini", "", "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml or .json, got 'd.ini'"),
+    (
+        "d.ini",
+        "",
+        (
+            "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml or"
+            " .json, got 'd.ini'"
+        ),
+    ),
 ]
 
 
@@ -112,7 +181,10 @@ def test_bad_vehicle_files_are_one_sentence(name, content, said, tmp_path, monke
     ("value", "said"),
     [
         ("multirotr", "did you mean 'multirotor'"),
-        ("multirotor,cruise_speed", "expected field=value after the preset or file, got 'cruise_speed'"),
+        (
+            "multirotor,cruise_speed",
+            "expected field=value after the preset or file, got 'cruise_speed'",
+        ),
         ("multirotor,cruise_speed=fast", "vehicle: cruise_speed: expected a number"),
         ("none.toml", "none.toml: expected a vehicle file, got no such file"),
         (3, "vehicle: expected a preset, a file or fields, got 3"),
@@ -130,7 +202,9 @@ def test_ground_speed_is_that_of_the_wind_triangle():
         wind, wind_from, bearing = rng.uniform(0, 11.9), rng.uniform(0, 360), rng.uniform(0, 360)
         vehicle = Vehicle(cruise_speed=12.0, wind_speed=wind, wind_from=wind_from)
         way = (math.sin(math.radians(bearing)), math.cos(math.radians(bearing)))
-        assert vehicle.ground_speed([way])[0] == pytest.approx(ground_speed(bearing, 12.0, wind, wind_from))
+        assert vehicle.ground_speed([way])[0] == pytest.approx(
+            ground_speed(bearing, 12.0, wind, wind_from)
+        )
 
 
 def test_a_camera():
@@ -151,24 +225,44 @@ def test_a_camera():
 
 
 def test_where_a_vehicle_is_when():
-    vehicle = Vehicle(cruise_speed=10.0, climb_speed=2.0, sink_speed=4.0, turn_time=6.0, wind_speed=5.0, wind_from=270.0)
-    flown = trajectory([(0, 0, 0), (0, 0, 20), (150, 0, 20), (150, 0, 20), (300, 0, 60), (0, 0, 60), (0, 0, 0)], vehicle)
-    # 3 s to start, 10 up, a turn, 10 with the wind, no turn where it goes straight on, 20 up, a turn, 60 against the wind, ...
+    vehicle = Vehicle(
+        cruise_speed=10.0,
+        climb_speed=2.0,
+        sink_speed=4.0,
+        turn_time=6.0,
+        wind_speed=5.0,
+        wind_from=270.0,
+    )
+    flown = trajectory(
+        [(0, 0, 0), (0, 0, 20), (150, 0, 20), (150, 0, 20), (300, 0, 60), (0, 0, 60), (0, 0, 0)],
+        vehicle,
+    )
+    # 3 s to start, 10 up, a turn, 10 with the wind, no turn where it goes straight on, 20 up, a
+    # turn, 60 against the wind, ...
     assert flown.duration == pytest.approx(3 + 10 + 6 + 10 + 20 + 6 + 60 + 6 + 15 + 3)
-    assert flown.at([0.0, 8.0, 16.0, 29.0]).tolist() == [[0, 0, 0], [0, 0, 10], [0, 0, 20], [150, 0, 20]]
+    assert flown.at([0.0, 8.0, 16.0, 29.0]).tolist() == [
+        [0, 0, 0],
+        [0, 0, 10],
+        [0, 0, 20],
+        [150, 0, 20],
+    ]
     assert (np.diff(flown.times) >= 0).all()
     slow = trajectory([(0, 0, 0), (100, 0, 0)], Vehicle(cruise_speed=10.0, turn_time=0.0), rate=0.5)
     assert slow.duration == 20
 
 
 def test_a_rate_below_the_wind_is_refused():
-    with pytest.raises(InvalidInputError, match="wind_speed: expected less than the cruise_speed of 5 m/s"):
+    with pytest.raises(
+        InvalidInputError, match="wind_speed: expected less than the cruise_speed of 5 m/s"
+    ):
         Flight(Vehicle(cruise_speed=10.0, wind_speed=5.0), np.zeros(2), rate=0.5)
 
 
 def test_planners_reckon_with_the_vehicle():
     """The cost of turns, the time of a cell and the battery, in cells."""
-    vehicle = vehicle_of("multirotor,cruise_speed=8,turn_time=5,endurance=20,reserve=0.25,climb_speed=3,sink_speed=1,recharge=4")
+    vehicle = vehicle_of(
+        "multirotor,cruise_speed=8,turn_time=5,endurance=20,reserve=0.25,climb_speed=3,sink_speed=1,recharge=4"
+    )
     problem = SearchProblem("square:200", robots=2, footprint=20, vehicle=vehicle)
     plan = plan_search(problem)
     assert plan.tour_cost.turn_cost == turn_cells(vehicle, 20.0) == 2.0
@@ -185,7 +279,9 @@ def test_planners_reckon_with_the_vehicle():
 
 
 def test_a_smooth_curve_costs_what_it_costs_to_fly():
-    """A quarter of a circle in many small bends: the arc at its speed, slower before and faster after it, and no stop at all."""
+    """A quarter of a circle in many small bends: the arc at its speed, slower before and faster
+    after it, and no stop at all.
+    """
     speed, turn = 8.0, 3.2
     vehicle = Vehicle(cruise_speed=speed, turn_time=turn)
     for radius in (0.5, 2.0, 5.0, 10.0, 20.0, 40.0):
@@ -214,12 +310,21 @@ def test_legs_shorter_than_the_acceptance_radius_are_merged_outside_the_curve():
     assert np.hypot(*np.diff(merged_way, axis=0).T).min() > 1.0
     assert (merged_way[[0, -1]] == way[[0, -1]]).all()
     assert shapely.intersection(shapely.linestrings(merged_way), zone.buffer(-0.005)).is_empty
-    assert shapely.hausdorff_distance(shapely.linestrings(merged_way), shapely.linestrings(way), densify=0.01) < 0.2
+    assert (
+        shapely.hausdorff_distance(
+            shapely.linestrings(merged_way), shapely.linestrings(way), densify=0.01
+        )
+        < 0.2
+    )
 
 
 def test_a_short_leg_at_an_end_of_a_way_becomes_longer_where_a_zone_is_in_the_way():
-    """A way home that began with a leg of 0.27 m around a zone kept this leg, though the acceptance radius was 1 m."""
-    way = np.array([[4.151, -29.965], [4.143, -29.696], [5.384, -21.892], [9.076, -14.679], [60.0, 20.0]])
+    """A way home that began with a leg of 0.27 m around a zone kept this leg, though the acceptance
+    radius was 1 m.
+    """
+    way = np.array(
+        [[4.151, -29.965], [4.143, -29.696], [5.384, -21.892], [9.076, -14.679], [60.0, 20.0]]
+    )
     zone = shapely.Polygon([[4.17, -29.965], *way[1:4], [40.0, -20.0]]).buffer(-0.001)
     for there in (way, way[::-1]):
         flight = Flight(vehicle_of("multirotor"), there[-1], link=40.0, blocked=zone)
@@ -232,20 +337,30 @@ def test_a_short_leg_at_an_end_of_a_way_becomes_longer_where_a_zone_is_in_the_wa
 
 
 def test_a_start_and_a_stop_take_their_time_also_without_motion():
-    """The home and the waypoint of a mission of one point differed by rounding in a plan, and not in the file: 2 s and 0 s."""
+    """The home and the waypoint of a mission of one point differed by rounding in a plan, and not
+    in the file: 2 s and 0 s.
+    """
     vehicle = vehicle_of("rover")
-    still, rounded = (trajectory([(0, 0, 0), (off, 0, 0), (0, 0, 0)], vehicle).duration for off in (0.0, 1e-9))
+    still, rounded = (
+        trajectory([(0, 0, 0), (off, 0, 0), (0, 0, 0)], vehicle).duration for off in (0.0, 1e-9)
+    )
     assert still == pytest.approx(rounded)
     assert still == vehicle.turn_seconds > 0
 
 
 def test_no_bend_takes_less_than_no_time():
-    """Rounding made the time that is lost in a bend -7e-15 turns, and a search was refused because of it."""
+    """Rounding made the time that is lost in a bend -7e-15 turns, and a search was refused because
+    of it.
+    """
     for seed in (*range(40), 104, 757, 1078, 1242):
         rng = np.random.default_rng(seed)
         count = int(rng.integers(4, 30))
         headings = np.radians(np.cumsum(rng.uniform(-40, 40, count) * rng.integers(0, 2, count)))
-        legs = rng.choice([0.3, 1, 5, 30.0], count)[:, None] * np.column_stack([np.cos(headings), np.sin(headings)])
+        legs = rng.choice([0.3, 1, 5, 30.0], count)[:, None] * np.column_stack(
+            [np.cos(headings), np.sin(headings)]
+        )
         way = np.vstack([[0, 0], np.cumsum(legs, axis=0)])
-        shares = turn_shares(way, reach=float(rng.choice([0.1, 1, 5, 20])), cut=float(rng.choice([0.3, 1.0])))
+        shares = turn_shares(
+            way, reach=float(rng.choice([0.1, 1, 5, 20])), cut=float(rng.choice([0.3, 1.0]))
+        )
         assert shares.min() >= 0

@@ -9,9 +9,19 @@ import pytest
 from tests.steering import steer
 
 from shoal.core.errors import InvalidInputError
-from shoal.steering import ContactWorld, SteeringProblem, SteeringTask, disk, polygon, prism, region, regular_polygon
-from shoal.steering.contact.region_world import RegionWorld
-from shoal.steering.planners import sampling, shortening
+from shoal.steering import (
+    ContactWorld,
+    SteeringProblem,
+    SteeringTask,
+    disk,
+    polygon,
+    prism,
+    region,
+    regular_polygon,
+)
+from shoal.steering.contact.world import RegionWorld
+from shoal.steering.planners import sampling
+from shoal.steering.planners import shortest as shortening
 from shoal.steering.planners.sampling import Sampling
 from shoal.steering.planners.sampling import _sees as sees
 
@@ -19,8 +29,14 @@ SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 YARD = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]])
 CORNER = region([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)])
 TURNS = np.arange(60) * np.pi / 30
-STAR = region(np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1) * np.where(np.arange(60) % 2, 0.6, 1.0)[:, None])
-POSTS = region([(0, 0), (6, 0), (6, 4), (0, 4)], [[(1, 1), (2, 0.8), (2.2, 2.5)], [(3.5, 1.5), (5, 1.2), (4.6, 2.9), (3.8, 3)]])
+STAR = region(
+    np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1)
+    * np.where(np.arange(60) % 2, 0.6, 1.0)[:, None]
+)
+POSTS = region(
+    [(0, 0), (6, 0), (6, 4), (0, 4)],
+    [[(1, 1), (2, 0.8), (2.2, 2.5)], [(3.5, 1.5), (5, 1.2), (4.6, 2.9), (3.8, 3)]],
+)
 
 
 @pytest.fixture
@@ -35,7 +51,9 @@ quick = pytest.mark.usefixtures("few_trees")
 
 def planned(world, start, goal, tolerance=1e-6, *, max_moves=100, seed=0):
     """The moves, replayed by the stepper alone."""
-    task = SteeringTask(world, np.array(start, dtype=float), np.array(goal, dtype=float), tolerance, max_moves, seed)
+    task = SteeringTask(
+        world, np.array(start, dtype=float), np.array(goal, dtype=float), tolerance, max_moves, seed
+    )
     moves = Sampling().plan(task)
     assert moves is not None
     assert len(moves) <= max_moves
@@ -65,9 +83,17 @@ def test_two_particles_around_obstacles(room, start, goal):
 @pytest.mark.parametrize(
     ("room", "points", "best_known"),
     [
-        (YARD, [(0.01, 3.89), (1.19, 1.26), (3.57, 2.34), (1.89, 3.09)], 5.83),  # were 8.1 to 10.7 long
+        (
+            YARD,
+            [(0.01, 3.89), (1.19, 1.26), (3.57, 2.34), (1.89, 3.09)],
+            5.83,
+        ),  # were 8.1 to 10.7 long
         (YARD, [(1.19, 2.97), (2.89, 0.87), (3.32, 2.63), (2.73, 3.28)], 5.42),  # 9.6
-        (POSTS, [(0.142, 1.191), (1.69, 2.687), (2.924, 0.372), (0.077, 2.417)], 5.425),  # 6.9: one wall after the other holds
+        (
+            POSTS,
+            [(0.142, 1.191), (1.69, 2.687), (2.924, 0.372), (0.077, 2.417)],
+            5.425,
+        ),  # 6.9: one wall after the other holds
         (POSTS, [(2.652, 1.23), (4.217, 0.943), (5.461, 0.828), (2.122, 2.578)], 6.208),  # 9.1
     ],
 )
@@ -87,7 +113,10 @@ def test_a_mere_translation_goes_around():
 @quick
 @pytest.mark.parametrize("room", [SQUARE, disk(), regular_polygon(5)])
 def test_two_particles_in_convex_workspaces(room):
-    start, goal = [np.array(pair) * 0.4 + room.center for pair in ([(0.1, 0.2), (0.5, 0.4)], [(-0.3, 0.1), (0.4, -0.5)])]
+    start, goal = [
+        np.array(pair) * 0.4 + room.center
+        for pair in ([(0.1, 0.2), (0.5, 0.4)], [(-0.3, 0.1), (0.4, -0.5)])
+    ]
     planned(ContactWorld(room), start, goal)
 
 
@@ -116,7 +145,9 @@ def test_friction_and_goals_on_walls():
 def test_few_moves_are_enough_or_nothing_is_found():
     world, pairs = ContactWorld(SQUARE), ([(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)])
     assert len(planned(world, *pairs, max_moves=3)) == 3
-    assert Sampling().plan(SteeringTask(world, *(np.array(pair) for pair in pairs), 1e-6, 1)) is None
+    assert (
+        Sampling().plan(SteeringTask(world, *(np.array(pair) for pair in pairs), 1e-6, 1)) is None
+    )
 
 
 @quick
@@ -129,14 +160,21 @@ def test_seeds():
 
 @quick
 def test_size_changes_nothing():
-    world = [RegionWorld(region(scale * YARD.outline, [scale * YARD.obstacles[0]])) for scale in (1.0, 1024.0)]
+    world = [
+        RegionWorld(region(scale * YARD.outline, [scale * YARD.obstacles[0]]))
+        for scale in (1.0, 1024.0)
+    ]
     start, goal = np.array([(1.2, 2.0), (2.8, 2.0)]), np.array([(2.8, 2.0), (1.2, 2.0)])
     small = planned(world[0], start, goal)
-    np.testing.assert_allclose(planned(world[1], 1024 * start, 1024 * goal, 1024e-6), 1024 * small, rtol=1e-9)
+    np.testing.assert_allclose(
+        planned(world[1], 1024 * start, 1024 * goal, 1024e-6), 1024 * small, rtol=1e-9
+    )
 
 
 def test_edges_that_are_left_out_would_not_have_been_met():
-    """As if each particle had a look at every edge, where it only does at those in boxes that it comes near."""
+    """As if each particle had a look at every edge, where it only does at those in boxes that it
+    comes near.
+    """
     chance = np.random.default_rng(3)
     for room in (YARD, CORNER, POSTS, STAR):
         world, other = RegionWorld(room), RegionWorld(room)
@@ -151,7 +189,9 @@ def test_edges_that_are_left_out_would_not_have_been_met():
 
 
 def test_many_corners_are_looked_from_as_they_are_needed(monkeypatch):
-    """Not from each to each: 600 corners took 78 CPU seconds, most of them before the clock was looked at."""
+    """Not from each to each: 600 corners took 78 CPU seconds, most of them before the clock was
+    looked at.
+    """
     asked = []
     monkeypatch.setattr(sampling, "_sees", lambda *given: asked.append(given) or sees(*given))
     start, goal = np.array([(-0.5, 0.3), (-0.5, 0.1)]), np.array([(0.5, 0.1), (0.5, -0.1)])
@@ -166,30 +206,52 @@ def test_many_corners_are_looked_from_as_they_are_needed(monkeypatch):
 
 
 def test_what_cannot_be(monkeypatch):
-    """Particles at one point stay together, and goals in parts that no way joins are not reached."""
+    """Particles at one point stay together, and goals in parts that no way joins are
+    not reached.
+    """
     monkeypatch.setattr(sampling, "TREES", 1)
     monkeypatch.setattr(sampling, "ROUNDS", 10_000)
     apart = region([(0, 0), (9, 0), (9, 1), (5, 1), (4.5, 1e-3), (4, 1), (0, 1)])
-    task = SteeringTask(RegionWorld(CORNER), np.array([(0.5, 0.5), (0.5, 0.5)]), np.array([(0.5, 0.5), (0.6, 0.5)]), 1e-6, 100, 0)
+    task = SteeringTask(
+        RegionWorld(CORNER),
+        np.array([(0.5, 0.5), (0.5, 0.5)]),
+        np.array([(0.5, 0.5), (0.6, 0.5)]),
+        1e-6,
+        100,
+        0,
+    )
     assert Sampling().plan(task) is None
-    few = SteeringTask(RegionWorld(apart), np.array([(0.5, 0.5), (0.7, 0.5)]), np.array([(8.5, 0.5), (0.3, 0.2)]), 1e-6, 2, 0)
+    few = SteeringTask(
+        RegionWorld(apart),
+        np.array([(0.5, 0.5), (0.7, 0.5)]),
+        np.array([(8.5, 0.5), (0.3, 0.2)]),
+        1e-6,
+        2,
+        0,
+    )
     assert Sampling().plan(few) is None
     space = prism(SQUARE, 1.0)
     high = np.array([(0.2, 0.2, 0.2), (0.4, 0.4, 0.4)])
-    with pytest.raises(InvalidInputError, match="planner sampling: expected a plane workspace, got a prism"):
+    with pytest.raises(
+        InvalidInputError, match="planner sampling: expected a plane workspace, got a prism"
+    ):
         Sampling().plan(SteeringTask(ContactWorld(space), high, high[::-1], 1e-6))
 
 
 @quick
 def test_steer_with_it():
-    problem = SteeringProblem(YARD, [(0.5, 0.5), (0.7, 0.5)], [(3.5, 3.7), (3.5, 3.5)], interchangeable=True)
+    problem = SteeringProblem(
+        YARD, [(0.5, 0.5), (0.7, 0.5)], [(3.5, 3.7), (3.5, 3.5)], interchangeable=True
+    )
     episode = steer(problem, planner="sampling")
     assert episode
     assert episode.planner == "sampling"
     assert steer(problem).planner == "sampling"
     with pytest.raises(InvalidInputError, match="expected no friction"):
         steer(problem, planner="sampling", friction=0.5)
-    with pytest.raises(InvalidInputError, match="planner greedy: expected a convex workspace, got a region"):
+    with pytest.raises(
+        InvalidInputError, match="planner greedy: expected a convex workspace, got a region"
+    ):
         steer(problem, planner="greedy")
 
 

@@ -10,18 +10,48 @@ import pytest
 from tests.reference.test_steering import random_point
 from tests.steering import steer
 
-from shoal.steering import ContactWorld, SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
+from shoal.steering import (
+    ContactWorld,
+    SteeringProblem,
+    cylinder,
+    disk,
+    polygon,
+    prism,
+    region,
+    regular_polygon,
+)
 
 SEVEN = polygon(
-    [(0.9994, 0.407), (0.4218, 0.5772), (-0.6892, 0.5416), (-0.9426, 0.4653), (-0.994, 0.4213), (0.1934, 0.2083), (0.5959, 0.2431)]
+    [
+        (0.9994, 0.407),
+        (0.4218, 0.5772),
+        (-0.6892, 0.5416),
+        (-0.9426, 0.4653),
+        (-0.994, 0.4213),
+        (0.1934, 0.2083),
+        (0.5959, 0.2431),
+    ]
 )
 OPPOSITE = SteeringProblem(disk(0.5), [(0, 0), (0.2, 0.4)], [(0.48, 0), (-0.48, 0)])
 
-# The best known come from a search of chains by random changes, 8 s each; the planner found those in the last column before.
+# The best known come from a search of chains by random changes, 8 s each; the planner found those
+# in the last column before.
 KNOWN = [
     (OPPOSITE, 2.384, 4.699),
-    (SteeringProblem(disk(0.5), [(0.4196, 0.1147), (0.2776, -0.3445)], [(0.1948, -0.4265), (-0.2718, 0.3525)]), 2.335, 3.065),
-    (SteeringProblem(SEVEN, [(-0.454, 0.3961), (-0.4874, 0.3799)], [(-0.8147, 0.4984), (0.0247, 0.2593)]), 1.404, 1.755),
+    (
+        SteeringProblem(
+            disk(0.5), [(0.4196, 0.1147), (0.2776, -0.3445)], [(0.1948, -0.4265), (-0.2718, 0.3525)]
+        ),
+        2.335,
+        3.065,
+    ),
+    (
+        SteeringProblem(
+            SEVEN, [(-0.454, 0.3961), (-0.4874, 0.3799)], [(-0.8147, 0.4984), (0.0247, 0.2593)]
+        ),
+        1.404,
+        1.755,
+    ),
     (
         SteeringProblem(
             cylinder(0.4337, 1.1196),
@@ -40,7 +70,7 @@ KNOWN = [
         1.533,
         2.135,
     ),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("problem", "known", "before"), KNOWN)
@@ -50,7 +80,10 @@ def test_plans_of_many_cycles_come_near_to_the_best_known(problem, known, before
     assert episode.length <= 1.03 * known < before
 
 
-@pytest.mark.parametrize("room", [disk(0.5), regular_polygon(6), SEVEN, cylinder(0.5, 0.8), prism(regular_polygon(5), 0.7)])
+@pytest.mark.parametrize(
+    "room",
+    [disk(0.5), regular_polygon(6), SEVEN, cylinder(0.5, 0.8), prism(regular_polygon(5), 0.7)],
+)
 def test_no_other_planner_finds_a_shorter_plan(room):
     rng = np.random.default_rng(7)
     for _ in range(2):
@@ -91,7 +124,9 @@ def test_a_region_is_searched_no_longer_than_the_budget():
 @pytest.mark.parametrize("planner", ["fewest-moves", "shortest"])
 def test_a_budget_is_kept_on_many_corners(planner):
     """A map of differences over 200 corners took minutes, whatever the budget."""
-    problem = SteeringProblem(regular_polygon(200), [(0.1, 0.2), (-0.2, 0.1)], [(-0.1, 0.3), (0.2, -0.2)], planner=planner)
+    problem = SteeringProblem(
+        regular_polygon(200), [(0.1, 0.2), (-0.2, 0.1)], [(-0.1, 0.3), (0.2, -0.2)], planner=planner
+    )
     for seconds in (0.01, 0.5):
         steer(problem, time=seconds)  # kernels are compiled
         begun = time.process_time()
@@ -118,13 +153,23 @@ def test_a_half_disk_with_an_arc_of_many_corners():
     episode = steer(SteeringProblem(room, [(0.1, 0.5), (0.3, 0.2)], [(-0.6, 0.3), (0.5, 0.6)]))
     few = polygon(np.stack([np.cos(angles[::12]), np.sin(angles[::12])], axis=1))
     assert episode
-    assert episode.length <= 1.03 * steer(SteeringProblem(few, [(0.1, 0.5), (0.3, 0.2)], [(-0.6, 0.3), (0.5, 0.6)])).length
+    assert (
+        episode.length
+        <= 1.03
+        * steer(SteeringProblem(few, [(0.1, 0.5), (0.3, 0.2)], [(-0.6, 0.3), (0.5, 0.6)])).length
+    )
 
 
 def exact_error(episode):
-    """How far from its goal a particle ends where only who is within 1e-12 of the size is on a wall."""
+    """How far from its goal a particle ends where only who is within 1e-12 of the size is on a
+    wall.
+    """
     world = ContactWorld(episode.problem.place, touch=1e-12)
-    return float(np.linalg.norm(world.play(episode.states[0], episode.inputs)[-1] - episode.goal, axis=1).max())
+    return float(
+        np.linalg.norm(
+            world.play(episode.states[0], episode.inputs)[-1] - episode.goal, axis=1
+        ).max()
+    )
 
 
 @pytest.mark.parametrize(
@@ -132,8 +177,14 @@ def exact_error(episode):
     [
         SteeringProblem(
             disk(0.5),
-            [(0.18684891622563704, -0.3812595743890008), (0.09653993459181098, -0.19311579494478037)],
-            [(0.2332797333765324, 0.44145731450983394), (0.18796984784863247, -0.27861994212560814)],
+            [
+                (0.18684891622563704, -0.3812595743890008),
+                (0.09653993459181098, -0.19311579494478037),
+            ],
+            [
+                (0.2332797333765324, 0.44145731450983394),
+                (0.18796984784863247, -0.27861994212560814),
+            ],
         ),
         SteeringProblem(
             polygon(
@@ -153,7 +204,9 @@ def exact_error(episode):
     ],
 )
 def test_plans_do_not_hold_by_the_tolerance_of_contacts_alone(problem):
-    """Their shortest plans ended .03 and .2 from a goal where walls hold only what is nearer than 1e-12."""
+    """Their shortest plans ended .03 and .2 from a goal where walls hold only what is nearer than
+    1e-12.
+    """
     episode = steer(problem)
     assert episode
     assert exact_error(episode) <= problem.tolerance
@@ -165,11 +218,20 @@ def test_a_plan_that_holds_by_the_tolerance_of_contacts_is_said_to_be_sensitive(
     square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
     problem = SteeringProblem(square, [(0.5e-9, 0.2), (0.5, 0.5)], [(0.5e-9, 0.2), (0.3, 0.5)])
     moves = np.array([(-0.2, 0.0)])
-    by_hand = replace(steer(problem, planner="greedy"), inputs=moves, states=ContactWorld(square).play(problem.start, moves))
+    by_hand = replace(
+        steer(problem, planner="greedy"),
+        inputs=moves,
+        states=ContactWorld(square).play(problem.start, moves),
+    )
     assert by_hand.sensitive is False  # the particle meets its wall a little later
     moves = np.array([(0.0, 0.3), (0.2, -0.1)])
     problem = problem.replaced(goal=[(0.2, 0.1), (0.7, 0.7)])
-    by_hand = replace(by_hand, problem=problem, inputs=moves, states=ContactWorld(square).play(problem.start, moves))
+    by_hand = replace(
+        by_hand,
+        problem=problem,
+        inputs=moves,
+        states=ContactWorld(square).play(problem.start, moves),
+    )
     assert by_hand.error <= problem.tolerance
     assert by_hand.sensitive
     assert exact_error(by_hand) > 0.1

@@ -27,16 +27,26 @@ from shoal.steering import (
     prism,
     regular_polygon,
 )
-from shoal.steering.contact.friction_limits import friction_limit
+from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import stop_at_others
-from shoal.steering.planners.chains.antipodal import antipodal_chain
-from shoal.steering.planners.chains.chain import ChainQuery
-from shoal.steering.workspaces.normalized_walls import normalize_walls
+from shoal.steering.planners.chain_search import antipodal_chain
+from shoal.steering.planners.chains import ChainQuery
+from shoal.steering.workspaces.region import normalize_walls
 from shoal.views.steering.figures import plan_figure, reach_figure
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 FORM = {"type": "polygon", "vertices": [[0, 0], [1, 0], [1, 1], [0, 1]]}
-FIELDS = ["status", "planner", "moves", "inputs", "length", "final", "error", "lower_bound", "seconds"]
+FIELDS = [
+    "status",
+    "planner",
+    "moves",
+    "inputs",
+    "length",
+    "final",
+    "error",
+    "lower_bound",
+    "seconds",
+]
 PROBLEM = {"workspace": FORM, "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
 
 
@@ -82,15 +92,33 @@ def test_steer_writes_and_prints(tmp_path, capsys):
             {"start": [[0.1, 0.2], [0.1, 0.2]]},
             "start: expected particles at different points, got (0.1, 0.2) for particles 1 and 2",
         ),
-        ({"start": [[0.1, 0.2], [1.1, 0.2]]}, "start: expected points inside the polygon, got (1.1, 0.2) at point 2"),
-        ({"goal": [[0.1, -0.2], [0.1, 0.2]]}, "goal: expected points inside the polygon, got (0.1, -0.2) at point 1"),
-        ({"start": [[0.1, float("nan")], [0.1, 0.2]]}, "start: expected finite numbers, got (0.1, nan) at point 1"),
+        (
+            {"start": [[0.1, 0.2], [1.1, 0.2]]},
+            "start: expected points inside the polygon, got (1.1, 0.2) at point 2",
+        ),
+        (
+            {"goal": [[0.1, -0.2], [0.1, 0.2]]},
+            "goal: expected points inside the polygon, got (0.1, -0.2) at point 1",
+        ),
+        (
+            {"start": [[0.1, float("nan")], [0.1, 0.2]]},
+            "start: expected finite numbers, got (0.1, nan) at point 1",
+        ),
         ({"start": [[0.1, 0.2]]}, "start"),
         ({"goal": [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]]}, "goal: expected 2 points of 2 numbers"),
         ({"tolerance": 0}, "tolerance: expected a number of at least 1e-08"),
-        ({"workspace": {"type": "polygon", "vertices": [[0, 0], [1, 0], [2, 0]]}}, "got a flat one"),
-        ({"workspace": {"type": "polygon", "vertices": [[0, 0], [1, 1], [0, 1], [1, 0]]}}, "does not cross itself"),
-        ({"workspace": {"type": "polygon", "vertices": [[0, 0], [2, 0], [1, 0.2], [1, 2]]}}, "bends inward at vertex 3"),
+        (
+            {"workspace": {"type": "polygon", "vertices": [[0, 0], [1, 0], [2, 0]]}},
+            "got a flat one",
+        ),
+        (
+            {"workspace": {"type": "polygon", "vertices": [[0, 0], [1, 1], [0, 1], [1, 0]]}},
+            "does not cross itself",
+        ),
+        (
+            {"workspace": {"type": "polygon", "vertices": [[0, 0], [2, 0], [1, 0.2], [1, 2]]}},
+            "bends inward at vertex 3",
+        ),
         ({"workspace": {"type": "disk", "radius": -1}}, "radius: expected a number, above 0"),
         (
             {"workspace": {"type": "torus"}},
@@ -98,7 +126,10 @@ def test_steer_writes_and_prints(tmp_path, capsys):
         ),
         (
             {"workspace": {"type": "region", "vertices": [[0, 0], [1, 0], [1, 1]]}},
-            "workspace: expected the fields of a region, which are outline, obstacles (optional), got 'vertices'",
+            (
+                "workspace: expected the fields of a region, which are outline, obstacles"
+                " (optional), got 'vertices'"
+            ),
         ),
         ({"workspace": "octogon"}, "unknown workspace 'octogon'"),
         ({"extra": 1}, "extra: expected no such field, got 1"),
@@ -146,7 +177,18 @@ def test_approachable_and_unreachable(tmp_path, capsys):
     assert result["status"] == "solved"
     assert result["error"] <= 1e-5
     assert "can only be approached" in result["reason"]
-    assert run(["steer", str(written(tmp_path, goal=[[0.3, 0], [0.6, 1]])), "--max-moves", "1", "--json"]) == 1
+    assert (
+        run(
+            [
+                "steer",
+                str(written(tmp_path, goal=[[0.3, 0], [0.6, 1]])),
+                "--max-moves",
+                "1",
+                "--json",
+            ]
+        )
+        == 1
+    )
     printed = capsys.readouterr()
     assert json.loads(printed.out)["status"] == "approachable"
     assert "opposite parallel walls" in printed.err
@@ -161,7 +203,11 @@ def test_approachable_and_unreachable(tmp_path, capsys):
         assert not near
         assert "opposite each other" in near.reason
     tube = cylinder(0.5, 1.0, open_ends=True)
-    episode = steer(SteeringProblem(tube, [(0.1, 0.2, 0.3), (0.1, 0.2, 0.6)], [(0.3, 0.3, 0.3), (0.1, 0.1, 0.7)]))
+    episode = steer(
+        SteeringProblem(
+            tube, [(0.1, 0.2, 0.3), (0.1, 0.2, 0.6)], [(0.3, 0.3, 0.3), (0.1, 0.1, 0.7)]
+        )
+    )
     assert (episode.status, episode.moves) == ("unreachable", 0)
     assert "open tube" in episode.reason
     short = steer(SteeringProblem.from_dict(PROBLEM), max_moves=2)
@@ -169,15 +215,32 @@ def test_approachable_and_unreachable(tmp_path, capsys):
     assert "moves" in short.reason
 
 
-@pytest.mark.parametrize("space", [prism(SQUARE, 1.0), cylinder(0.5, 1.0)], ids=["prism", "cylinder"])
+@pytest.mark.parametrize(
+    "space", [prism(SQUARE, 1.0), cylinder(0.5, 1.0)], ids=["prism", "cylinder"]
+)
 @pytest.mark.parametrize(
     ("start", "goal"),
     [
-        ([(0.1, 0.2, 0.3), (0.1, 0.2, 0.6)], [(0.3, 0.3, 0.3), (0.1, 0.1, 0.7)]),  # above each other: by an end cap
-        ([(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)], [(0.3, 0.3, 0.3), (0.3, 0.3, 0.7)]),  # goals above each other
-        ([(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)], [(0.2, 0.2, 0.8), (0.4, 0.1, 0.2)]),  # the heights alone
-        ([(0.1, 0.2, 0.05), (0.3, 0.1, 0.9)], [(0.2, 0.2, 0.9), (0.1, 0.3, 0.1)]),  # no height fits one contact
-        ([(0.1, 0.2, 0.0), (0.3, 0.1, 1.0)], [(0.2, 0.2, 0.9), (0.1, 0.3, 0.1)]),  # on both end caps
+        (
+            [(0.1, 0.2, 0.3), (0.1, 0.2, 0.6)],
+            [(0.3, 0.3, 0.3), (0.1, 0.1, 0.7)],
+        ),  # above each other: by an end cap
+        (
+            [(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)],
+            [(0.3, 0.3, 0.3), (0.3, 0.3, 0.7)],
+        ),  # goals above each other
+        (
+            [(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)],
+            [(0.2, 0.2, 0.8), (0.4, 0.1, 0.2)],
+        ),  # the heights alone
+        (
+            [(0.1, 0.2, 0.05), (0.3, 0.1, 0.9)],
+            [(0.2, 0.2, 0.9), (0.1, 0.3, 0.1)],
+        ),  # no height fits one contact
+        (
+            [(0.1, 0.2, 0.0), (0.3, 0.1, 1.0)],
+            [(0.2, 0.2, 0.9), (0.1, 0.3, 0.1)],
+        ),  # on both end caps
     ],
 )
 @pytest.mark.parametrize("planner", ["greedy", "shortest", "fewest-moves"])
@@ -192,7 +255,10 @@ def test_degenerate_cases_in_space(space, start, goal, planner):
     [
         ([(0, 0.3), (1, 0.4)], [(0.5, 0.5), (0.7, 0.2)]),
         ([(0.2, 0), (0.7, 0)], [(0.7, 0), (0.2, 0)]),
-        ([(0.2, 0), (0.3, 0.4)], [(0.6, 0), (0.7, 0.4)]),  # a translation that starts on a wall needs a lift
+        (
+            [(0.2, 0), (0.3, 0.4)],
+            [(0.6, 0), (0.7, 0.4)],
+        ),  # a translation that starts on a wall needs a lift
         ([(0.3, 0.3), (0.7, 0.4)], [(0, 0), (1, 0)]),
         ([(0.2, 0.2), (0.6, 0.7)], [(0.4, 0.4), (0.4, 0.4)]),
         ([(0.2, 0), (0.3, 0.4)], [(0.2, 0), (0.3, 0.4)]),
@@ -227,7 +293,9 @@ def test_where_the_clearance_has_no_room_a_plan_is_sensitive(start, goal, fields
 
 def test_interchangeable_particles_take_the_better_way():
     start, goal = [(0.2, 0.2), (0.7, 0.6)], [(0.8, 0.7), (0.25, 0.3)]
-    fixed, free = (steer(SteeringProblem(SQUARE, start, goal, interchangeable=both)) for both in (False, True))
+    fixed, free = (
+        steer(SteeringProblem(SQUARE, start, goal, interchangeable=both)) for both in (False, True)
+    )
     assert free.length < 0.5 * fixed.length
     assert free.order.tolist() == [1, 0]
     assert free.error <= 1e-6
@@ -261,28 +329,44 @@ def test_robust_sends_no_more_moves_than_it_may():
     noise = {"execution": 1e-3, "measurement": 1e-3, "gain": 0.2}
     problem = SteeringProblem(SQUARE, [(0.2, 0.2), (0.7, 0.4)], [(0.3, 0.8), (0.5, 0.1)], 0.01)
     longest = steer(problem, planner="robust", **noise).moves
-    assert [steer(problem, planner="robust", **noise, max_moves=k).moves for k in range(1, longest)] == [*range(1, longest)]
+    assert [
+        steer(problem, planner="robust", **noise, max_moves=k).moves for k in range(1, longest)
+    ] == [*range(1, longest)]
 
 
 def test_friction_slides_and_limits():
     world = ContactWorld(SQUARE, friction=0.5)
-    np.testing.assert_allclose(world.step([(0, 0.5)], (-0.2, 0.3)), [[0, 0.7]])  # by |T u| - friction |N u|
-    np.testing.assert_allclose(world.step([(0, 0.5)], (-0.2, 0.1)), [[0, 0.5]])  # inside of the cone
-    np.testing.assert_allclose(world.step([(0.1, 0.2)], (-0.2, 0.2)), [[0, 0.35]])  # slides on after the contact
-    np.testing.assert_allclose(world.step([(0, 0.9)], (-0.1, 0.5)), [[0, 1]])  # into the corner, and stays
+    np.testing.assert_allclose(
+        world.step([(0, 0.5)], (-0.2, 0.3)), [[0, 0.7]]
+    )  # by |T u| - friction |N u|
+    np.testing.assert_allclose(
+        world.step([(0, 0.5)], (-0.2, 0.1)), [[0, 0.5]]
+    )  # inside of the cone
+    np.testing.assert_allclose(
+        world.step([(0.1, 0.2)], (-0.2, 0.2)), [[0, 0.35]]
+    )  # slides on after the contact
+    np.testing.assert_allclose(
+        world.step([(0, 0.9)], (-0.1, 0.5)), [[0, 1]]
+    )  # into the corner, and stays
     ring = ContactWorld(disk(1.0), friction=0.5)
     moved = ring.step([(1.0, 0.0)], (0.01, 2.0))[0]
     assert np.hypot(*moved) == pytest.approx(1)
-    # The angle between push and normal shrinks to arctan(0.5) as tan((a - atan 0.5) / 2) by exp(-|u| sqrt(1 + 0.25) / r).
+    # The angle between push and normal shrinks to arctan(0.5) as tan((a - atan 0.5) / 2) by
+    # exp(-|u| sqrt(1 + 0.25) / r).
     push = np.arctan2(2.0, 0.01)
     slowed = np.tan((push - atan(0.5)) / 2) * np.exp(-np.hypot(0.01, 2.0) * np.sqrt(1.25))
-    assert push - np.arctan2(moved[1], moved[0]) == pytest.approx(atan(0.5) + 2 * atan(slowed), abs=2e-3)
+    assert push - np.arctan2(moved[1], moved[0]) == pytest.approx(
+        atan(0.5) + 2 * atan(slowed), abs=2e-3
+    )
     far = 2 * 0.5 * sin(atan(0.5))
     assert friction_limit(disk(0.5), 0.5, np.array([0.1, 0]), np.array([far + 0.01, 0])) is not None
     assert friction_limit(disk(0.5), 0.5, np.array([0.1, 0]), np.array([far - 0.01, 0])) is None
     assert friction_limit(SQUARE, 1.0, np.array([0.3, 0.3]), np.array([0.35, 0.3])) is not None
     assert friction_limit(SQUARE, 1.5, np.array([0.3, 0.3]), np.array([0.35, 0.3])) is None
-    assert friction_limit(regular_polygon(6), 0.5, np.array([0.3, 0.0]), np.array([0.4, 0.0])) is not None
+    assert (
+        friction_limit(regular_polygon(6), 0.5, np.array([0.3, 0.0]), np.array([0.4, 0.0]))
+        is not None
+    )
     problem = SteeringProblem(SQUARE, [(0.3, 0.3), (0.4, 0.35)], [(0.1, 0.1), (0.8, 0.9)])
     assert steer(problem, friction=1.0).status == "unreachable"
     assert steer(problem, friction=2.0).status == "solved"
@@ -310,12 +394,20 @@ def test_gain_and_spheres():
     assert (after[1] - after[0])[0] > 0.4  # the one to the right goes faster
     np.testing.assert_allclose(world.step(after, (-0.1, 0)), before, atol=1e-12)
     spheres = ContactWorld(SQUARE, radius=0.1)
-    np.testing.assert_allclose(spheres.step([(0.2, 0.5), (0.5, 0.5)], (-0.5, 0)), [[0.1, 0.5], [0.3, 0.5]])
-    np.testing.assert_allclose(spheres.step([(0.1, 0.5), (0.3, 0.5)], (-0.5, 0)), [[0.1, 0.5], [0.3, 0.5]])
-    slanted = spheres.step([(0.1, 0.5), (0.31, 0.5)], (-0.2, 0.1))  # they meet at an angle, and stay
+    np.testing.assert_allclose(
+        spheres.step([(0.2, 0.5), (0.5, 0.5)], (-0.5, 0)), [[0.1, 0.5], [0.3, 0.5]]
+    )
+    np.testing.assert_allclose(
+        spheres.step([(0.1, 0.5), (0.3, 0.5)], (-0.5, 0)), [[0.1, 0.5], [0.3, 0.5]]
+    )
+    slanted = spheres.step(
+        [(0.1, 0.5), (0.31, 0.5)], (-0.2, 0.1)
+    )  # they meet at an angle, and stay
     assert np.linalg.norm(slanted[1] - slanted[0]) == pytest.approx(0.2)
     assert slanted[0].tolist() == [0.1, 0.5]
-    np.testing.assert_allclose(spheres.step(slanted, (0.1, 0.1)), slanted + 0.1)  # and both lift off
+    np.testing.assert_allclose(
+        spheres.step(slanted, (0.1, 0.1)), slanted + 0.1
+    )  # and both lift off
     with pytest.raises(InvalidInputError, match="do not overlap"):
         spheres.initial([(0.3, 0.5), (0.4, 0.5)])
     still = np.array([[0.5, 0.5], [0.7, 0.5]])
@@ -334,12 +426,21 @@ def test_gain_and_spheres():
                 {
                     "type": "Feature",
                     "properties": {},
-                    "geometry": {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]]},
+                    "geometry": {
+                        "type": "Polygon",
+                        "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]],
+                    },
                 }
             ),
         ),
         ("space.wkt", "POLYGON ((0 0, 0 1, 1 1, 1 0, 0 0))"),
-        ("space.svg", '<svg xmlns="http://www.w3.org/2000/svg"><rect x="0" y="-1" width="1" height="1"/></svg>'),
+        (
+            "space.svg",
+            (
+                '<svg xmlns="http://www.w3.org/2000/svg"><rect x="0" y="-1" width="1"'
+                ' height="1"/></svg>'
+            ),
+        ),
         ("path.svg", '<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0 H1 V-1 H0 Z"/></svg>'),
     ],
 )
@@ -349,12 +450,19 @@ def test_formats(name, text, tmp_path):
     problem = tmp_path / "task.json"  # a problem file may give its workspace relative to itself
     problem.write_text(json.dumps(PROBLEM | {"kind": "steering", "workspace": name}))
     for space in (open_workspace(path), load_problem(problem).place):
-        assert sorted(map(tuple, space.vertices.round(12).tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+        assert sorted(map(tuple, space.vertices.round(12).tolist())) == [
+            (0, 0),
+            (0, 1),
+            (1, 0),
+            (1, 1),
+        ]
 
 
 def test_more_workspaces(tmp_path):
     circle = tmp_path / "circle.svg"
-    circle.write_text('<svg xmlns="http://www.w3.org/2000/svg"><circle cx="2" cy="-3" r="0.5"/></svg>')
+    circle.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"><circle cx="2" cy="-3" r="0.5"/></svg>'
+    )
     assert open_workspace(circle).center.tolist() == [2, 3]
     bean = open_workspace({"type": "svg", "text": "M 0 0 C 0 1 1 1 1 0 Z"})
     assert len(bean.vertices) > 20
@@ -388,14 +496,31 @@ def test_workspaces_that_are_refused(source):
 
 
 def test_reach(tmp_path, capsys):
-    assert run(["reach", "square", "--start", "0.4,0.5 0.6,0.6", "--moves", "6", "--json", "--out", str(tmp_path / "r")]) == 0
+    assert (
+        run(
+            [
+                "reach",
+                "square",
+                "--start",
+                "0.4,0.5 0.6,0.6",
+                "--moves",
+                "6",
+                "--json",
+                "--out",
+                str(tmp_path / "r"),
+            ]
+        )
+        == 0
+    )
     result = json.loads(capsys.readouterr().out)
     assert result["moves"] == [2, 4, 6]
     assert result["fractions"] == sorted(result["fractions"])
     assert result["fractions"][2] == pytest.approx(1, abs=1e-3)
     assert (tmp_path / "r" / "reach.png").exists()
     assert run(["reach", "disk", "--start", "0 0 0.1 0", "--moves", "4", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["fractions"] == pytest.approx([0.0634, 0.301], abs=0.004)
+    assert json.loads(capsys.readouterr().out)["fractions"] == pytest.approx(
+        [0.0634, 0.301], abs=0.004
+    )
     for words, wanted in (
         (["disk", "--start", "0 0 0.1"], "start: expected points of 2 numbers"),
         (["disk", "--start", "0 0 0.9 0"], "start: expected points inside the disk"),
@@ -410,7 +535,9 @@ def test_k_move_sets_of_polygons_are_exact_enough():
     rng = np.random.default_rng(9)
     space = regular_polygon(5)
     sets = polygon_reach(space, (0.2, 0.1), moves=4)
-    points = np.array([point for point in rng.random((60, 2)) * 2 - 1 if space.differences.contains(point)])
+    points = np.array(
+        [point for point in rng.random((60, 2)) * 2 - 1 if space.differences.contains(point)]
+    )
     exact = np.array([sets[1].reaches(point) for point in points])
     sampled = sets[1].contains(points)
     assert not (sampled & ~exact).any()
@@ -418,7 +545,9 @@ def test_k_move_sets_of_polygons_are_exact_enough():
     from shapely import Polygon
 
     area = sum(Polygon(ring, holes).area for ring, holes in sets[1].outline)
-    assert area / Polygon(space.differences.vertices).area == pytest.approx(sets[1].fraction(), abs=0.02)
+    assert area / Polygon(space.differences.vertices).area == pytest.approx(
+        sets[1].fraction(), abs=0.02
+    )
 
 
 def test_the_square_misses_a_corner_after_four_moves():
@@ -431,7 +560,9 @@ def test_the_square_misses_a_corner_after_four_moves():
 def test_figures():
     problem = SteeringProblem(SQUARE, PROBLEM["start"], PROBLEM["goal"])
     assert len(plan_figure(steer(problem)).axes) == 2
-    tall = SteeringProblem(prism(SQUARE, 1.0), [(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)], [(0.3, 0.3, 0.3), (0.3, 0.3, 0.7)])
+    tall = SteeringProblem(
+        prism(SQUARE, 1.0), [(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)], [(0.3, 0.3, 0.3), (0.3, 0.3, 0.7)]
+    )
     assert len(plan_figure(steer(tall)).axes) == 2
     sets = polygon_reach(SQUARE, (0.3, 0.2), moves=4)
     assert len(reach_figure(sets, points=[(0.1, 0.1), (0.4, 0.3)]).axes) == 2
@@ -441,7 +572,12 @@ def test_figures():
 
 
 def test_disturbances_are_checked():
-    for bad in ({"execution": -1}, {"measurement": inf}, {"gain": 2}, {"particle_radius": float("nan")}):
+    for bad in (
+        {"execution": -1},
+        {"measurement": inf},
+        {"gain": 2},
+        {"particle_radius": float("nan")},
+    ):
         with pytest.raises(InvalidInputError):
             SteeringProblem("square", **bad)
 

@@ -1,4 +1,6 @@
-"""Workspaces, contacts and Δ-space: what is accepted, what is refused, and the rules of the walls."""
+"""Workspaces, contacts and Δ-space: what is accepted, what is refused, and the rules of
+the walls.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from shoal.steering import (
     reached_in_two_moves,
     regular_polygon,
 )
-from shoal.steering.delta_space.two_moves import two_move_pieces
+from shoal.steering.delta_space import two_move_pieces
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 
@@ -36,11 +38,17 @@ def test_any_order_and_straight_vertices():
         ([(0, 0), (1, 0), (1, 0), (0, 0)], "expected 3 different vertices or more, got"),
         ([(0, 0), (1, 1), (2, 2)], "got a flat one"),
         ([(0, 0), (1, 0), (2, 0), (3, 1e-12)], "got a flat one"),
-        ([(0, 0), (1, 1), (0, 1), (1, 0)], "does not cross itself, got one that does at (0.5, 0.5)"),
+        (
+            [(0, 0), (1, 1), (0, 1), (1, 0)],
+            "does not cross itself, got one that does at (0.5, 0.5)",
+        ),
         ([(0, 0), (2, 0), (1, 0.2), (1, 2)], "bends inward at vertex 3, (1.0, 0.2)"),
         ([(1, 2), (1, 0.2), (2, 0), (0, 0)], "bends inward at vertex 2, (1.0, 0.2)"),
         ([(0, 0), (1, float("nan")), (1, 1)], "expected finite numbers, got (1.0, nan) at point 2"),
-        ([(0, 0, 0), (1, 0, 0), (1, 1, 0)], "expected points of 2 numbers, got an array of shape (3, 3)"),
+        (
+            [(0, 0, 0), (1, 0, 0), (1, 1, 0)],
+            "expected points of 2 numbers, got an array of shape (3, 3)",
+        ),
         ([(0, 0), (1,), (1, 1)], "expected points of 2 numbers"),
         ("square", "expected points of 2 numbers, got 'square'"),
     ],
@@ -62,10 +70,22 @@ def test_outlines_that_are_refused(vertices, wanted):
         (lambda: prism(SQUARE, -1), "height: expected a number, above 0, got -1"),
         (lambda: prism(cylinder(1, 1), 1), "expected a polygon or a disk as base"),
         (lambda: cylinder(1, 1).differences, "expected a plane workspace, got a cylinder"),
-        (lambda: ContactWorld(SQUARE).initial([(0.5, 0.5), (1.5, 0.5)]), "got (1.5, 0.5) at point 2, 0.5 outside"),
-        (lambda: ContactWorld(SQUARE).step([(0.5, 0.5)], (1, np.nan)), "move: expected finite numbers"),
-        (lambda: ContactWorld(SQUARE).step([(0.5, 0.5)], (1, 2, 3)), "move: expected 1 points of 2 numbers"),
-        (lambda: reached_in_two_moves(SQUARE, (0.5, 0), (1.5, 0)), "after: expected the difference of two points of the polygon"),
+        (
+            lambda: ContactWorld(SQUARE).initial([(0.5, 0.5), (1.5, 0.5)]),
+            "got (1.5, 0.5) at point 2, 0.5 outside",
+        ),
+        (
+            lambda: ContactWorld(SQUARE).step([(0.5, 0.5)], (1, np.nan)),
+            "move: expected finite numbers",
+        ),
+        (
+            lambda: ContactWorld(SQUARE).step([(0.5, 0.5)], (1, 2, 3)),
+            "move: expected 1 points of 2 numbers",
+        ),
+        (
+            lambda: reached_in_two_moves(SQUARE, (0.5, 0), (1.5, 0)),
+            "after: expected the difference of two points of the polygon",
+        ),
         (lambda: disk_reach(0, moves=2), "distance: expected a number, above 0"),
         (lambda: disk_reach(0.1, moves=3), "moves: expected an even number, 2 or more, got 3"),
     ],
@@ -101,7 +121,9 @@ def test_prism_and_cylinder_have_caps_unless_they_are_tubes():
     tube = cylinder(0.5, 2, open_ends=True)
     assert ContactWorld(tube).step([(0, 0, 1)], (0, 0, 5))[0, 2] == 6
     side = ContactWorld(cylinder(0.5, 2)).step([(0, 0, 1), (0.4, 0, 1)], (0.3, 0, 0.3))
-    np.testing.assert_allclose(side, [[0.3, 0, 1.3], [0.5, 0, 1.1]])  # what a side wall holds does not rise either
+    np.testing.assert_allclose(
+        side, [[0.3, 0, 1.3], [0.5, 0, 1.1]]
+    )  # what a side wall holds does not rise either
 
 
 def test_delta_space():
@@ -109,7 +131,9 @@ def test_delta_space():
     assert disk(0.5, center=(3, 4)).differences.radius == 1
     triangle = regular_polygon(3).differences
     assert len(triangle.vertices) == 6
-    np.testing.assert_allclose(sorted(triangle.vertices.tolist()), sorted((-triangle.vertices).tolist()), atol=1e-12)
+    np.testing.assert_allclose(
+        sorted(triangle.vertices.tolist()), sorted((-triangle.vertices).tolist()), atol=1e-12
+    )
 
 
 def test_what_two_moves_cannot_do():

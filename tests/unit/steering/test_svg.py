@@ -9,7 +9,10 @@ from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.steering import Region, open_workspace
 
-HEAD = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="80mm" viewBox="0 0 40 40">'
+HEAD = (
+    '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    ' width="80mm" viewBox="0 0 40 40">'
+)
 USED = '<use xlink:href="#g{}"/>'
 SQUARE = [(0, -1), (0, 0), (1, -1), (1, 0)]
 
@@ -31,9 +34,15 @@ def corners(space) -> list[tuple[float, float]]:
         '<polyline points="0 0 1 0 1 1 0 1"/>',
         '<rect width="1" height="1"/>',
         '<rect x="-2" y="3" width="1" height="1" transform="translate(2 -3)"/>',
-        '<g transform="scale(0.5)"><g transform="translate(2,0)"><rect x="-2" width="2" height="2"/></g></g>',
+        (
+            '<g transform="scale(0.5)"><g transform="translate(2,0)"><rect x="-2" width="2"'
+            ' height="2"/></g></g>'
+        ),
         '<defs><rect id="a" width="1" height="1"/></defs><use href="#a"/>',
-        '<style>.hidden { display: none }</style><rect class="hidden" width="9" height="9"/><rect width="1" height="1"/>',
+        (
+            '<style>.hidden { display: none }</style><rect class="hidden" width="9"'
+            ' height="9"/><rect width="1" height="1"/>'
+        ),
         '<title>a square</title><rect width="1" height="1" style="fill:none;stroke:#000"/>',
     ],
 )
@@ -43,11 +52,15 @@ def test_squares_in_many_ways(inside):
 
 def test_round_shapes_and_arcs():
     assert drawn('<circle cx="2" cy="3" r="0.5"/>').center.tolist() == [2, -3]
-    moved = drawn('<g transform="translate(1 1) scale(2)"><ellipse cx="2" cy="3" rx="0.5" ry="0.5"/></g>')
+    moved = drawn(
+        '<g transform="translate(1 1) scale(2)"><ellipse cx="2" cy="3" rx="0.5" ry="0.5"/></g>'
+    )
     assert (moved.radius, moved.center.tolist()) == (1, [5, -7])
     oval = drawn('<ellipse rx="2" ry="1"/>')
     assert np.ptp(oval.vertices, axis=0) == pytest.approx([4, 2], rel=1e-2)
-    half = drawn('<path d="M 1 0 A 1 1 0 0 1 -1 0 Z"/>')  # clockwise on the screen, so below: down there, and down here
+    half = drawn(
+        '<path d="M 1 0 A 1 1 0 0 1 -1 0 Z"/>'
+    )  # clockwise on the screen, so below: down there, and down here
     assert half.vertices[:, 1].min() == pytest.approx(-1, abs=1e-3)
     assert half.vertices[:, 1].max() == pytest.approx(0, abs=1e-9)
     assert len(drawn('<rect width="4" height="2" rx="0.5"/>').vertices) > 50
@@ -72,7 +85,8 @@ def test_lines_inside_of_the_largest_are_obstacles():
         '<rect width="1" height="1" transform="scale(1e200) scale(1e200)"/>',
         "<g>" * 5000 + '<rect width="1" height="1"/>' + "</g>" * 5000,
         '<g id="a"><use href="#a"/></g>',
-        '<rect id="g0" width="1" height="1"/>' + "".join(f'<g id="g{k + 1}">{USED.format(k) * 10}</g>' for k in range(12)),
+        '<rect id="g0" width="1" height="1"/>'
+        + "".join(f'<g id="g{k + 1}">{USED.format(k) * 10}</g>' for k in range(12)),
         '<rect width="1" height="1"/><rect x="0.5" width="2" height="1"/>',
         '<path d="M0 0 ' + "h1 v1 h-1 v1" * 30_000 + '"/>',
     ],
@@ -89,7 +103,10 @@ def test_hostile_drawings_get_one_sentence(inside, tmp_path, capsys):
 @pytest.mark.parametrize(
     "text",
     [
-        '<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><svg><rect width="&b;"/></svg>',
+        (
+            '<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "aaaa"><!ENTITY b'
+            ' "&a;&a;&a;">]><svg><rect width="&b;"/></svg>'
+        ),
         '<?xml version="1.0" encoding="utf-7"?><svg/>',
         "<svg",
         "<svg></svg><svg></svg>",

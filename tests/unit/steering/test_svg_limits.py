@@ -5,13 +5,16 @@ from __future__ import annotations
 import pytest
 
 from shoal.core.errors import InvalidInputError
-from shoal.steering.workspaces import svg
+from shoal.steering.workspaces import formats as svg
 
 
 @pytest.mark.parametrize(
     ("path", "words"),
     [
-        ("M 0 0 " + "q 1 1 2 2 " * 50_000 + "z", "at most 20000 corners, got more than 160000 numbers"),
+        (
+            "M 0 0 " + "q 1 1 2 2 " * 50_000 + "z",
+            "at most 20000 corners, got more than 160000 numbers",
+        ),
         ("M 0 0 " + "c 1 1 2 2 3 3 " * 1_000 + "z", "at most 20000 corners, got more"),
         ("M 0 0 " + "h 1 v 1 " * 10_500 + "z", "at most 20000 corners, got more"),
     ],
@@ -29,7 +32,11 @@ def test_drawings_of_many_curves():
     curves = "<path d='M0 0 q 1 1 2 0 z'/>" * 450
     with pytest.raises(InvalidInputError, match="at most 20000 corners, got more"):
         svg.read_drawing(f"<svg xmlns='http://www.w3.org/2000/svg'>{curves}</svg>", where="drawing")
-    strokes = "<path d='M0 0 l 1 1'/>" * 1000  # two points are no closed line and count as no corner
+    strokes = (
+        "<path d='M0 0 l 1 1'/>" * 1000
+    )  # two points are no closed line and count as no corner
     square = "<path d='M0 0 h 4 v 4 h -4 z'/>"
-    rings = svg.read_drawing(f"<svg xmlns='http://www.w3.org/2000/svg'>{strokes}{square}</svg>", where="drawing")
+    rings = svg.read_drawing(
+        f"<svg xmlns='http://www.w3.org/2000/svg'>{strokes}{square}</svg>", where="drawing"
+    )
     assert len(rings) == 1

@@ -1,4 +1,6 @@
-"""Answers of the studio beside those of the library: maps with painted cells, copies of episodes, tiny workspaces."""
+"""Answers of the studio beside those of the library: maps with painted cells, copies of episodes,
+tiny workspaces.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,10 @@ def folder(tmp_path, monkeypatch):
 
 
 def cells(free):
-    return {"shape": list(free.shape), "free": base64.b64encode(np.packbits(free.ravel()).tobytes()).decode()}
+    return {
+        "shape": list(free.shape),
+        "free": base64.b64encode(np.packbits(free.ravel()).tobytes()).decode(),
+    }
 
 
 def test_particles_start_in_the_cells_that_were_painted(folder):
@@ -39,16 +44,23 @@ def test_particles_start_in_the_cells_that_were_painted(folder):
 
 
 def test_copies_of_an_episode_are_its_own_problem_and_seed(folder):
-    episode = shoal.run(SwarmProblem("maze:9x7", particles=3, policy="closest-frontier"), seed=2**60 + 1)
+    episode = shoal.run(
+        SwarmProblem("maze:9x7", particles=3, policy="closest-frontier"), seed=2**60 + 1
+    )
     episode.save("a.npz")
     told = files.copies(folder, {"file": "a.npz"})
-    assert told["command"] == f"shoal map maze:9x7 --particles=3 --policy=closest-frontier --seed={2**60 + 1}"
+    assert (
+        told["command"]
+        == f"shoal map maze:9x7 --particles=3 --policy=closest-frontier --seed={2**60 + 1}"
+    )
     assert (told["problem"], told["seed"]) == (episode.problem.to_dict(), str(2**60 + 1))
     names = {}
     exec(told["python"], names)
     assert names["episode"].commands == episode.commands
     for about in ({}, {"file": "a.npz", "problem": episode.problem.to_dict()}):
-        with pytest.raises(InvalidInputError, match="expected either a problem or the file of an episode"):
+        with pytest.raises(
+            InvalidInputError, match="expected either a problem or the file of an episode"
+        ):
             files.copies(folder, about)
 
 
@@ -57,9 +69,12 @@ def test_a_workspace_of_any_size_keeps_its_digits(folder, size):
     start, goal = [[0.2, 0.3], [0.5, 0.35]], [[0.8, 0.2], [0.3, 0.75]]
     ring = ", ".join(f"{x * size} {y * size}" for x, y in [(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
     given = {
-        "workspace": f"POLYGON (({ring}))", "start": (np.array(start) * size).tolist(), "goal": (np.array(goal) * size).tolist(),
-        "tolerance": 1e-4 * size, "planner": "greedy",
-    }  # fmt: skip
+        "workspace": f"POLYGON (({ring}))",
+        "start": (np.array(start) * size).tolist(),
+        "goal": (np.array(goal) * size).tolist(),
+        "tolerance": 1e-4 * size,
+        "planner": "greedy",
+    }
     told = steering.steer(folder, {"problem": given | {"kind": "steering"}})
     expected = shoal.run(SteeringProblem(**given))
     assert told["moves"] == expected.moves > 1

@@ -1,4 +1,6 @@
-"""Full disks, many jobs, sweeps that are killed: nothing is lost, and what cannot be done is said."""
+"""Full disks, many jobs, sweeps that are killed: nothing is lost, and what cannot be
+done is said.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +13,15 @@ import pytest
 
 from shoal.core.errors import OutputError
 from shoal.lab import Store
-from shoal.lab.sweeps.toml_writing import as_toml
+from shoal.lab.sweep import as_toml
+from shoal.studio import jobs as queue_module
 from shoal.studio.folder import Folder
-from shoal.studio.jobs import queue as queue_module
-from shoal.studio.jobs.processes import Worker
-from shoal.studio.jobs.queue import LONG, JobQueue
-from shoal.studio.jobs.store import ENDED, JobStore
+from shoal.studio.jobs import ENDED, LONG, JobQueue, JobStore, Worker
 
-SHORT = {"problem": {"kind": "swarm", "map": "line:9", "particles": 1, "policy": "closest-frontier"}, "seed": 0}
+SHORT = {
+    "problem": {"kind": "swarm", "map": "line:9", "particles": 1, "policy": "closest-frontier"},
+    "seed": 0,
+}
 
 
 def test_an_episode_that_a_full_disk_does_not_take_is_said_and_not_half_written(tmp_path):
@@ -40,7 +43,9 @@ def fill(store: JobStore) -> None:
     store._connection.execute(f"PRAGMA max_page_count = {pages}")
 
 
-def test_jobs_on_a_full_disk_are_refused_and_ends_are_kept_until_there_is_room(tmp_path, monkeypatch):
+def test_jobs_on_a_full_disk_are_refused_and_ends_are_kept_until_there_is_room(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(queue_module, "PAUSE", 0.01)
     told = []
 
@@ -84,7 +89,13 @@ def test_long_jobs_leave_a_processor_for_what_somebody_looks_at(tmp_path, monkey
 
 
 PROBLEM = {"kind": "line", "cells": 30, "placements": 200}
-SWEEP = {"name": "killed", "trials": 40, "seed": 1, "problem": PROBLEM, "axes": {"particles": [2, 3]}}
+SWEEP = {
+    "name": "killed",
+    "trials": 40,
+    "seed": 1,
+    "problem": PROBLEM,
+    "axes": {"particles": [2, 3]},
+}
 
 
 def test_a_sweep_that_is_killed_goes_on_with_what_is_missing(tmp_path):
@@ -96,13 +107,17 @@ def test_a_sweep_that_is_killed_goes_on_with_what_is_missing(tmp_path):
 
     async def scenario():
         queue = JobQueue(Folder(tmp_path), told.append)
-        number = queue.add("sweep", {"toml": text, "store": "killed.sqlite", "sweep": "killed"}, urgent=True)["id"]
+        number = queue.add(
+            "sweep", {"toml": text, "store": "killed.sqlite", "sweep": "killed"}, urgent=True
+        )["id"]
         await until(queue, number, done=0.01)
         if number in queue._running:
             os.kill(queue._running[number].worker._process.pid, signal.SIGKILL)
         while queue.told(number)["state"] not in ENDED:
             await asyncio.sleep(0.005)
-        again = queue.add("sweep", {"toml": text, "store": "killed.sqlite", "sweep": "killed"}, urgent=True)["id"]
+        again = queue.add(
+            "sweep", {"toml": text, "store": "killed.sqlite", "sweep": "killed"}, urgent=True
+        )["id"]
         while queue.told(again)["state"] not in ENDED:
             await asyncio.sleep(0.005)
         found = queue.told(again)

@@ -1,4 +1,6 @@
-"""The folder: no name leads out, nothing large is decoded, what is brought is whole or not there."""
+"""The folder: no name leads out, nothing large is decoded, what is brought is whole or
+not there.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,17 @@ from shoal.studio.folder import MOST_LISTED, Folder, check_pixels
 
 def png_header(width, height):
     def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0" * 800)) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 800))
+        + chunk(b"IEND", b"")
+    )
 
 
 @pytest.mark.parametrize(
@@ -90,7 +99,10 @@ def test_what_is_brought_keeps_its_name_and_replaces_nothing(tmp_path):
     assert brought(tmp_path, "a map.txt", b"..", b"#") == "a-map.txt"
     assert brought(tmp_path, "../../a map.txt", b"##") == "a-map-2.txt"
     assert (tmp_path / "a-map.txt").read_bytes() == b"..#"
-    assert brought(tmp_path, "<img src=x onerror=alert(1)>.csv", b"1") == "img-src-x-onerror-alert-1.csv"
+    assert (
+        brought(tmp_path, "<img src=x onerror=alert(1)>.csv", b"1")
+        == "img-src-x-onerror-alert-1.csv"
+    )
 
 
 def test_a_file_that_stops_coming_is_not_kept(tmp_path):
@@ -115,7 +127,12 @@ def test_of_ten_thousand_files_the_newest_are_listed_and_all_are_reached(tmp_pat
     for k in range(10_000):
         os.link(tmp_path / "a.npz", tmp_path / f"episode-{k:05d}.npz")
     os.utime(tmp_path / "a.npz", (1, 1))
-    for name, time in (("newest.npz", 9e9), ("inside/second.npz", 8e9), ("old.png", 0), ("old.sqlite", 0)):
+    for name, time in (
+        ("newest.npz", 9e9),
+        ("inside/second.npz", 8e9),
+        ("old.png", 0),
+        ("old.sqlite", 0),
+    ):
         (tmp_path / name).write_bytes(b"x")
         os.utime(tmp_path / name, (time, time))
     folder = Folder(tmp_path)
@@ -125,8 +142,15 @@ def test_of_ten_thousand_files_the_newest_are_listed_and_all_are_reached(tmp_pat
     assert names[:2] == ["newest.npz", "inside/second.npz"]
     assert {"old.png", "old.sqlite"} <= {*names}  # many episodes leave nothing else out
     assert len(names) == MOST_LISTED + 2
-    reached = [file["name"] for skip in range(0, 10_003, MOST_LISTED) for file in folder.list_files("episode", after=skip)["files"]]
+    reached = [
+        file["name"]
+        for skip in range(0, 10_003, MOST_LISTED)
+        for file in folder.list_files("episode", after=skip)["files"]
+    ]
     assert len(reached) == len({*reached}) == 10_003
     found = folder.list_files("episode", name="EPISODE-01234")
-    assert ([file["name"] for file in found["files"]], found["counts"]) == (["episode-01234.npz"], {"episode": 1})
+    assert ([file["name"] for file in found["files"]], found["counts"]) == (
+        ["episode-01234.npz"],
+        {"episode": 1},
+    )
     assert len(folder.files()) == 10_005

@@ -1,4 +1,6 @@
-"""Forms come from the declarations; what is copied from the screen gives the same episode elsewhere."""
+"""Forms come from the declarations; what is copied from the screen gives the same episode
+elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ import pytest
 import shoal
 from shoal.cli import run as run_command
 from shoal.core.errors import InvalidInputError
-from shoal.core.parts import PARTS, load_problem, problem_type
+from shoal.parts import PARTS, load_problem, problem_type
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, copies_of, schema_of
 
@@ -27,24 +29,39 @@ def test_schema_has_every_field_with_its_default(part):
         assert (name in schema["required"]) == one.required
         told = schema["properties"][name]["description"]
         assert told.split()[0] == one.option.help.split()[0]
-        assert not re.search("--[a-z]|MODULE:ATTRIBUTE|can be repeated", told)  # words of the command
+        assert not re.search(
+            "--[a-z]|MODULE:ATTRIBUTE|can be repeated", told
+        )  # words of the command
 
 
 def random_swarm(rng: random.Random) -> dict[str, object]:
-    fields: dict[str, object] = {"kind": "swarm", "map": rng.choice(["maze:9x7", "rectangle:4x6", "line:12", "cave:9x9:1"])}
+    fields: dict[str, object] = {
+        "kind": "swarm",
+        "map": rng.choice(["maze:9x7", "rectangle:4x6", "line:12", "cave:9x9:1"]),
+    }
     fields["particles"] = rng.randint(1, 5)
     choices = {
-        "task": ["coverage", "subset-coverage:fraction=0.5"], "placement": ["uniform", "region-fill"], "rule": ["block", "merge"],
-        "policy": ["closest-frontier", "closest-frontier:ties=row-major", "best", "random-moves"], "max_moves": [40, 300],
-        "move_cost": [0.1, 2.5], "scan_cost": [1.25], "largest_component": [True], "cell_size": [0.07],
-    }  # fmt: skip
+        "task": ["coverage", "subset-coverage:fraction=0.5"],
+        "placement": ["uniform", "region-fill"],
+        "rule": ["block", "merge"],
+        "policy": ["closest-frontier", "closest-frontier:ties=row-major", "best", "random-moves"],
+        "max_moves": [40, 300],
+        "move_cost": [0.1, 2.5],
+        "scan_cost": [1.25],
+        "largest_component": [True],
+        "cell_size": [0.07],
+    }
     for name, values in choices.items():
         if rng.random() < 0.5:
             fields[name] = rng.choice(values)
     if rng.random() < 0.3:
         fields |= {"map": "rectangle:4x6", "start": [[0, 1], [2, 3]]}
         del fields["particles"]
-    if fields.get("task", "mapping") == "mapping" and rng.random() < 0.3 and fields.get("policy", "best") == "closest-frontier":
+    if (
+        fields.get("task", "mapping") == "mapping"
+        and rng.random() < 0.3
+        and fields.get("policy", "best") == "closest-frontier"
+    ):
         fields |= {"slip": 0.05, "confidence": 0.95, "rule": "block"}
     if "start" in fields:  # it stands in place of a placement
         fields.pop("placement", None)
@@ -53,12 +70,21 @@ def random_swarm(rng: random.Random) -> dict[str, object]:
 
 def random_steering(rng: random.Random) -> dict[str, object]:
     points = [[round(rng.uniform(-0.25, 0.25), 3) for _ in range(2)] for _ in range(4)]
-    fields: dict[str, object] = {"kind": "steering", "workspace": rng.choice(["hexagon", "disk", "regular:5"]), "planner": "greedy"}
+    fields: dict[str, object] = {
+        "kind": "steering",
+        "workspace": rng.choice(["hexagon", "disk", "regular:5"]),
+        "planner": "greedy",
+    }
     if rng.random() < 0.2:
         fields["planner"] = "shortest"
     if rng.random() < 0.7:
         fields |= {"start": points[:2], "goal": points[2:]}
-    choices = {"interchangeable": [True], "tolerance": [1e-5], "max_moves": [30], "execution": [0.001]}
+    choices = {
+        "interchangeable": [True],
+        "tolerance": [1e-5],
+        "max_moves": [30],
+        "execution": [0.001],
+    }
     for name, values in choices.items():
         if rng.random() < 0.4:
             fields[name] = rng.choice(values)
@@ -75,10 +101,18 @@ def random_search(rng: random.Random) -> dict[str, object]:
     choices = {
         "footprint": ["10", 7.5, ",".join(["10"] * robots)],
         "vehicle": [{"preset": "multirotor", "cruise_speed": 7.5}, "rover,turn_time=2"],
-        "angle": ["30", "0"], "margin": [2.5], "launch": [launch if robots == 2 else launch.partition(";")[0]], "loss": [0.2],
-        "faults": ["crash:1@5.25", ["crash:2@3", "slow:1@4:2"]], "crashes": [1], "targets": ["2"], "tour": ["boustrophedon"],
-        "allocation": ["hop", "stay"], "rates": [",".join(["1", "2", "1", "0.5"][:robots])], "network": ["delay:0.5"],
-    }  # fmt: skip
+        "angle": ["30", "0"],
+        "margin": [2.5],
+        "launch": [launch if robots == 2 else launch.partition(";")[0]],
+        "loss": [0.2],
+        "faults": ["crash:1@5.25", ["crash:2@3", "slow:1@4:2"]],
+        "crashes": [1],
+        "targets": ["2"],
+        "tour": ["boustrophedon"],
+        "allocation": ["hop", "stay"],
+        "rates": [",".join(["1", "2", "1", "0.5"][:robots])],
+        "network": ["delay:0.5"],
+    }
     for name, values in choices.items():
         if rng.random() < 0.4:
             fields[name] = rng.choice(values)
@@ -101,14 +135,18 @@ def deeds(episode):
 
 
 @pytest.mark.parametrize("part", RANDOM_FORMS)
-def test_python_command_and_file_give_the_same_episode_for_20_random_forms(part, tmp_path, monkeypatch, capsys):
+def test_python_command_and_file_give_the_same_episode_for_20_random_forms(
+    part, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     for drawing in ("figure", "save_figure"):  # of these episodes nobody looks at the figures
         monkeypatch.setattr(f"shoal.views.{drawing}", lambda *_args, **_more: None)
     outline = [(-20, -15), (25, -18), (30, 12), (-15, 20)]
     (tmp_path / "field.csv").write_text("x_m,y_m\n" + "".join(f"{x},{y}\n" for x, y in outline))
     degrees = [[8.5 + x / 75_000, 47.4 + y / 111_000] for x, y in (*outline, outline[0])]
-    (tmp_path / "field.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [degrees]}))
+    (tmp_path / "field.geojson").write_text(
+        json.dumps({"type": "Polygon", "coordinates": [degrees]})
+    )
     rng = random.Random(part)
     for seed in range(20):
         problem = checked_problem(RANDOM_FORMS[part](rng), Folder(tmp_path))
@@ -121,9 +159,13 @@ def test_python_command_and_file_give_the_same_episode_for_20_random_forms(part,
         assert load_problem("problem.json") == problem
         words = shlex.split(copies["command"])
         assert words[0] == "shoal"
-        assert run_command([*words[1:], "--out", "out", "--json"]) == (0 if expected or part == "swarm" else 1), copies["command"]
+        assert run_command([*words[1:], "--out", "out", "--json"]) == (
+            0 if expected or part == "swarm" else 1
+        ), copies["command"]
         episode = shoal.load(next((tmp_path / "out").glob("episode.*")))
-        if part != "search":  # an episode of a search holds its region and where robots set out, for whoever has no such files
+        if (
+            part != "search"
+        ):  # an episode of a search holds its region and where robots set out, for whoever has no such files
             assert episode.problem == problem
         assert deeds(episode) == deeds(expected)
         capsys.readouterr()

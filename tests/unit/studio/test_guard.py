@@ -33,15 +33,26 @@ async def echo(socket):
 
 class Served:
     def __init__(self, application=None):
-        routes = [Route("/", count_bytes), Route("/put", count_bytes, methods=["PUT", "POST"]), WebSocketRoute("/live", echo)]
+        routes = [
+            Route("/", count_bytes),
+            Route("/put", count_bytes, methods=["PUT", "POST"]),
+            WebSocketRoute("/live", echo),
+        ]
         self.socket = listening(None)
         self.port = self.socket.getsockname()[1]
         self.guard = Guard(application or Starlette(routes=routes), self.port)
         config = uvicorn.Config(
-            self.guard, http=LimitedConnection, ws="websockets-sansio", log_level="critical", lifespan="off", proxy_headers=False
+            self.guard,
+            http=LimitedConnection,
+            ws="websockets-sansio",
+            log_level="critical",
+            lifespan="off",
+            proxy_headers=False,
         )
         self.server = uvicorn.Server(config)
-        self.thread = threading.Thread(target=self.server.run, kwargs={"sockets": [self.socket]}, daemon=True)
+        self.thread = threading.Thread(
+            target=self.server.run, kwargs={"sockets": [self.socket]}, daemon=True
+        )
         self.thread.start()
         status, headers, _ = self.ask("GET", f"/?token={self.guard.token}", cookie=None)
         assert (status, headers["location"]) == (303, "/")
@@ -55,7 +66,11 @@ class Served:
         with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=5)) as connection:
             connection.request(method, path, body, given)
             answer = connection.getresponse()
-            return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+            return (
+                answer.status,
+                {name.lower(): value for name, value in answer.getheaders()},
+                answer.read(),
+            )
 
     def well(self):
         return self.ask()[0] == 200
@@ -80,7 +95,9 @@ def test_answers_wait_for_nothing(served, monkeypatch):
     told = []
 
     def made(connection, transport):
-        told.append(transport.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+        told.append(
+            transport.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        )
         begin(connection, transport)
 
     begin = LimitedConnection.connection_made
@@ -125,11 +142,19 @@ def test_strangers_are_refused(served, status, given):
 
 
 def test_a_guessed_cookie_is_refused(served):
-    assert served.ask(cookie=served.cookie[:-1] + ("a" if served.cookie[-1] != "a" else "b"))[0] == 401
+    assert (
+        served.ask(cookie=served.cookie[:-1] + ("a" if served.cookie[-1] != "a" else "b"))[0] == 401
+    )
 
 
 @pytest.mark.parametrize(
-    ("origin", "cookie"), [("http://evil.example", True), (None, True), ("ours", False), ("http://localhost.evil.example", True)]
+    ("origin", "cookie"),
+    [
+        ("http://evil.example", True),
+        (None, True),
+        ("ours", False),
+        ("http://localhost.evil.example", True),
+    ],
 )
 def test_sockets_of_other_pages_are_refused(served, origin, cookie):
     asked = f"http://127.0.0.1:{served.port}" if origin == "ours" else origin
@@ -150,7 +175,10 @@ def test_the_page_of_the_studio_has_its_socket(served):
 
 
 def test_a_body_that_says_it_has_a_gigabyte_is_refused_before_it_comes(served):
-    head = f"PUT /put HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nCookie: {served.cookie}\r\nContent-Length: {2**30}\r\n\r\n"
+    head = (
+        f"PUT /put HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nCookie:"
+        f" {served.cookie}\r\nContent-Length: {2**30}\r\n\r\n"
+    )
     with closing(served.raw()) as line:
         line.sendall(head.encode())
         assert b" 413 " in line.recv(100)
@@ -159,7 +187,10 @@ def test_a_body_that_says_it_has_a_gigabyte_is_refused_before_it_comes(served):
 
 def test_a_body_that_does_not_say_how_large_it_is_is_cut_off(served, monkeypatch):
     monkeypatch.setattr(guard_module, "LARGEST_BODY", 2**16)
-    head = f"POST /put HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nCookie: {served.cookie}\r\nTransfer-Encoding: chunked\r\n\r\n"
+    head = (
+        f"POST /put HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nCookie:"
+        f" {served.cookie}\r\nTransfer-Encoding: chunked\r\n\r\n"
+    )
     piece, sent = b"4000\r\n" + b"x" * 0x4000 + b"\r\n", 0
     with closing(served.raw()) as line:
         line.sendall(head.encode())
@@ -173,7 +204,11 @@ def test_a_body_that_does_not_say_how_large_it_is_is_cut_off(served, monkeypatch
 
 @pytest.mark.parametrize(
     "came",
-    ["", "GET / HTTP/1.1\r\nHost: x", "POST /put HTTP/1.1\r\nHost: {host}\r\nCookie: {cookie}\r\nContent-Length: 9\r\n\r\nx"],
+    [
+        "",
+        "GET / HTTP/1.1\r\nHost: x",
+        "POST /put HTTP/1.1\r\nHost: {host}\r\nCookie: {cookie}\r\nContent-Length: 9\r\n\r\nx",
+    ],
 )
 def test_slow_requests_are_not_waited_for(served, monkeypatch, came):
     monkeypatch.setattr(guard_module, "SLOWEST", 0.2)

@@ -12,9 +12,7 @@ import pytest
 
 from shoal.core.errors import InvalidInputError
 from shoal.studio.folder import Folder
-from shoal.studio.jobs.processes import Worker
-from shoal.studio.jobs.queue import JobQueue
-from shoal.studio.jobs.store import ENDED, JobStore
+from shoal.studio.jobs import ENDED, JobQueue, JobStore, Worker
 
 
 def test_a_job_that_was_cut_off_is_begun_again_and_then_marked(tmp_path):
@@ -62,7 +60,10 @@ def test_another_database_is_left_alone(tmp_path):
         ("UPDATE jobs SET spec = x'00'", "job 1: spec: expected a text"),
         ("UPDATE jobs SET state = 'x'", "job 1: state: expected one of queued, .* got 'x'"),
         ("UPDATE jobs SET created = 9e999", "job 1: created: expected a number, got inf"),
-        ("ALTER TABLE jobs RENAME TO x; CREATE VIEW jobs AS SELECT * FROM x", "nothing else, got the table 'x'"),
+        (
+            "ALTER TABLE jobs RENAME TO x; CREATE VIEW jobs AS SELECT * FROM x",
+            "nothing else, got the table 'x'",
+        ),
         ("DROP TABLE jobs; CREATE VIEW jobs AS SELECT 1", "nothing else, got the view 'jobs'"),
     ],
 )
@@ -91,7 +92,9 @@ def gone(pid):
 
 
 def test_processes_have_a_limit_of_memory_and_end_with_what_they_started():
-    eater, crasher, parent = (Worker(f"tests.studio_work:{name}") for name in ("eat_memory", "crash", "wait_with_child"))
+    eater, crasher, parent = (
+        Worker(f"tests.studio_work:{name}") for name in ("eat_memory", "crash", "wait_with_child")
+    )
     try:
         assert eater.connection.recv() == "refused"
         with pytest.raises(EOFError):
@@ -109,7 +112,10 @@ def test_a_job_that_crashes_fails_alone_and_one_that_is_cancelled_ends(tmp_path)
     told = []
 
     def spec(seed, **fields):
-        return {"problem": {"kind": "swarm", "map": "maze:301x301", "particles": 40} | fields, "seed": seed}
+        return {
+            "problem": {"kind": "swarm", "map": "maze:301x301", "particles": 40} | fields,
+            "seed": seed,
+        }
 
     async def until_running(queue, number):
         while (running := queue._running.get(number)) is None or running.worker is None:
@@ -126,7 +132,9 @@ def test_a_job_that_crashes_fails_alone_and_one_that_is_cancelled_ends(tmp_path)
         short = {"map": "maze:9x7", "particles": 4, "policy": "closest-frontier"}
         good = queue.add("play", spec(3, **short), urgent=True)["id"]
         bad = queue.add("play", spec(3, map="no-such:9"), urgent=True)["id"]
-        while not all(queue.told(number)["state"] in ENDED for number in (crashing, cancelled, good, bad)):
+        while not all(
+            queue.told(number)["state"] in ENDED for number in (crashing, cancelled, good, bad)
+        ):
             await asyncio.sleep(0.01)
         found = [queue.told(number) for number in (crashing, cancelled, good, bad)]
         pieces = [message["piece"] for message in told if message.get("of") == good]
@@ -134,10 +142,18 @@ def test_a_job_that_crashes_fails_alone_and_one_that_is_cancelled_ends(tmp_path)
         return found, pieces
 
     (crashed, cancelled, good, bad), pieces = asyncio.run(asyncio.wait_for(scenario(), 60))
-    assert (crashed["state"], cancelled["state"], good["state"], bad["state"]) == ("failed", "cancelled", "done", "failed")
+    assert (crashed["state"], cancelled["state"], good["state"], bad["state"]) == (
+        "failed",
+        "cancelled",
+        "done",
+        "failed",
+    )
     assert "crashed" in crashed["result"]["error"]
     assert "no-such" in bad["result"]["error"]
     assert sorted(path.name for path in tmp_path.glob("*.npz")) == [good["result"]["file"]]
     assert "begin" in pieces[0]
     assert pieces[-1]["end"] == "complete"
-    assert len("".join(piece.get("commands", "") for piece in pieces)) == good["result"]["report"]["moves"]
+    assert (
+        len("".join(piece.get("commands", "") for piece in pieces))
+        == good["result"]["report"]["moves"]
+    )

@@ -12,12 +12,11 @@ import shoal
 from shoal.cli import run as run_command
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, open_region
-from shoal.search.allocation.plan import plan_search
+from shoal.search.planning.plan import plan_search
 from shoal.search.regions.projection import LocalFrame
 from shoal.studio.answers import search
 from shoal.studio.folder import Folder
-from shoal.studio.jobs.missions import missions_zip
-from shoal.studio.jobs.work import storable
+from shoal.studio.work import missions_zip, storable
 
 PARTS = [[[-40, -30], [50, -35], [60, 20], [-35, 40]]]
 ZONES = [[[0, 0], [12, 0], [12, 10], [0, 10]]]
@@ -31,7 +30,13 @@ def folder(tmp_path, monkeypatch):
 
 def about(frame, **more):
     drawing = {"frame": frame, "parts": PARTS, "zones": ZONES}
-    problem = {"kind": "search", "robots": 3, "footprint": "10", "vehicle": {"preset": "multirotor"}, "angle": "0"}
+    problem = {
+        "kind": "search",
+        "robots": 3,
+        "footprint": "10",
+        "vehicle": {"preset": "multirotor"},
+        "angle": "0",
+    }
     return {"problem": problem | more, "drawing": drawing, "frame": frame, "seed": 2}
 
 
@@ -41,20 +46,28 @@ def test_a_drawn_region_is_planned_as_its_file_is(folder, frame):
     drawn = search.plan(folder, asked)
     name = search.draw(folder, asked)["file"]
     assert (folder.root / name).suffix == (".csv" if frame is None else ".geojson")
-    read = search.plan(folder, asked | {"drawing": None, "problem": asked["problem"] | {"region": name}})
+    read = search.plan(
+        folder, asked | {"drawing": None, "problem": asked["problem"] | {"region": name}}
+    )
     assert read["robots"] == drawn["robots"]
     assert read["makespan"] == drawn["makespan"]
     region = open_region(name)
     assert region.no_go_zones == 1
     assert region.area_m2 == pytest.approx(drawn["area"])
     outline = np.array(drawn["outline"][0][0])
-    assert np.abs(outline[:, None] - np.array(PARTS[0])).max(axis=2).min(axis=0).max() < 0.011  # where it was drawn
-    expected = shoal.run(SearchProblem(name, robots=3, footprint=10, vehicle="multirotor", angle=0), seed=2)
+    assert (
+        np.abs(outline[:, None] - np.array(PARTS[0])).max(axis=2).min(axis=0).max() < 0.011
+    )  # where it was drawn
+    expected = shoal.run(
+        SearchProblem(name, robots=3, footprint=10, vehicle="multirotor", angle=0), seed=2
+    )
     assert drawn["makespan"] == expected.metrics["planned"]
 
 
 def test_zones_are_drawn_over_a_region_that_is_there(folder):
-    asked = about(None, region="rectangle:60x40") | {"drawing": {"frame": None, "parts": [], "zones": ZONES}}
+    asked = about(None, region="rectangle:60x40") | {
+        "drawing": {"frame": None, "parts": [], "zones": ZONES}
+    }
     drawn = search.plan(folder, asked)
     assert drawn["area"] == 60 * 40 - 120
     name = search.draw(folder, asked)["file"]
@@ -66,7 +79,13 @@ def test_what_is_wrong_is_said_beside_the_region(folder):
     assert told["outline"]
     assert "problem" in told
     with pytest.raises(InvalidInputError, match="drawn part 1"):
-        search.plan(folder, about(None) | {"drawing": {"frame": None, "parts": [[[0, 0], [9, 9], [9, 0], [0, 9]]], "zones": []}})
+        search.plan(
+            folder,
+            about(None)
+            | {
+                "drawing": {"frame": None, "parts": [[[0, 0], [9, 9], [9, 0], [0, 9]]], "zones": []}
+            },
+        )
 
 
 def test_polynomials_are_the_projection():
@@ -77,7 +96,9 @@ def test_polynomials_are_the_projection():
     def at(terms, given):
         return sum(np.outer(given[:, 0] ** i * given[:, 1] ** j, [a, b]) for i, j, a, b in terms)
 
-    assert np.abs(at(told["degrees"], points / told["reach"]) - (degrees - (8.5, 47.4))).max() < 1e-9
+    assert (
+        np.abs(at(told["degrees"], points / told["reach"]) - (degrees - (8.5, 47.4))).max() < 1e-9
+    )
     assert np.abs(told["reach"] * at(told["metres"], degrees - (8.5, 47.4)) - points).max() < 1e-4
 
 
@@ -96,18 +117,33 @@ def test_simulations_go_on_as_before_until_a_robot_dies(folder):
 def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeypatch):
     name = search.draw(folder, about([8.5, 47.4]))["file"]
     problem = about(None, region=name)["problem"]
-    foretold = search.missions(folder, {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2})
-    done = storable(missions_zip(folder, {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2}, lambda *_: None))
+    foretold = search.missions(
+        folder, {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2}
+    )
+    done = storable(
+        missions_zip(
+            folder,
+            {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2},
+            lambda *_: None,
+        )
+    )
     with zipfile.ZipFile(done["file"]) as archive:
         archive.extractall("out")
-        assert {"missions/robot-01.plan", "missions/map.png", "check/check.json"} <= {*archive.namelist()}
+        assert {"missions/robot-01.plan", "missions/map.png", "check/check.json"} <= {
+            *archive.namelist()
+        }
     assert json.loads((folder.root / "out/check/check.json").read_text()) == done["check"]
     assert done["check"]["errors"] == 0
-    assert [one["altitude_m"] for one in foretold["starts"]] == [one["altitude_m"] for one in done["missions"]["starts"]]
+    assert [one["altitude_m"] for one in foretold["starts"]] == [
+        one["altitude_m"] for one in done["missions"]["starts"]
+    ]
     monkeypatch.setattr("shoal.views.search.mission_folder.save_figure", lambda *_: None)
     assert run_command([*done["command"].split()[1:], "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["missions"] == done["missions"]
-    ours, theirs = (sorted(path.glob("*.plan")) for path in (folder.root / "missions", folder.root / "out/missions"))
+    ours, theirs = (
+        sorted(path.glob("*.plan"))
+        for path in (folder.root / "missions", folder.root / "out/missions")
+    )
     assert [path.read_text() for path in ours] == [path.read_text() for path in theirs]
 
 
@@ -115,12 +151,16 @@ def test_ways_are_corners_in_layers_and_their_length_is_that_of_the_plan(folder,
     asked = about(None) | {"drawing": None}
     asked["problem"] |= {"region": "box:60x40x20", "robots": 2}
     told = search.plan(folder, asked)
-    plan = plan_search(SearchProblem("box:60x40x20", robots=2, footprint=10, vehicle="multirotor", angle=0), seed=2)
+    plan = plan_search(
+        SearchProblem("box:60x40x20", robots=2, footprint=10, vehicle="multirotor", angle=0), seed=2
+    )
     assert told["layers"] == plan.altitudes
     assert {piece["layer"] for robot in told["robots"] for piece in robot["way"]} == {0, 1}
     for robot, shown in enumerate(told["robots"]):
         points = plan.route(robot, plan.stops(robot)).points
-        assert shown["length"] == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        assert shown["length"] == pytest.approx(
+            np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        )
         for piece in shown["way"]:
             level = points[points[:, 2] == plan.altitudes[piece["layer"]], :2]
             corners = np.array(piece["points"])

@@ -6,7 +6,7 @@ import pytest
 
 from shoal.cli import run
 from shoal.core.errors import OutputError
-from shoal.lab.storage.lock import locked
+from shoal.lab.store import locked
 from shoal.studio.server import listening
 
 

@@ -20,11 +20,23 @@ VOLUME = np.stack([GREYS, GREYS, np.roll(GREYS, 2, axis=1)])
 
 def write_samples(folder):
     """Write one file of each kind. Return the path of each by its name."""
-    for write in (write_pictures, write_tiffs, write_texts, write_arrays, write_niftis, write_dicom):
+    for write in (
+        write_pictures,
+        write_tiffs,
+        write_texts,
+        write_arrays,
+        write_niftis,
+        write_dicom,
+    ):
         write(folder)
     colours = np.stack([GREYS, np.roll(GREYS, 1, axis=0), GREYS // 2], axis=-1).tobytes()
     bits = {"BitsAllocated": 8, "BitsStored": 8, "HighBit": 7}
-    colour = {"SamplesPerPixel": 3, "PhotometricInterpretation": "RGB", "PlanarConfiguration": 0, "PixelData": colours}
+    colour = {
+        "SamplesPerPixel": 3,
+        "PhotometricInterpretation": "RGB",
+        "PlanarConfiguration": 0,
+        "PixelData": colours,
+    }
     write_dicom(folder, [GREYS, GREYS], name="coloured", **bits, **colour)
     write_nrrd(folder / "volume.nrrd", VOLUME)
     return {path.name: path for path in folder.iterdir()}
@@ -58,16 +70,27 @@ def write_tiffs(folder):
     hyper = np.stack([np.stack([VOLUME, np.roll(VOLUME, 1, axis=1)], axis=1)] * 2)  # T Z C Y X
     hyper[1] = np.roll(hyper[1], 4, axis=-1)
     tifffile.imwrite(
-        folder / "imagej.tif", hyper, imagej=True, resolution=(4, 4), metadata={"axes": "TZCYX", "spacing": 2.0, "unit": "um"}
+        folder / "imagej.tif",
+        hyper,
+        imagej=True,
+        resolution=(4, 4),
+        metadata={"axes": "TZCYX", "spacing": 2.0, "unit": "um"},
     )
-    sizes = {"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25, "PhysicalSizeZ": 3.0, "Channel": {"Name": ["DAPI", "GFP"]}}
+    sizes = {
+        "PhysicalSizeX": 0.5,
+        "PhysicalSizeY": 0.25,
+        "PhysicalSizeZ": 3.0,
+        "Channel": {"Name": ["DAPI", "GFP"]},
+    }
     tifffile.imwrite(folder / "cells.ome.tif", hyper, metadata={"axes": "TZCYX", **sizes})
 
 
 def write_texts(folder):
     letters = ["".join(".#"[int(value == 0)] for value in row) for row in LINES]
     (folder / "rows.txt").write_text("\n".join(letters) + "\n")
-    (folder / "octile.map").write_text("type octile\nheight 20\nwidth 30\nmap\n" + "\n".join(letters).replace("#", "@") + "\n")
+    (folder / "octile.map").write_text(
+        "type octile\nheight 20\nwidth 30\nmap\n" + "\n".join(letters).replace("#", "@") + "\n"
+    )
     np.savetxt(folder / "table.csv", GREYS, fmt="%d", delimiter=",")
     np.savetxt(folder / "savetxt.txt", GREYS, header="a maze")
 
@@ -85,7 +108,9 @@ def write_niftis(folder):
     import nibabel
 
     stored = VOLUME.transpose(2, 0, 1)
-    (folder / "volume.nii.gz").write_bytes(gzip.compress(nibabel.Nifti1Image(stored, np.eye(4)).to_bytes()))
+    (folder / "volume.nii.gz").write_bytes(
+        gzip.compress(nibabel.Nifti1Image(stored, np.eye(4)).to_bytes())
+    )
     film = np.stack([stored, np.roll(stored, 1, axis=0)], axis=-1)
     nibabel.save(nibabel.Nifti1Image(film, np.eye(4)), folder / "film.nii")
 
@@ -98,7 +123,9 @@ def write_nrrd(path, values, **header):
 
 
 def write_dicom(folder, values=VOLUME, *, step=2.5, name="series", **more):
-    """Write a DICOM series: one file for each layer, from head to foot, with pixels of 0.5 mm and 0.25 mm."""
+    """Write a DICOM series: one file for each layer, from head to foot, with pixels of 0.5 mm and
+    0.25 mm.
+    """
     from pydicom.dataset import Dataset, FileMetaDataset
     from pydicom.uid import ExplicitVRLittleEndian, generate_uid
 
@@ -111,13 +138,23 @@ def write_dicom(folder, values=VOLUME, *, step=2.5, name="series", **more):
         meta.MediaStorageSOPInstanceUID = generate_uid(entropy_srcs=[name, str(number)])
         one = Dataset()
         one.file_meta = meta
-        one.SOPClassUID, one.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
+        one.SOPClassUID, one.SOPInstanceUID = (
+            meta.MediaStorageSOPClassUID,
+            meta.MediaStorageSOPInstanceUID,
+        )
         one.SeriesInstanceUID, one.InstanceNumber = series, len(values) - number
         one.Rows, one.Columns = layer.shape
-        one.SamplesPerPixel, one.PhotometricInterpretation, one.PixelRepresentation = 1, "MONOCHROME2", 0
+        one.SamplesPerPixel, one.PhotometricInterpretation, one.PixelRepresentation = (
+            1,
+            "MONOCHROME2",
+            0,
+        )
         one.BitsAllocated, one.BitsStored, one.HighBit = 16, 16, 15
         one.PixelSpacing = [0.5, 0.25]
-        one.ImageOrientationPatient, one.ImagePositionPatient = [1, 0, 0, 0, 1, 0], [0, 0, -step * number]
+        one.ImageOrientationPatient, one.ImagePositionPatient = (
+            [1, 0, 0, 0, 1, 0],
+            [0, 0, -step * number],
+        )
         one.PixelData = layer.astype("<u2").tobytes()
         for key, value in more.items():
             setattr(one, key, value)

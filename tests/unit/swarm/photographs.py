@@ -1,4 +1,6 @@
-"""Photographs drawn from generated vessels, with known truth: light, texture, noise, disc, fovea, exudates, reflexes."""
+"""Photographs drawn from generated vessels, with known truth: light, texture, noise, disc, fovea,
+exudates, reflexes.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,9 @@ from scipy import ndimage
 
 
 def branches(rng, start, angle, width, length, side):
-    """Return a vessel's branches, polylines with their width; thinner ones fork off (Murray's law)."""
+    """Return a vessel's branches, polylines with their width; thinner ones fork off
+    (Murray's law).
+    """
     todo, done = [(np.array(start, float), angle, width)], []
     while todo:
         at, heading, wide = todo.pop()
@@ -31,9 +35,13 @@ def branches(rng, start, angle, width, length, side):
 
 
 def coverage(points, width, shape):
-    """Return the pixels near a line, as an index, and the share of each that the line covers; float64."""
+    """Return the pixels near a line, as an index, and the share of each that the line covers;
+    float64.
+    """
     low = np.maximum(0, np.floor(points.min(axis=0) - width - 3)).astype(int)
-    high = np.maximum(low + 1, np.minimum(shape[::-1], np.ceil(points.max(axis=0) + width + 4)).astype(int))
+    high = np.maximum(
+        low + 1, np.minimum(shape[::-1], np.ceil(points.max(axis=0) + width + 4)).astype(int)
+    )
     columns, rows = (int(side) for side in high - low)
     picture = Image.new("L", (3 * columns, 3 * rows))
     line = [tuple(map(float, 3 * (point - low))) for point in points]
@@ -43,7 +51,9 @@ def coverage(points, width, shape):
     return at, covered[: max(0, shape[0] - low[1]), : max(0, shape[1] - low[0])]
 
 
-def fundus(seed, *, contrast=38.0, texture=1.8, noise=3.0, blur=1.1, exudates=0, height=584, width=565):
+def fundus(
+    seed, *, contrast=38.0, texture=1.8, noise=3.0, blur=1.1, exudates=0, height=584, width=565
+):
     """Return a photograph of an eye, uint8 (H, W, 3), and where its vessels are, bool (H, W)."""
     rng = np.random.default_rng(seed)
     shape, middle = (height, width), np.array([width, height]) / 2
@@ -53,10 +63,21 @@ def fundus(seed, *, contrast=38.0, texture=1.8, noise=3.0, blur=1.1, exudates=0,
     away = 0 if left else np.pi
     vessels = []
     for up in (-1, 1, rng.choice([-1, 1])):
-        for starts, length, thick in (((0.8, 1.4), 38, (5, 8.5)), ((2.0, 2.9), 30, (3, 6)), ((0.1, 0.6), 30, (2, 3.2))):
+        for starts, length, thick in (
+            ((0.8, 1.4), 38, (5, 8.5)),
+            ((2.0, 2.9), 30, (3, 6)),
+            ((0.1, 0.6), 30, (2, 3.2)),
+        ):
             for _ in range(2):
                 start = disc + rng.normal(0, 5, 2)
-                vessels += branches(rng, start, away + up * rng.uniform(*starts), rng.uniform(*thick), length, height)
+                vessels += branches(
+                    rng,
+                    start,
+                    away + up * rng.uniform(*starts),
+                    rng.uniform(*thick),
+                    length,
+                    height,
+                )
     depth, truth = np.zeros(shape), np.zeros(shape, bool)
     for points, wide in vessels:
         at, covered = coverage(points, wide, shape)
@@ -73,15 +94,23 @@ def fundus(seed, *, contrast=38.0, texture=1.8, noise=3.0, blur=1.1, exudates=0,
         green += texture * share * field / field.std()
     green -= 22 * np.exp(-((column - middle[0]) ** 2 + (row - middle[1]) ** 2) / 2 / 28**2)
     away_from_disc = np.hypot(column - disc[0], row - disc[1])
-    green += 60 / (1 + np.exp((away_from_disc - 36) / 2.5)) + 20 * np.exp(-(away_from_disc**2) / 7200)
+    green += 60 / (1 + np.exp((away_from_disc - 36) / 2.5)) + 20 * np.exp(
+        -(away_from_disc**2) / 7200
+    )
     for _ in range(exudates):
         at = rng.uniform(120, 440, 2)
-        green += rng.uniform(20, 60) / (1 + np.exp(np.hypot(column - at[0], row - at[1]) - rng.uniform(1.5, 8)))
+        green += rng.uniform(20, 60) / (
+            1 + np.exp(np.hypot(column - at[0], row - at[1]) - rng.uniform(1.5, 8))
+        )
     green = ndimage.gaussian_filter(green - depth * green / 105, blur)
-    green += 0.6 * rng.normal(0, noise, shape) + 1.6 * noise * ndimage.gaussian_filter(rng.normal(size=shape), 0.7)
+    green += 0.6 * rng.normal(0, noise, shape) + 1.6 * noise * ndimage.gaussian_filter(
+        rng.normal(size=shape), 0.7
+    )
     picture = np.dstack([0.8 * ndimage.gaussian_filter(green, 4) + 110, green, 0.35 * green])
     inside = np.hypot(column - middle[0], row - middle[1]) - 270
-    picture = picture / (1 + np.exp(inside / 0.8))[..., None] + np.abs(rng.normal(2, 1.5, (*shape, 3)))
+    picture = picture / (1 + np.exp(inside / 0.8))[..., None] + np.abs(
+        rng.normal(2, 1.5, (*shape, 3))
+    )
     return np.clip(picture, 0, 255).astype(np.uint8), truth & (inside < 0)
 
 
@@ -91,7 +120,9 @@ def angiogram(seed, shape, *, widest, contrast=75.0, noise=9.0):
     height, width = shape
     depth = np.zeros(shape)
     for angle in (-0.5, 0.0, 0.5):
-        for points, wide in branches(rng, (0.1 * width, height / 2), angle, widest, width / (2 * widest), max(shape)):
+        for points, wide in branches(
+            rng, (0.1 * width, height / 2), angle, widest, width / (2 * widest), max(shape)
+        ):
             at, covered = coverage(points, wide, shape)
             depth[at] = np.maximum(depth[at], covered)
     light = 180 + 20 * np.linspace(-1, 1, width) - contrast * ndimage.gaussian_filter(depth, 1)

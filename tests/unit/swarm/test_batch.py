@@ -8,11 +8,11 @@ from tests.swarm_runs import run
 
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmProblem
-from shoal.swarm.batch import PLANES, WorldBatch, threads
-from shoal.swarm.grid.commands import LETTERS
-from shoal.swarm.grid.randomness import trial_rng
+from shoal.swarm import batch as threads
+from shoal.swarm.batch import PLANES, WorldBatch
+from shoal.swarm.grid.board import LETTERS, trial_rng
 from shoal.swarm.grid.tasks import Mapping
-from shoal.swarm.simulation.starts import draw_start, swarm_of
+from shoal.swarm.simulation.swarms import draw_start, swarm_of
 
 SHAPES = [(5, 7), (9, 70), (3, 62), (2, 3, 5), (4, 2, 64)]
 
@@ -40,14 +40,21 @@ def alone(problem, seed):
 def check_same(batch, world, swarm):
     belief = batch.belief(world)
     assert batch.state(world) == swarm.state
-    assert (belief.open, belief.known, belief.frontier) == (swarm.belief.open, swarm.belief.known, swarm.belief.frontier)
+    assert (belief.open, belief.known, belief.frontier) == (
+        swarm.belief.open,
+        swarm.belief.known,
+        swarm.belief.frontier,
+    )
     assert batch.frontier[world] == len(swarm.belief.frontier)
     assert batch.complete[world] == swarm.finished
 
 
 def play_beside(batch, moves, *, repeat=1, seed=0):
     """Step a batch with random commands, and each of its worlds by itself."""
-    swarms = [alone(batch.problems[index], int(own)) for index, own in zip(batch.maps, batch.seeds, strict=True)]
+    swarms = [
+        alone(batch.problems[index], int(own))
+        for index, own in zip(batch.maps, batch.seeds, strict=True)
+    ]
     rng, moved = np.random.default_rng(seed), np.zeros(len(batch), dtype=int)
     for _ in range(moves):
         going = ~(batch.terminated | batch.truncated)
@@ -62,7 +69,11 @@ def play_beside(batch, moves, *, repeat=1, seed=0):
                 rows, _ = swarm.carry_out(LETTERS[commands[world]], min(repeat, limit), scan=True)
                 moved[world] += min(repeat, limit)
                 expected = (sum(row[0] for row in rows), rows[-1][1], sum(row[2] for row in rows))
-            assert (trace.classified[world], trace.frontier[world], trace.travelled[world]) == expected
+            assert (
+                trace.classified[world],
+                trace.frontier[world],
+                trace.travelled[world],
+            ) == expected
             check_same(batch, world, swarm)
     assert (batch.moves == moved).all()
 
@@ -72,13 +83,17 @@ def play_beside(batch, moves, *, repeat=1, seed=0):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_each_world_moves_as_one_alone(shape, rule, task):
     place = space(shape)
-    problem = SwarmProblem(place, particles=max(1, place.n_free // 3), rule=rule, task=task, policy="closest-frontier")
+    problem = SwarmProblem(
+        place, particles=max(1, place.n_free // 3), rule=rule, task=task, policy="closest-frontier"
+    )
     play_beside(WorldBatch(problem, 3, seed=4), 25)
 
 
 @pytest.mark.parametrize("rule", ["block", "merge"])
 def test_runs_of_equal_commands(rule):
-    problem = SwarmProblem(space((6, 9)), particles=5, rule=rule, scan_every=3, max_moves=31, policy="closest-frontier")
+    problem = SwarmProblem(
+        space((6, 9)), particles=5, rule=rule, scan_every=3, max_moves=31, policy="closest-frontier"
+    )
     play_beside(WorldBatch(problem, 3), 12, repeat=3)
 
 
@@ -90,14 +105,27 @@ def test_worlds_with_noise(repeat):
 
 @pytest.mark.parametrize("rule", ["block", "merge"])
 def test_a_task_of_ones_own(rule):
-    play_beside(WorldBatch(SwarmProblem(space((4, 6)), particles=4, task=Twice(), rule=rule, policy="closest-frontier"), 2), 10)
+    play_beside(
+        WorldBatch(
+            SwarmProblem(
+                space((4, 6)), particles=4, task=Twice(), rule=rule, policy="closest-frontier"
+            ),
+            2,
+        ),
+        10,
+    )
 
 
-@pytest.mark.parametrize("fields", [{}, {"rule": "merge"}, {"task": "coverage"}, {"slip": 0.1}], ids=str)
+@pytest.mark.parametrize(
+    "fields", [{}, {"rule": "merge"}, {"task": "coverage"}, {"slip": 0.1}], ids=str
+)
 @pytest.mark.parametrize("shapes", [SHAPES[:3], SHAPES[3:]])
 def test_maps_of_several_sizes(shapes, fields):
     policy = "closest-frontier"
-    problems = [SwarmProblem(space(shape, seed), particles=4, policy=policy, **fields) for seed, shape in enumerate(shapes)]
+    problems = [
+        SwarmProblem(space(shape, seed), particles=4, policy=policy, **fields)
+        for seed, shape in enumerate(shapes)
+    ]
     batch = WorldBatch(problems, 6, seed=1)
     assert len(set(batch.maps.tolist())) > 1
     for _ in range(3):
@@ -112,17 +140,29 @@ def test_worlds_begin_and_play_as_run_does():
     for move in range(max(episode.moves for episode in episodes)):
         going = np.array([move < episode.moves for episode in episodes])
         assert (batch.terminated == ~going).all()
-        commands = [episode.trace.commands[move] if on else 0 for episode, on in zip(episodes, going, strict=True)]
+        commands = [
+            episode.trace.commands[move] if on else 0
+            for episode, on in zip(episodes, going, strict=True)
+        ]
         trace = batch.step(commands, where=going)
         for world in np.flatnonzero(going):
-            assert [column[world] for column in trace] == [column[move] for column in episodes[world].trace]
+            assert [column[world] for column in trace] == [
+                column[move] for column in episodes[world].trace
+            ]
     assert batch.complete.all()
 
 
 def test_worlds_depend_neither_on_their_number_nor_on_threads(monkeypatch):
-    problems = [SwarmProblem(space((5, 9), seed), particles=6, max_moves=9, policy="closest-frontier") for seed in range(3)]
+    problems = [
+        SwarmProblem(space((5, 9), seed), particles=6, max_moves=9, policy="closest-frontier")
+        for seed in range(3)
+    ]
     monkeypatch.setattr(threads, "SMALLEST", 1)
-    batches = [WorldBatch(problems, 12, threads=1), WorldBatch(problems, 12, threads=5), WorldBatch(problems, 4, threads=2)]
+    batches = [
+        WorldBatch(problems, 12, threads=1),
+        WorldBatch(problems, 12, threads=5),
+        WorldBatch(problems, 4, threads=2),
+    ]
     rng = np.random.default_rng(0)
     for _ in range(40):
         commands = rng.integers(0, 4, 12)
@@ -139,7 +179,10 @@ def test_worlds_depend_neither_on_their_number_nor_on_threads(monkeypatch):
 
 
 def test_resets():
-    problems = [SwarmProblem(space((4, 5), seed), particles=3, policy="closest-frontier") for seed in range(2)]
+    problems = [
+        SwarmProblem(space((4, 5), seed), particles=3, policy="closest-frontier")
+        for seed in range(2)
+    ]
     batch = WorldBatch(problems, 4, seed=[7, 7, 8, 9], threads=1)
     assert batch.seeds.tolist() == [7, 7, 8, 9]
     assert batch.state(0) == batch.state(1)
@@ -168,7 +211,11 @@ def test_resets():
 @pytest.mark.parametrize("shapes", [SHAPES[:3], SHAPES[3:]])
 def test_planes_are_the_boards(shapes, rule):
     policy = "closest-frontier"
-    batch = WorldBatch([SwarmProblem(space(shape), particles=7, rule=rule, policy=policy) for shape in shapes], 5, seed=2)
+    batch = WorldBatch(
+        [SwarmProblem(space(shape), particles=7, rule=rule, policy=policy) for shape in shapes],
+        5,
+        seed=2,
+    )
     for _ in range(4):
         batch.step(np.zeros(5, dtype=int))
     out = np.full((5, len(PLANES), *batch.layout.window), 9, dtype=np.uint8)
@@ -179,12 +226,18 @@ def test_planes_are_the_boards(shapes, rule):
         own = tuple(slice(0, size + 2) for size in place.shape)
         shown = dict(zip(PLANES, out[world], strict=True))
         assert (shown["obstacles"][own] == belief.obstacles.mask).all()
-        assert shown["obstacles"].sum() - len(belief.obstacles) == shown["obstacles"].size - belief.open.mask.size
+        assert (
+            shown["obstacles"].sum() - len(belief.obstacles)
+            == shown["obstacles"].size - belief.open.mask.size
+        )
         particles = state.occupied.mask if state.counts is None else state.counts
         masks = {
-            "particles": particles, "free": belief.open.mask, "frontier": belief.frontier.mask, "unknown": ~belief.known.mask,
+            "particles": particles,
+            "free": belief.open.mask,
+            "frontier": belief.frontier.mask,
+            "unknown": ~belief.known.mask,
             "map": np.pad(place.free, 1),
-        }  # fmt: skip
+        }
         for name, mask in masks.items():
             assert (shown[name][own] == mask).all()
             assert shown[name].sum() == mask.sum()
@@ -193,7 +246,12 @@ def test_planes_are_the_boards(shapes, rule):
 
 
 def test_many_particles_in_a_cell_are_255_in_a_plane():
-    batch = WorldBatch(SwarmProblem([[1, 1]], particles=300, start=[(0, 0)] * 300, rule="merge", policy="closest-frontier"), 1)
+    batch = WorldBatch(
+        SwarmProblem(
+            [[1, 1]], particles=300, start=[(0, 0)] * 300, rule="merge", policy="closest-frontier"
+        ),
+        1,
+    )
     assert batch.planes(["particles"]).max() == 255
     assert batch.state(0).n_particles == 300
 
@@ -201,7 +259,9 @@ def test_many_particles_in_a_cell_are_255_in_a_plane():
 @pytest.mark.parametrize("rule", ["block", "merge", "tilt"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_masks_are_of_commands_that_may_change_something(shape, rule):
-    batch = WorldBatch(SwarmProblem(space(shape), particles=4, rule=rule, policy="closest-frontier"), 3)
+    batch = WorldBatch(
+        SwarmProblem(space(shape), particles=4, rule=rule, policy="closest-frontier"), 3
+    )
     rng = np.random.default_rng(0)
     for _ in range(10):
         masks = batch.action_masks()
@@ -209,7 +269,9 @@ def test_masks_are_of_commands_that_may_change_something(shape, rule):
             state, belief = batch.state(world), batch.belief(world)
             for code, letter in enumerate(LETTERS[: 2 * len(shape)]):
                 room = state.occupied.shifted(letter) - belief.obstacles
-                assert masks[world, code] == bool(room if rule == "merge" else room - state.occupied)
+                assert masks[world, code] == bool(
+                    room if rule == "merge" else room - state.occupied
+                )
         batch.reset(batch.terminated)
         batch.step(rng.integers(0, 2 * len(shape), 3))
     noisy = WorldBatch(SwarmProblem([[1, 1]], particles=1, slip=0.1), 2)
@@ -237,35 +299,72 @@ def ended_batch():
 @pytest.mark.parametrize(
     ("does", "says"),
     [
-        (lambda batch: batch.step([0, 1]), r"commands: expected 3 whole numbers, one per world, got int64 \(2,\)"),
-        (lambda batch: batch.step([0, 1, 0.5]), r"commands: expected 3 whole numbers, one per world, got float64 \(3,\)"),
-        (lambda batch: batch.step(0), r"commands: expected 3 whole numbers, one per world, got int64 \(\)"),
+        (
+            lambda batch: batch.step([0, 1]),
+            r"commands: expected 3 whole numbers, one per world, got int64 \(2,\)",
+        ),
+        (
+            lambda batch: batch.step([0, 1, 0.5]),
+            r"commands: expected 3 whole numbers, one per world, got float64 \(3,\)",
+        ),
+        (
+            lambda batch: batch.step(0),
+            r"commands: expected 3 whole numbers, one per world, got int64 \(\)",
+        ),
         (lambda batch: batch.step([0, 1, 4]), r"commands: expected 0 to 3, got 4 for world 2"),
-        (lambda batch: batch.step("lux"), r"expected commands out of 'lurd' for a 2-D workspace, got 'x' at position 3"),
-        (lambda batch: batch.step([0, 1, 2], repeat=0), "repeat: expected 1 or more, got 0 for world 0"),
-        (lambda batch: batch.step([0, 0, 0], where=[1, 1, 1]), r"where: expected 3 booleans, one per world, got int64 \(3,\)"),
+        (
+            lambda batch: batch.step("lux"),
+            r"expected commands out of 'lurd' for a 2-D workspace, got 'x' at position 3",
+        ),
+        (
+            lambda batch: batch.step([0, 1, 2], repeat=0),
+            "repeat: expected 1 or more, got 0 for world 0",
+        ),
+        (
+            lambda batch: batch.step([0, 0, 0], where=[1, 1, 1]),
+            r"where: expected 3 booleans, one per world, got int64 \(3,\)",
+        ),
         (
             lambda _: ended_batch().step("rrr"),
-            r"step: expected worlds whose episodes are running, got world 1, whose episode has ended",
+            (
+                r"step: expected worlds whose episodes are running, got world 1, whose episode has"
+                r" ended"
+            ),
         ),
         (lambda batch: batch.reset(seed=-1), "seed: expected a whole number, 0 or more, got -1"),
         (lambda batch: batch.reset(seed=[1, 2]), "seed: expected 3 seeds, one per world, got 2"),
         (lambda batch: batch.reset(maps=1), "maps: expected 0 to 0, got 1 for world 0"),
-        (lambda batch: batch.planes(["walls"]), r"planes: expected names out of particles, .*, got \['walls'\]"),
-        (lambda batch: batch.planes(out=np.zeros(3, np.uint8)), r"out: .* uint8 \(3, 4, 3, 11\), got uint8 \(3,\)"),
-        (lambda batch: batch.planes(out=np.zeros((3, 4, 3, 22), np.uint8)[..., ::2]), "which is not contiguous"),
-        (lambda _: WorldBatch(SwarmProblem("line:9", particles=3), 0), "worlds: expected a whole number, 1 or more, got 0"),
+        (
+            lambda batch: batch.planes(["walls"]),
+            r"planes: expected names out of particles, .*, got \['walls'\]",
+        ),
+        (
+            lambda batch: batch.planes(out=np.zeros(3, np.uint8)),
+            r"out: .* uint8 \(3, 4, 3, 11\), got uint8 \(3,\)",
+        ),
+        (
+            lambda batch: batch.planes(out=np.zeros((3, 4, 3, 22), np.uint8)[..., ::2]),
+            "which is not contiguous",
+        ),
+        (
+            lambda _: WorldBatch(SwarmProblem("line:9", particles=3), 0),
+            "worlds: expected a whole number, 1 or more, got 0",
+        ),
         (lambda _: WorldBatch([], 2), r"problem: expected a SwarmProblem, or several, got \[\]"),
         (
             lambda _: WorldBatch(SwarmProblem("line:9", particles=10), 2),
             r"particles: expected 1 to 9 \(the free cells of line:9\), got 10",
         ),
         (
-            lambda _: WorldBatch([SwarmProblem("line:9", particles=3, rule=rule) for rule in ("block", "merge")], 2),
+            lambda _: WorldBatch(
+                [SwarmProblem("line:9", particles=3, rule=rule) for rule in ("block", "merge")], 2
+            ),
             "problems: expected the same rule in all of them, got 'block' and 'merge'",
         ),
         (
-            lambda _: WorldBatch([SwarmProblem(place, particles=1) for place in ("line:9", [[[1, 1]]])], 2),
+            lambda _: WorldBatch(
+                [SwarmProblem(place, particles=1) for place in ("line:9", [[[1, 1]]])], 2
+            ),
             "maps: expected all of 2 dimensions or all of 3, got both",
         ),
     ],
@@ -278,5 +377,9 @@ def test_what_is_wrong_is_said_in_one_sentence(does, says):
 
 
 def test_coverage_where_nobody_gets_is_refused():
-    with pytest.raises(InvalidInputError, match="coverage: expected a particle in every connected part"):
-        WorldBatch(SwarmProblem([[1, 0, 1]], particles=1, task="coverage", policy="closest-frontier"), 4)
+    with pytest.raises(
+        InvalidInputError, match="coverage: expected a particle in every connected part"
+    ):
+        WorldBatch(
+            SwarmProblem([[1, 0, 1]], particles=1, task="coverage", policy="closest-frontier"), 4
+        )

@@ -1,4 +1,6 @@
-"""Long episodes: what they will cost is said, Ctrl-C keeps what there is, and auto chooses by size and noise."""
+"""Long episodes: what they will cost is said, Ctrl-C keeps what there is, and auto chooses by size
+and noise.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from shoal.swarm.run import expected_duration, run
 
 
 def after(moves):
-    """Return a function that stops an episode after at least so many moves, and the list of its moves."""
+    """Return a function that stops an episode after at least so many moves, and the list of its
+    moves.
+    """
     told = [0]
 
     def count(made, _frontier):
@@ -91,7 +95,19 @@ def test_trials_keep_what_they_have(trials):
 
 def test_ctrl_c_writes_the_episode_and_ends_with_130(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(exploration, "moves_told", lambda _name: interrupting())
-    given = ["map", "vessels:300", "-n", "3", "--policy", "best", "--time-per-move", "20", "--out", str(tmp_path / "out"), "--json"]
+    given = [
+        "map",
+        "vessels:300",
+        "-n",
+        "3",
+        "--policy",
+        "best",
+        "--time-per-move",
+        "20",
+        "--out",
+        str(tmp_path / "out"),
+        "--json",
+    ]
     assert cli.run(given) == 130
     output = capsys.readouterr()
     assert json.loads(output.out)["status"] == ["interrupted"]
@@ -104,7 +120,10 @@ def test_ctrl_c_writes_the_episode_and_ends_with_130(tmp_path, monkeypatch, caps
 
 def test_the_duration_is_said_before_the_first_move(monkeypatch, capsys):
     monkeypatch.setattr(exploration, "TOLD", 0.0)
-    assert cli.run(["map", "vessels:300", "-n", "20", "--policy", "best", "--budget", "20", "--json"]) == 0
+    assert (
+        cli.run(["map", "vessels:300", "-n", "20", "--policy", "best", "--budget", "20", "--json"])
+        == 0
+    )
     output = capsys.readouterr()
     said = output.err.splitlines()[0]
     assert "beam-rollout:budget=20.0 takes about" in said
@@ -118,12 +137,16 @@ def test_an_expected_duration_counts_a_given_time_per_move():
     expected = expected_duration(problem)
     assert expected is not None
     assert expected.seconds == pytest.approx(0.03 * expected.moves)
-    assert expected_duration(problem.replaced(policy="closest-frontier", time_per_move=None)) is None
+    assert (
+        expected_duration(problem.replaced(policy="closest-frontier", time_per_move=None)) is None
+    )
 
 
 def test_auto_takes_a_smaller_budget_on_large_maps_and_no_planner_on_huge_ones():
     assert cost.fit_planner((150, 150), 5000, 1000) == BeamRollout()
-    budgets = [cost.fit_planner((700, 700), 100_000, particles) for particles in (50_000, 20_000, 5_000)]
+    budgets = [
+        cost.fit_planner((700, 700), 100_000, particles) for particles in (50_000, 20_000, 5_000)
+    ]
     assert budgets == sorted(budgets, key=lambda policy: -policy.budget)
     assert budgets[-1].budget < 1000
     assert all(
@@ -135,14 +158,25 @@ def test_auto_takes_a_smaller_budget_on_large_maps_and_no_planner_on_huge_ones()
 
 def test_auto_names_what_it_chose(monkeypatch, capsys):
     monkeypatch.setattr(cost, "MOST_SECONDS", 0.05)
-    assert SwarmProblem("vessels:500", particles=20).chosen_policy.name.startswith("beam-rollout:budget=")
-    assert SwarmProblem("vessels:500", particles=20, policy="best").chosen_policy.name == "beam-rollout"
-    assert SwarmProblem("vessels:500", particles=20, budget=500.0).chosen_policy.name == "beam-rollout:budget=500.0"
+    assert SwarmProblem("vessels:500", particles=20).chosen_policy.name.startswith(
+        "beam-rollout:budget="
+    )
+    assert (
+        SwarmProblem("vessels:500", particles=20, policy="best").chosen_policy.name
+        == "beam-rollout"
+    )
+    assert (
+        SwarmProblem("vessels:500", particles=20, budget=500.0).chosen_policy.name
+        == "beam-rollout:budget=500.0"
+    )
     assert SwarmProblem("rig", particles=20).chosen_policy.name == "beam-rollout"
     monkeypatch.setattr(cost, "MOST_SECONDS", 1e-6)
     assert SwarmProblem("vessels:500", particles=20).chosen_policy.name == "closest-frontier"
     assert cli.run(["map", "vessels:500", "-n", "20"]) == 0
-    assert "the policy auto chose closest-frontier, because best with its usual budget would take about" in capsys.readouterr().err
+    assert (
+        "the policy auto chose closest-frontier, because best with its usual budget would take"
+        " about" in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(
@@ -163,7 +197,9 @@ def test_auto_chooses_by_noise(fields, name):
 
 @pytest.mark.parametrize("trial", range(3))
 def test_planners_under_noise_learn_only_from_cells_that_particles_entered(monkeypatch, trial):
-    """Around other cells, the prior read memory outside the board, and equal seeds gave different episodes."""
+    """Around other cells, the prior read memory outside the board, and equal seeds gave different
+    episodes.
+    """
     observe, seen = planner_policy.planner_episode.observe_outcome, []
 
     def observed(field, mapping, planner, command, done):
@@ -178,7 +214,15 @@ def test_planners_under_noise_learn_only_from_cells_that_particles_entered(monke
         seen.append(int(new.sum()))
         return observe(field, mapping, planner, command, done)
 
-    problem = SwarmProblem("maze:15x11", particles=20, policy="best", budget=20.0, slip=0.1, misplace=0.05, confidence=0.9)
+    problem = SwarmProblem(
+        "maze:15x11",
+        particles=20,
+        policy="best",
+        budget=20.0,
+        slip=0.1,
+        misplace=0.05,
+        confidence=0.9,
+    )
     rooms = GridLayout(problem.place.shape)
     monkeypatch.setattr(planner_policy.planner_episode, "observe_outcome", observed)
     first = run(problem, trial=trial)

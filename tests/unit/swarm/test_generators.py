@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.swarm.maps.generators import GENERATORS, generate, is_spec
-from shoal.swarm.maps.generators.htree import draw_bars, half_lengths, tree_size
+from shoal.swarm.maps.generators.mazes import draw_bars, half_lengths, tree_size
 
 
 def parts(free):
@@ -52,7 +52,9 @@ def test_every_generator_draws_its_example(name):
     assert parts(free) == 1
 
 
-@pytest.mark.parametrize("spec", [generator.example for generator in map(GENERATORS.get, GENERATORS)])
+@pytest.mark.parametrize(
+    "spec", [generator.example for generator in map(GENERATORS.get, GENERATORS)]
+)
 def test_the_same_name_gives_the_same_map(spec):
     np.testing.assert_array_equal(generate(spec), generate(spec))
 
@@ -152,7 +154,10 @@ def test_cave_is_smooth():
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("line", r"expected a size \(CELLS\) in the map name, got 'line': write for example line:5000"),
+        (
+            "line",
+            r"expected a size \(CELLS\) in the map name, got 'line': write for example line:5000",
+        ),
         ("line:", "write for example line:5000"),
         ("maze::3", r"expected a size \(WIDTHxHEIGHT\)"),
         ("line:0", "expected at least 1 for the cells, got '0' in 'line:0'"),
@@ -172,7 +177,10 @@ def test_cave_is_smooth():
         ("rectangle:50", r"expected a size of 2 numbers \(ROWSxCOLUMNS\), got '50'"),
         ("rectangle:5x5x5", "expected a size of 2 numbers"),
         ("rectangle:5x", "expected a whole number of columns, got ''"),
-        ("maze:5x5:-1", "expected a seed that is an integer of at least 0, got '-1' in 'maze:5x5:-1'"),
+        (
+            "maze:5x5:-1",
+            "expected a seed that is an integer of at least 0, got '-1' in 'maze:5x5:-1'",
+        ),
         ("maze:5x5:x", "expected a seed"),
         ("maze:5x5:", "expected a seed"),
         ("maze:5x5:1.0", "expected a seed"),
@@ -186,7 +194,9 @@ def test_bad_names_are_refused(spec, message):
         generate(spec)
 
 
-@pytest.mark.parametrize(("spec", "near"), [("htre:50", "htree"), ("Maze:5x5", "maze"), ("vessel:100", "vessels")])
+@pytest.mark.parametrize(
+    ("spec", "near"), [("htre:50", "htree"), ("Maze:5x5", "maze"), ("vessel:100", "vessels")]
+)
 def test_an_unknown_name_brings_the_nearest_one(spec, near):
     with pytest.raises(UnknownNameError, match=f"unknown map generator .* did you mean '{near}'"):
         generate(spec)
@@ -194,7 +204,9 @@ def test_an_unknown_name_brings_the_nearest_one(spec, near):
 
 @pytest.mark.parametrize("spec", ["", "zzzz", "zzzz:5", ":5", "x" * 10_000])
 def test_an_unknown_name_without_a_near_one(spec):
-    with pytest.raises(UnknownNameError, match=r"unknown map generator .*\(known: line, rectangle") as caught:
+    with pytest.raises(
+        UnknownNameError, match=r"unknown map generator .*\(known: line, rectangle"
+    ) as caught:
         generate(spec)
     assert len(str(caught.value)) < 250
 
@@ -217,5 +229,7 @@ def test_is_spec(text, expected):
 
 def test_importing_generators_imports_neither_scipy_nor_scikit_image():
     code = "import sys, shoal.swarm.maps.generators; print({'scipy', 'skimage'} & set(sys.modules))"
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert result.stdout == "set()\n"

@@ -13,9 +13,16 @@ from scipy import ndimage
 
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.swarm.maps.files import open_map
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.maps.imaging import VesselFinder, dropped_parts, find_vessels, map_of_vessels, pixels_a_cell, segment_vessels
-from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.imaging import (
+    VesselFinder,
+    dropped_parts,
+    find_vessels,
+    map_of_vessels,
+    pixels_a_cell,
+    segment_vessels,
+)
 
 pytest.importorskip("skimage")  # an extra
 
@@ -47,7 +54,8 @@ def bars():
 def overlap(found, drawn):
     """Return the share of drawn cells that were found, and of found cells that were drawn.
 
-    One cell off counts: the ends of a line come out a little thick, which moves the edge of the map.
+    One cell off counts: the ends of a line come out a little thick, which moves the edge of the
+    map.
     """
     near = [ndimage.binary_dilation(mask) for mask in (found, drawn)]
     return (near[0] & drawn).sum() / drawn.sum(), (near[1] & found).sum() / found.sum()
@@ -70,7 +78,9 @@ def shrunk(picture, shape):
         lambda picture: picture,
         lambda picture: 1 - picture,
         lambda picture: (60 + 120 * picture).astype(np.uint8),
-        lambda picture: np.stack([200 * picture, 100 * picture, 50 * picture], axis=-1).astype(np.uint8),
+        lambda picture: np.stack([200 * picture, 100 * picture, 50 * picture], axis=-1).astype(
+            np.uint8
+        ),
         lambda picture: np.dstack([picture] * 3 + [np.ones_like(picture)]),
         lambda picture: picture > 0.5,
     ],
@@ -115,7 +125,9 @@ def test_the_picture_of_a_map_gives_the_map_back():
     free = segment_vessels(picture, width=max(drawn.shape))
     assert_is_map(free)
     assert 1500 < np.count_nonzero(free) < 3000
-    assert np.count_nonzero(free & ~ndimage.binary_erosion(free, np.ones((5, 5)))) > 0.9 * np.count_nonzero(free)
+    assert np.count_nonzero(
+        free & ~ndimage.binary_erosion(free, np.ones((5, 5)))
+    ) > 0.9 * np.count_nonzero(free)
 
 
 def test_the_polarity_can_be_given():
@@ -168,7 +180,9 @@ def test_retina(retina):
 
 @pytest.mark.parametrize("side", [640, 700])
 def test_a_retina_of_middle_size_keeps_both_arcs(retina, side):
-    """With filters for two sizes, the optic disc cut these photographs into halves, and the map lost 54 % of the vessels."""
+    """With filters for two sizes, the optic disc cut these photographs into halves, and the map
+    lost 54 % of the vessels.
+    """
     picture = np.asarray(Image.fromarray(retina).resize((side, side), Image.Resampling.LANCZOS))
     parts, share = dropped_parts(find_vessels(picture).mask)
     assert share < 0.1
@@ -182,7 +196,11 @@ def test_dropped_vessels_are_said(retina, tmp_path, monkeypatch):
     Image.fromarray(retina[::4, ::4]).save(tmp_path / "eye.png")
     open_map(tmp_path / "eye.png", vessels=True)
     (text,) = told
-    assert re.search(r"eye\.png: the map has the largest network of vessels; \d+ other parts with \S+ % of the vessel pixels", text)
+    assert re.search(
+        r"eye\.png: the map has the largest network of vessels; \d+ other parts with \S+ % of the"
+        r" vessel pixels",
+        text,
+    )
 
 
 def test_retina_in_other_sizes_and_with_other_thresholds(retina):
@@ -209,7 +227,10 @@ def test_a_drawn_eye_and_a_noisy_angiogram():
         assert measured(vessels.mask, truth, np.ones_like(truth))["dice"] > 0.85
 
 
-@pytest.mark.parametrize("name", ["page", "text", "brick", "hubble_deep_field", "cell", "coffee", "camera", "coins", "grass"])
+@pytest.mark.parametrize(
+    "name",
+    ["page", "text", "brick", "hubble_deep_field", "cell", "coffee", "camera", "coins", "grass"],
+)
 def test_pictures_of_other_things_are_refused_or_warned_of(name):
     from skimage import data
 
@@ -274,7 +295,9 @@ def test_without_scikit_image_the_error_says_what_to_install(monkeypatch):
 
 
 def test_a_finder_answers_for_one_pair_of_thresholds_after_the_other():
-    picture = np.random.default_rng(0).normal(0, 0.05, (200, 240)) + ndimage.gaussian_filter(bars(), 1)
+    picture = np.random.default_rng(0).normal(0, 0.05, (200, 240)) + ndimage.gaussian_filter(
+        bars(), 1
+    )
     finder = VesselFinder(picture)
     for low, high in ((0.6, 1.2), (0.9, 1.3)):
         found, expected = finder.find(low=low, high=high), find_vessels(picture, low=low, high=high)

@@ -15,10 +15,18 @@ import pytest
 from shoal import GridWorkspace, open_map
 from shoal.cli import run as shoal
 from shoal.core.errors import InvalidInputError, OutputError, RigError
-from shoal.swarm.grid.placements import place
+from shoal.rigs import (
+    DriveError,
+    DriveInterrupted,
+    DriveLog,
+    NoisyRig,
+    SimulatedRig,
+    drive,
+    replay_log,
+)
+from shoal.rigs.checks import NoiseMonitor
+from shoal.swarm.grid.tasks import place
 from shoal.swarm.noise.model import Noise
-from shoal.swarm.rigs import DriveError, DriveInterrupted, DriveLog, NoisyRig, SimulatedRig, drive, replay_log
-from shoal.swarm.rigs.checks import NoiseMonitor
 
 OPPOSITE = dict(zip("lurdio", "rdluoi", strict=True))
 NOISE = Noise(0.05, 0.01, 0.02)
@@ -26,9 +34,13 @@ STATED = {"slip": 0.05, "misplace": 0.01, "miss": 0.02}
 
 
 class Lying:
-    """Wraps a rig. From command number ``since`` on, ``command`` changes what is sent, and ``seen`` what a scan shows."""
+    """Wraps a rig. From command number ``since`` on, ``command`` changes what is sent, and ``seen``
+    what a scan shows.
+    """
 
-    def __init__(self, rig, *, since=0, command=lambda letter: letter, seen=lambda cells, moves: cells):
+    def __init__(
+        self, rig, *, since=0, command=lambda letter: letter, seen=lambda cells, moves: cells
+    ):
         self.rig, self.since, self.command, self.seen = rig, since, command, seen
         self.name, self.shape, self.rule = "liar", rig.shape, rig.rule
         self.sent, self.stops = [], 0
@@ -47,7 +59,9 @@ class Lying:
 
 
 def exact(workspace, particles=4, seed=1):
-    return SimulatedRig(workspace, place(workspace, particles, "uniform", np.random.default_rng(seed)))
+    return SimulatedRig(
+        workspace, place(workspace, particles, "uniform", np.random.default_rng(seed))
+    )
 
 
 def noisy(workspace, particles=12, seed=1, noise=NOISE):
@@ -62,17 +76,24 @@ def frozen():
 
 MAZE = open_map("maze:15x11:1")
 
-# ------------------------------------------------------------------------------------------------- dead from the start
+# -------------------------------------------------------------------------------------------------
+# dead from the start
 
 
 @pytest.mark.parametrize("test_move", [True, False])
-@pytest.mark.parametrize("policy", ["closest-frontier", "best", "random-moves", "sweep", "manual:lurdlurd"])
-@pytest.mark.parametrize("lie", [{"command": lambda _letter: ""}, {"seen": None}], ids=["dead magnet", "frozen frame"])
+@pytest.mark.parametrize(
+    "policy", ["closest-frontier", "best", "random-moves", "sweep", "manual:lurdlurd"]
+)
+@pytest.mark.parametrize(
+    "lie", [{"command": lambda _letter: ""}, {"seen": None}], ids=["dead magnet", "frozen frame"]
+)
 def test_a_map_drawn_from_particles_that_never_moved_is_never_complete(policy, test_move, lie):
     lie = {name: what or frozen() for name, what in lie.items()}
     rig = Lying(exact(MAZE), **lie)
     driven = drive(rig, policy=policy, test_move=test_move, max_moves=60)
-    assert driven.status in ({"alarm"} if "manual" not in policy and test_move else {"alarm", "limit", "stalled"})
+    assert driven.status in (
+        {"alarm"} if "manual" not in policy and test_move else {"alarm", "limit", "stalled"}
+    )
     assert not driven
     assert driven.trust.level == "none"
     assert rig.stops == 1
@@ -98,13 +119,20 @@ def test_a_dead_magnet_in_three_dimensions():
 @pytest.mark.parametrize("particles", [1, 12, 60])
 def test_a_dead_magnet_under_noise_is_noticed(particles):
     for seed in range(3):
-        driven = drive(Lying(noisy(MAZE, particles, seed), command=lambda _letter: ""), **STATED, policy="closest-frontier")
+        driven = drive(
+            Lying(noisy(MAZE, particles, seed), command=lambda _letter: ""),
+            **STATED,
+            policy="closest-frontier",
+        )
         assert driven.status == "alarm", (seed, driven.reason)
         assert driven.trust.level == "none"
         driven = drive(
-            Lying(noisy(MAZE, particles, seed), command=lambda _letter: ""), **STATED, policy="closest-frontier", test_move=False,
+            Lying(noisy(MAZE, particles, seed), command=lambda _letter: ""),
+            **STATED,
+            policy="closest-frontier",
+            test_move=False,
             max_moves=1500,
-        )  # fmt: skip
+        )
         assert driven.status in {"alarm", "stalled", "limit"}, (seed, driven.reason)
         assert not driven
         assert driven.trust.level == "none"
@@ -112,12 +140,16 @@ def test_a_dead_magnet_under_noise_is_noticed(particles):
 
 def test_a_vessel_without_any_room_cannot_be_told_from_a_dead_magnet():
     for test_move in (True, False):
-        driven = drive(SimulatedRig(GridWorkspace([[1, 1], [1, 0]]), [(0, 0), (0, 1), (1, 0)]), test_move=test_move)
+        driven = drive(
+            SimulatedRig(GridWorkspace([[1, 1], [1, 0]]), [(0, 0), (0, 1), (1, 0)]),
+            test_move=test_move,
+        )
         assert driven.status == "alarm"
         assert "no particle has room to move" in driven.reason
 
 
-# ------------------------------------------------------------------------------------------------- failures on the way
+# -------------------------------------------------------------------------------------------------
+# failures on the way
 
 
 @pytest.mark.parametrize("policy", ["closest-frontier", "best", "greedy-classify"])
@@ -138,7 +170,9 @@ def test_a_magnet_that_dies_on_the_way_never_completes_a_map(policy, particles):
 
 
 def test_a_magnet_that_dies_before_the_last_walls_is_noticed_by_the_closing_move():
-    """After 'r' in a corridor of two cells, only walls are left to find, which a dead magnet 'finds' as well."""
+    """After 'r' in a corridor of two cells, only walls are left to find, which a dead magnet
+    'finds' as well.
+    """
     workspace = GridWorkspace([[1, 1]])
     honest = drive(SimulatedRig(workspace, [(0, 0)]), policy="closest-frontier")
     last = int(np.flatnonzero(honest.trace.travelled[:-1])[-1]) + 1  # the closing move left out
@@ -165,7 +199,8 @@ def test_a_frozen_frame_on_the_way_is_noticed():
     assert (driven.status, driven.alarms[-1].kind) == ("alarm", "still")
 
 
-# ------------------------------------------------------------------------------------- wrong directions, drift, doubling
+# ------------------------------------------------------------------------------------- wrong
+# directions, drift, doubling
 
 
 TURN = dict(zip("lurd", "uldr", strict=True))
@@ -207,11 +242,14 @@ def test_a_drift_is_noticed():
 
 
 def test_a_command_that_is_carried_out_twice_is_noticed():
-    driven = drive(Lying(exact(MAZE), since=9, command=lambda letter: 2 * letter), policy="closest-frontier")
+    driven = drive(
+        Lying(exact(MAZE), since=9, command=lambda letter: 2 * letter), policy="closest-frontier"
+    )
     assert (driven.status, driven.alarms[-1].kind) == ("alarm", "twice")
 
 
-# --------------------------------------------------------------------------------------------------- rates and numbers
+# ---------------------------------------------------------------------------------------------------
+# rates and numbers
 
 
 @pytest.mark.parametrize("name", ["slip", "miss", "misplace"])
@@ -270,7 +308,9 @@ def test_losses_under_noise_keep_what_the_confidence_promises(loss):
             workspace = open_map(f"cave:16x12:{seed}")
             start = place(workspace, 8, "uniform", np.random.default_rng(seed))
             rig = Losing(workspace, start, noise, np.random.default_rng(seed), **loss)
-            driven = drive(rig, **vars(noise), confidence=0.99, policy="closest-frontier", max_moves=700)
+            driven = drive(
+                rig, **vars(noise), confidence=0.99, policy="closest-frontier", max_moves=700
+            )
             wrong += sum(driven.compared(workspace).values())
             known += len(driven.belief.known)
             said += any(alarm.kind == "number" for alarm in driven.alarms)
@@ -282,12 +322,22 @@ def test_losses_under_noise_keep_what_the_confidence_promises(loss):
 
 
 def test_a_drive_is_complete_only_if_every_cell_that_particles_may_enter_is_classified():
-    """With few particles and many errors, no cell may be classified as free for a while: nothing is complete then."""
+    """With few particles and many errors, no cell may be classified as free for a while: nothing is
+    complete then.
+    """
     for seed in range(8):
         workspace = open_map(f"cave:24x18:{seed}")
         start = place(workspace, 3, "uniform", np.random.default_rng(seed))
         rig = NoisyRig(workspace, start, Noise(0.2, 0.05, 0.1), np.random.default_rng(1000 + seed))
-        driven = drive(rig, slip=0.2, misplace=0.05, miss=0.1, policy="closest-frontier", seed=seed, max_moves=300)
+        driven = drive(
+            rig,
+            slip=0.2,
+            misplace=0.05,
+            miss=0.1,
+            policy="closest-frontier",
+            seed=seed,
+            max_moves=300,
+        )
         assert len(driven.belief.open) > 10
         if driven:
             inside = {tuple(cell) for cell in driven.cells.tolist()}
@@ -299,7 +349,12 @@ def test_a_drive_is_complete_only_if_every_cell_that_particles_may_enter_is_clas
 def test_an_honest_rig_is_not_accused():
     false = []
     for seed in range(3):
-        for noise in (Noise(0.05, 0.01, 0.02), Noise(0.2, 0.05, 0.1), Noise(0, 0, 0.1), Noise(0.1, 0, 0)):
+        for noise in (
+            Noise(0.05, 0.01, 0.02),
+            Noise(0.2, 0.05, 0.1),
+            Noise(0, 0, 0.1),
+            Noise(0.1, 0, 0),
+        ):
             workspace = open_map(("maze:15x11", "cave:24x18", "vessels:200")[seed % 3] + f":{seed}")
             rig = noisy(workspace, (8, 20, 40)[seed % 3], seed, noise)
             driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=400)
@@ -309,7 +364,8 @@ def test_an_honest_rig_is_not_accused():
     assert not false
 
 
-# ------------------------------------------------------------------------------------------ stop, Ctrl-C, the compiler
+# ------------------------------------------------------------------------------------------ stop,
+# Ctrl-C, the compiler
 
 
 class Unstoppable(SimulatedRig):
@@ -331,7 +387,9 @@ def test_a_stop_that_raises_loses_no_result(tmp_path):
 
 def test_an_error_of_a_rig_of_others_keeps_the_map():
     rig = SimulatedRig(MAZE, MAZE.cells[:4])
-    rig.send = lambda letter, sent=[]: sent.append(letter) or (1 / 0 if len(sent) > 9 else SimulatedRig.send(rig, letter))
+    rig.send = lambda letter, sent=[]: (
+        sent.append(letter) or (1 / 0 if len(sent) > 9 else SimulatedRig.send(rig, letter))
+    )
     with pytest.raises(DriveError, match="ZeroDivisionError") as raised:
         drive(rig, policy="closest-frontier")
     assert raised.value.drive.moves == 9
@@ -348,7 +406,11 @@ def test_ctrl_c_keeps_the_map():
     rig = Lying(exact(MAZE), command=interrupt)
     with pytest.raises(DriveInterrupted) as raised:
         drive(rig, policy="closest-frontier")
-    assert (raised.value.drive.status, raised.value.drive.moves, rig.stops) == ("interrupted", 20, 1)
+    assert (raised.value.drive.status, raised.value.drive.moves, rig.stops) == (
+        "interrupted",
+        20,
+        1,
+    )
     assert raised.value.drive.episode.verify()
 
 
@@ -373,11 +435,17 @@ def test_whatever_ends_a_drive_keeps_the_map(method, error, tmp_path):
         drive(rig, policy="closest-frontier", log=DriveLog(tmp_path / "log.jsonl"))
     assert raised.value is error
     driven = error.drive
-    assert (driven.status, driven.moves, rig.stops) == ("interrupted", {"send": 12, "observe": 11}[method], 1)
+    assert (driven.status, driven.moves, rig.stops) == (
+        "interrupted",
+        {"send": 12, "observe": 11}[method],
+        1,
+    )
     assert driven.alarms[0].kind == "failure"
     assert driven.trust.level == "limited"
     assert driven.episode.verify()
-    assert json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])["status"] == "interrupted"
+    assert (
+        json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])["status"] == "interrupted"
+    )
 
 
 def test_an_error_of_a_policy_or_of_the_log_keeps_the_map(tmp_path):
@@ -419,11 +487,22 @@ def test_the_command_writes_the_map_after_a_system_exit(monkeypatch, tmp_path, c
     class Leaving(SimulatedRig):
         send = leave
 
-    from shoal.swarm.rigs import remote
+    from shoal.rigs import remote
 
     monkeypatch.setattr(remote, "open_rig", lambda spec, **options: Leaving(MAZE, MAZE.cells[:4]))
     with pytest.raises(SystemExit) as raised:
-        shoal(["drive", "--rig", "tcp:localhost:1", "--policy", "closest-frontier", "--json", "--out", str(tmp_path / "out")])
+        shoal(
+            [
+                "drive",
+                "--rig",
+                "tcp:localhost:1",
+                "--policy",
+                "closest-frontier",
+                "--json",
+                "--out",
+                str(tmp_path / "out"),
+            ]
+        )
     assert raised.value.code == 5
     printed = capsys.readouterr()
     assert json.loads(printed.out)["moves"] == 9
@@ -431,18 +510,24 @@ def test_the_command_writes_the_map_after_a_system_exit(monkeypatch, tmp_path, c
     assert f"the map so far is in {tmp_path / 'out'}" in printed.err
 
 
-@pytest.mark.parametrize("fields", [{}, {"policy": "closest-frontier", "scan_every": "adaptive"}, STATED], ids=str)
+@pytest.mark.parametrize(
+    "fields", [{}, {"policy": "closest-frontier", "scan_every": "adaptive"}, STATED], ids=str
+)
 def test_kernels_are_compiled_before_the_rig_is_connected(fields, monkeypatch):
     from shoal.jit import entry
+    from shoal.rigs import load_drive_kernels
     from shoal.swarm.problem import SwarmProblem
-    from shoal.swarm.rigs import load_drive_kernels
 
     if not hasattr(entry, "load_machine_code") or os.environ.get("NUMBA_DISABLE_JIT") == "1":
         pytest.skip("kernels are not compiled")
     loaded, load = [], entry.load_machine_code
     volume = GridWorkspace(np.ones((3, 4, 70)))
     load_drive_kernels(SwarmProblem("rig", **fields))
-    monkeypatch.setattr(entry, "load_machine_code", lambda *about: loaded.append(about[0].__qualname__) or load(*about))
+    monkeypatch.setattr(
+        entry,
+        "load_machine_code",
+        lambda *about: loaded.append(about[0].__qualname__) or load(*about),
+    )
     drive(noisy(MAZE) if "slip" in fields else exact(MAZE), max_moves=60, **fields)
     if "slip" not in fields:
         drive(SimulatedRig(volume, volume.cells[:5]), max_moves=60, **fields)
@@ -451,11 +536,15 @@ def test_kernels_are_compiled_before_the_rig_is_connected(fields, monkeypatch):
 
 
 def test_the_command_prepares_before_it_connects(monkeypatch, tmp_path, capsys):
-    from shoal.swarm.rigs import driving, remote
+    from shoal.rigs import driving, remote
 
     order = []
-    monkeypatch.setattr(driving, "load_drive_kernels", lambda problem: order.append("load_drive_kernels"))
-    monkeypatch.setattr(remote, "open_rig", lambda spec, **options: order.append("open") or exact(MAZE))
+    monkeypatch.setattr(
+        driving, "load_drive_kernels", lambda problem: order.append("load_drive_kernels")
+    )
+    monkeypatch.setattr(
+        remote, "open_rig", lambda spec, **options: order.append("open") or exact(MAZE)
+    )
     assert shoal(["drive", "--rig", "tcp:localhost:1", "--json", "--max-moves", "2"]) == 0
     assert order[:2] == ["load_drive_kernels", "open"]
     capsys.readouterr()
@@ -470,7 +559,8 @@ def test_a_rig_that_claims_a_huge_field_is_refused(tmp_path):
     assert huge.sent == []
 
 
-# ------------------------------------------------------------------------------------------------- over the command line
+# -------------------------------------------------------------------------------------------------
+# over the command line
 
 LIAR = """
 import json, sys, zlib
@@ -521,7 +611,13 @@ for line in filter(str.strip, sys.stdin):
 )
 def test_liars_over_a_pipe(how, code, status, kinds, level, tmp_path, capsys):
     (tmp_path / "liar.py").write_text(LIAR)
-    words = ["drive", "--rig", f"exec:{sys.executable} {tmp_path / 'liar.py'} {how}", "--policy", "closest-frontier"]
+    words = [
+        "drive",
+        "--rig",
+        f"exec:{sys.executable} {tmp_path / 'liar.py'} {how}",
+        "--policy",
+        "closest-frontier",
+    ]
     log = tmp_path / "log.jsonl"
     words += ["--end-after", "20", "--cell-size", "0.5", "--log", str(log)]
     assert shoal([*words, "--json", "--out", str(tmp_path / "out")]) == code
@@ -531,7 +627,11 @@ def test_liars_over_a_pipe(how, code, status, kinds, level, tmp_path, capsys):
         assert len(printed.err.strip().splitlines()) == 1
         return
     told = json.loads(printed.out)
-    assert (told["status"], [alarm["kind"] for alarm in told["alarms"]], told["trust"]["level"]) == (status, kinds, level)
+    assert (
+        told["status"],
+        [alarm["kind"] for alarm in told["alarms"]],
+        told["trust"]["level"],
+    ) == (status, kinds, level)
     assert told["trust"]["why"]
     assert (told["cell_mm"], told["cell_m"]) == ([0.5, 0.5], [0.0005, 0.0005])
     assert told["seconds_per_command"] > 0
@@ -552,7 +652,10 @@ def test_liars_over_a_pipe(how, code, status, kinds, level, tmp_path, capsys):
     [
         (["--rig", "tcp:localhost:1", "--particles", "4"], "particles: expected the rig simulated"),
         (["--rig", "tcp:localhost:1", "--rule", "tilt"], "rule: expected the rig simulated"),
-        (["--rig", "tcp:localhost:1", "--start", "0,0"], "the rig simulated, because a real rig reports its own"),
+        (
+            ["--rig", "tcp:localhost:1", "--start", "0,0"],
+            "the rig simulated, because a real rig reports its own",
+        ),
         (["line:5", "--end-after", "3"], "end-after: expected a rig behind a connection"),
     ],
 )
@@ -574,9 +677,19 @@ def test_ctrl_c_writes_the_map_and_says_how_to_go_on(tmp_path):
     (tmp_path / "liar.py").write_text(LIAR)
     spec = f"exec:{sys.executable} {tmp_path / 'liar.py'} slow {tmp_path / 'now'}"
     out, log = tmp_path / "out", tmp_path / "log.jsonl"
-    words = [sys.executable, "-c", "from shoal.__main__ import main; main()", "drive", "--rig", spec, "--json"]
+    words = [
+        sys.executable,
+        "-c",
+        "from shoal.__main__ import main; main()",
+        "drive",
+        "--rig",
+        spec,
+        "--json",
+    ]
     words += ["--policy", "closest-frontier", "--out", str(out), "--log", str(log)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         while not (tmp_path / "now").exists():
             assert process.poll() is None
             time.sleep(0.02)
@@ -592,7 +705,8 @@ def test_ctrl_c_writes_the_map_and_says_how_to_go_on(tmp_path):
     assert "Traceback" not in said
 
 
-# ------------------------------------------------------------------------------------------- small liars under noise
+# ------------------------------------------------------------------------------------------- small
+# liars under noise
 
 ROOM = GridWorkspace(np.ones((5, 7)))
 SMALL = [(ROOM, 3), (open_map("maze:9x7"), 4)]
@@ -607,14 +721,22 @@ def test_no_map_is_complete_whose_walls_rest_on_particles_at_rest(noise, since, 
         for seed in range(4):
             change = {"command": lambda _letter: ""} if lie == "dead" else {"seen": frozen()}
             rig = Lying(noisy(workspace, particles, seed, noise), since=since, **change)
-            driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=400, test_move=bool(seed % 2))
+            driven = drive(
+                rig,
+                **vars(noise),
+                policy="closest-frontier",
+                max_moves=400,
+                test_move=bool(seed % 2),
+            )
             assert driven.status != "complete" or len(rig.sent) <= since, (seed, driven.trust)
             assert not driven
             assert driven.trust.level != "high"
 
 
 def test_neighbours_of_which_scans_miss_one_each_are_no_motion():
-    """Two particles at rest side by side, the first missed in one scan and the second in the next."""
+    """Two particles at rest side by side, the first missed in one scan and the second
+    in the next.
+    """
     monitor = NoiseMonitor((5, 7), Noise(0.1, 0, 0.3))
     rng = np.random.default_rng(3)
     cells = np.array([(2, 2), (2, 3), (2, 4), (3, 2)])
@@ -623,11 +745,16 @@ def test_neighbours_of_which_scans_miss_one_each_are_no_motion():
     assert any(monitor.count(row[rng.random(2) > 0.3]) for row in rows)
 
 
-@pytest.mark.parametrize("noise", [Noise(0.4, 0, 0), Noise(0.02, 0.05, 0), Noise(0.1, 0, 0.3)], ids=str)
+@pytest.mark.parametrize(
+    "noise", [Noise(0.4, 0, 0), Noise(0.02, 0.05, 0), Noise(0.1, 0, 0.3)], ids=str
+)
 def test_one_direction_that_does_nothing_is_noticed(noise):
     for workspace, particles in SMALL:
         for seed in range(3):
-            rig = Lying(noisy(workspace, particles, seed, noise), command=lambda letter: "" if letter == "u" else letter)
+            rig = Lying(
+                noisy(workspace, particles, seed, noise),
+                command=lambda letter: "" if letter == "u" else letter,
+            )
             driven = drive(rig, **vars(noise), policy="closest-frontier", max_moves=500)
             assert not driven, (seed, driven.trust)
             assert driven.trust.level != "high"
@@ -645,7 +772,9 @@ def test_commands_carried_out_twice_now_and_then_mark_the_result(noise):
 
 @pytest.mark.parametrize("noise", [Noise(0.02, 0.05, 0), Noise(0.1, 0.02, 0.1)], ids=str)
 def test_commands_carried_out_twice_now_and_then_mark_small_maps(noise):
-    """Few motions are seen in a small map: an upper bound of their probability must not ask for as much as an exact one."""
+    """Few motions are seen in a small map: an upper bound of their probability must not ask for as
+    much as an exact one.
+    """
     for (workspace, particles), seeds in zip(SMALL, ((4, 5, 0, 2), (4, 1)), strict=True):
         for seed in seeds:
             rig = Lying(noisy(workspace, particles, seed, noise))
@@ -659,8 +788,17 @@ def test_honest_rigs_with_few_particles_finish_without_alarms():
     for noise in (*NOISES, Noise(0.4, 0, 0), Noise(0.1, 0.02, 0.1)):
         for workspace, particles in SMALL:
             for seed in range(2):
-                driven = drive(noisy(workspace, particles, seed, noise), **vars(noise), policy="closest-frontier", max_moves=900)
-                assert (driven.status, driven.trust.level, driven.alarms) == ("complete", "high", ()), (noise, seed)
+                driven = drive(
+                    noisy(workspace, particles, seed, noise),
+                    **vars(noise),
+                    policy="closest-frontier",
+                    max_moves=900,
+                )
+                assert (driven.status, driven.trust.level, driven.alarms) == (
+                    "complete",
+                    "high",
+                    (),
+                ), (noise, seed)
 
 
 def test_a_particle_that_no_scan_shows_any_more_is_said():
@@ -672,7 +810,9 @@ def test_a_particle_that_no_scan_shows_any_more_is_said():
             left = cells[lost if turn > 25 else 0 :]
             monitor.count(left[rng.random(len(left)) > noise.miss])
         texts = [alarm.text for alarm in monitor.marks(120) if alarm.kind == "number"]
-        assert [text.startswith("about 20 particles at the start, about 19 now") for text in texts] == [True] * lost
+        assert [
+            text.startswith("about 20 particles at the start, about 19 now") for text in texts
+        ] == [True] * lost
 
 
 @pytest.mark.parametrize("shape", ["abc", (14.0, 20.0), (0, 3), (4,)], ids=str)
@@ -685,7 +825,11 @@ def test_a_shape_that_is_none_is_an_error_of_the_rig(shape):
 
 @pytest.mark.parametrize(
     ("error", "told"),
-    [(SystemExit(3), "SystemExit: 3"), (KeyError("x"), "KeyError: 'x'"), (Cancelled("now"), "Cancelled: now")],
+    [
+        (SystemExit(3), "SystemExit: 3"),
+        (KeyError("x"), "KeyError: 'x'"),
+        (Cancelled("now"), "Cancelled: now"),
+    ],
     ids=["exit", "error", "cancelled"],
 )
 def test_a_stop_that_raises_anything_names_its_type(error, told):

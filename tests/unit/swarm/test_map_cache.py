@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from shoal.core.files import without_checksum
-from shoal.swarm.maps.generators import cache, generate, generate_cached
+from shoal.swarm.maps.generators import catalogue as cache
+from shoal.swarm.maps.generators import generate, generate_cached
 
 
 @pytest.fixture(autouse=True)

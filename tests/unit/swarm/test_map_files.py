@@ -1,4 +1,6 @@
-"""Map files: what is written comes back the same, and every kind of picture and text is read as it should be."""
+"""Map files: what is written comes back the same, and every kind of picture and text is read as it
+should be.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,7 @@ from PIL import Image
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.core.files import atomic
 from shoal.swarm import GridWorkspace
-from shoal.swarm.maps.files import read_map, write_map
-from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.files import open_map, read_map, write_map
 from shoal.swarm.maps.pictures import read_pixels
 
 WRITABLE = [".png", ".tif", ".tiff", ".bmp", ".txt", ".map", ".npy", ".csv"]
@@ -27,18 +28,35 @@ def cells(path, **options):
 
 
 def tiff(values, *, bits, kind):
-    """Return the bytes of a plain grey TIFF in big-endian order, which Pillow cannot write for all types."""
+    """Return the bytes of a plain grey TIFF in big-endian order, which Pillow cannot write for all
+    types.
+    """
     data = values.tobytes()
     height, width = values.shape
     tags = [
-        (256, 4, width), (257, 4, height), (258, 3, bits), (259, 3, 1), (262, 3, 1),
-        (273, 4, 8), (277, 3, 1), (278, 4, height), (279, 4, len(data)), (339, 3, kind),
-    ]  # fmt: skip
+        (256, 4, width),
+        (257, 4, height),
+        (258, 3, bits),
+        (259, 3, 1),
+        (262, 3, 1),
+        (273, 4, 8),
+        (277, 3, 1),
+        (278, 4, height),
+        (279, 4, len(data)),
+        (339, 3, kind),
+    ]
     entries = b"".join(
-        struct.pack(">HHI", tag, size, 1) + (struct.pack(">HH", value, 0) if size == 3 else struct.pack(">I", value))
+        struct.pack(">HHI", tag, size, 1)
+        + (struct.pack(">HH", value, 0) if size == 3 else struct.pack(">I", value))
         for tag, size, value in tags
     )
-    return struct.pack(">2sHI", b"MM", 42, 8 + len(data)) + data + struct.pack(">H", len(tags)) + entries + bytes(4)
+    return (
+        struct.pack(">2sHI", b"MM", 42, 8 + len(data))
+        + data
+        + struct.pack(">H", len(tags))
+        + entries
+        + bytes(4)
+    )
 
 
 # Round trips
@@ -63,7 +81,10 @@ def test_three_dimensions_come_back_where_a_format_takes_them(tmp_path):
     assert read_map(tmp_path / "cube.npy") == workspace
     for suffix in WRITABLE:
         if suffix not in {".npy", ".tif", ".tiff"}:
-            with pytest.raises(InvalidInputError, match=r"cube\.\w+: expected \.tif, \.tiff, \.npy, .* for a 3-D workspace"):
+            with pytest.raises(
+                InvalidInputError,
+                match=r"cube\.\w+: expected \.tif, \.tiff, \.npy, .* for a 3-D workspace",
+            ):
                 write_map(workspace, tmp_path / f"cube{suffix}")
     assert [file.name for file in tmp_path.iterdir()] == ["cube.npy"]
 
@@ -84,7 +105,10 @@ def test_formats_that_would_not_come_back_are_refused(tmp_path, suffix):
         ({}, [[0, 0, 1, 1]]),
         ({"threshold": 0.0}, [[1, 1, 1, 1]]),
         ({"threshold": 1.0}, [[0, 0, 0, 1]]),
-        ({"threshold": 100 / 255}, [[0, 1, 1, 1]]),  # exactly as bright as a pixel: that one is free
+        (
+            {"threshold": 100 / 255},
+            [[0, 1, 1, 1]],
+        ),  # exactly as bright as a pixel: that one is free
         ({"invert": True}, [[1, 1, 0, 0]]),
         ({"threshold": 1.0, "invert": True}, [[1, 1, 1, 0]]),
         ({"scale": 2}, [[0, 0, 0, 0, 1, 1, 1, 1]] * 2),
@@ -121,7 +145,9 @@ def test_float_pictures_use_the_range_of_their_data(tmp_path):
     assert cells(path) == [[0, 1], [1, 0]]  # where there is no number, there is no free cell
     assert cells(path, invert=True) == [[1, 0], [0, 0]]
     Image.fromarray(np.array([[0, 1.9], [2.1, np.inf]], dtype=np.float32)).save(path)
-    with pytest.raises(InvalidInputError, match=r"float.tif: expected finite numbers, got inf at cell \(1, 1\)"):
+    with pytest.raises(
+        InvalidInputError, match=r"float.tif: expected finite numbers, got inf at cell \(1, 1\)"
+    ):
         read_map(path)
 
 
@@ -129,7 +155,9 @@ def test_an_older_pillow_is_named_for_colours_that_it_takes_for_truncated(tmp_pa
     path = tmp_path / "stairs.tif"
     Image.new("YCbCr", (5, 3)).save(path)
     monkeypatch.setattr(PIL, "__version__", "12.3.0")
-    with pytest.raises(InvalidInputError, match=r"stairs\.tif: expected Pillow 13 or newer .* got Pillow 12\.3\.0"):
+    with pytest.raises(
+        InvalidInputError, match=r"stairs\.tif: expected Pillow 13 or newer .* got Pillow 12\.3\.0"
+    ):
         read_map(path)
 
 
@@ -137,14 +165,32 @@ def test_an_older_pillow_is_named_for_colours_that_it_takes_for_truncated(tmp_pa
     ("suffix", "mode"),
     [
         *((".png", mode) for mode in ("1", "L", "LA", "P", "RGB", "RGBA", "I;16")),
-        *((".tif", mode) for mode in ("1", "L", "LA", "P", "RGB", "RGBA", "I;16", "I", "F", "CMYK", "LAB", "YCbCr")),
+        *(
+            (".tif", mode)
+            for mode in (
+                "1",
+                "L",
+                "LA",
+                "P",
+                "RGB",
+                "RGBA",
+                "I;16",
+                "I",
+                "F",
+                "CMYK",
+                "LAB",
+                "YCbCr",
+            )
+        ),
         *((".bmp", mode) for mode in ("1", "L", "P", "RGB", "RGBA")),
     ],
 )
 def test_every_mode_of_picture_shows_the_same_cells(tmp_path, suffix, mode):
     grey = np.where(STAIRS, 255, 0).astype(np.uint8)
     if mode in {"I", "I;16"}:
-        image = Image.fromarray((grey.astype(np.uint16) * 257).astype(np.uint16 if mode == "I;16" else np.int32))
+        image = Image.fromarray(
+            (grey.astype(np.uint16) * 257).astype(np.uint16 if mode == "I;16" else np.int32)
+        )
     elif mode == "LAB":
         image = Image.merge("LAB", [Image.fromarray(grey), *[Image.new("L", (5, 3), 128)] * 2])
     else:
@@ -165,13 +211,19 @@ def test_jpeg_comes_back_the_same(tmp_path):
     """At its best quality even the finest pattern survives: single cells, checkerboards, noise."""
     rng = np.random.default_rng(3)
     checkers = np.indices((33, 70)).sum(axis=0) % 2 == 0
-    for suffix, free in ((".jpg", checkers), (".jpeg", rng.random((61, 47)) < 0.5), (".jpg", rng.random((120, 130)) < 0.05)):
+    for suffix, free in (
+        (".jpg", checkers),
+        (".jpeg", rng.random((61, 47)) < 0.5),
+        (".jpg", rng.random((120, 130)) < 0.05),
+    ):
         write_map(GridWorkspace(free), tmp_path / f"map{suffix}")
         np.testing.assert_array_equal(read_map(tmp_path / f"map{suffix}").free, free)
 
 
 def test_jpeg_is_read(tmp_path):
-    Image.fromarray(np.kron(STAIRS, np.ones((16, 16))).astype(np.uint8) * 255).save(tmp_path / "stairs.jpg", quality=95)
+    Image.fromarray(np.kron(STAIRS, np.ones((16, 16))).astype(np.uint8) * 255).save(
+        tmp_path / "stairs.jpg", quality=95
+    )
     np.testing.assert_array_equal(read_map(tmp_path / "stairs.jpg", scale=1 / 16).free, STAIRS)
 
 
@@ -192,11 +244,18 @@ def test_transparent_is_white(tmp_path):
 
 
 def test_pages_are_layers(tmp_path):
-    pages = [Image.fromarray(STAIRS.astype(np.uint8) * 255), Image.fromarray(255 - STAIRS.astype(np.uint8) * 255)]
+    pages = [
+        Image.fromarray(STAIRS.astype(np.uint8) * 255),
+        Image.fromarray(255 - STAIRS.astype(np.uint8) * 255),
+    ]
     pages[0].save(tmp_path / "pages.tif", save_all=True, append_images=pages[1:])
     np.testing.assert_array_equal(read_map(tmp_path / "pages.tif").free, [STAIRS, ~STAIRS])
-    pages[0].save(tmp_path / "pages.tif", save_all=True, append_images=[Image.new("L", (9, 9), 255)])
-    with pytest.raises(InvalidInputError, match=r"page 2: expected .* pixels as in the first layer, got 9x9"):
+    pages[0].save(
+        tmp_path / "pages.tif", save_all=True, append_images=[Image.new("L", (9, 9), 255)]
+    )
+    with pytest.raises(
+        InvalidInputError, match=r"page 2: expected .* pixels as in the first layer, got 9x9"
+    ):
         read_map(tmp_path / "pages.tif")
 
 
@@ -239,7 +298,9 @@ def test_texts_are_read(tmp_path, name, text):
 
 def test_movingai_is_written_as_others_write_it(tmp_path):
     write_map(GridWorkspace(STAIRS), tmp_path / "stairs.map")
-    assert (tmp_path / "stairs.map").read_text() == "type octile\nheight 3\nwidth 5\nmap\n..@.@\n@....\n.@@@.\n"
+    assert (
+        tmp_path / "stairs.map"
+    ).read_text() == "type octile\nheight 3\nwidth 5\nmap\n..@.@\n@....\n.@@@.\n"
 
 
 # Arrays
@@ -278,7 +339,9 @@ def test_open_map_takes_names_and_files(tmp_path, monkeypatch):
 def test_open_map_prefers_a_file_to_a_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "line:7").write_bytes(b"...")
-    with pytest.raises(InvalidInputError, match="expected a map file"):  # it is there, and has no suffix of a map
+    with pytest.raises(
+        InvalidInputError, match="expected a map file"
+    ):  # it is there, and has no suffix of a map
         open_map("line:7")
 
 
@@ -296,9 +359,21 @@ def test_open_map_finds_vessels_in_a_photograph(tmp_path):
     [
         ("line:7", {"threshold": 1.5}, "threshold: expected a number from 0 to 1, got 1.5"),
         ("line:7", {"scale": 0.0}, "scale: expected a number, above 0 and at most 64"),
-        ("line:7", {"width": 40}, "width: expected no width for the generated map 'line:7', got 40"),
-        ("line:7", {"join_diagonals": True}, "join-diagonals: expected no join-diagonals for the generated map 'line:7'"),
-        ("line:7", {"vessels": True}, "vessels: expected a photograph, got the generated map 'line:7'"),
+        (
+            "line:7",
+            {"width": 40},
+            "width: expected no width for the generated map 'line:7', got 40",
+        ),
+        (
+            "line:7",
+            {"join_diagonals": True},
+            "join-diagonals: expected no join-diagonals for the generated map 'line:7'",
+        ),
+        (
+            "line:7",
+            {"vessels": True},
+            "vessels: expected a photograph, got the generated map 'line:7'",
+        ),
         ("lime:7", {}, "did you mean 'line'"),
         ("x" * 5000, {}, "unknown map generator"),
         ("line:" + "1" * 900, {}, "expected from 1 to 268435456 cells"),
@@ -330,14 +405,17 @@ def test_atomic_writes_whole_files(tmp_path):
     assert list(target.parent.iterdir()) == [target]
 
 
-@pytest.mark.parametrize("error", [ValueError("no"), KeyboardInterrupt(), OSError(28, "No space left on device")])
+@pytest.mark.parametrize(
+    "error", [ValueError("no"), KeyboardInterrupt(), OSError(28, "No space left on device")]
+)
 @pytest.mark.parametrize("old", [None, "old"])
 def test_atomic_keeps_what_was_there(tmp_path, error, old):
     target = tmp_path / "file.txt"
     if old:
         target.write_text(old)
     expected = OutputError if isinstance(error, OSError) else type(error)
-    with pytest.raises(expected), atomic(target) as temporary:  # noqa: PT012  # a block that fails half-way
+    # a block that fails half-way
+    with pytest.raises(expected), atomic(target) as temporary:  # noqa: PT012
         temporary.write_text("half of")
         raise error
     assert [file.read_text() for file in tmp_path.iterdir()] == ([old] if old else [])
@@ -345,7 +423,10 @@ def test_atomic_keeps_what_was_there(tmp_path, error, old):
 
 def test_atomic_says_what_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    for target, why in ((tmp_path, "it is a folder"), (tmp_path / "file" / "x.txt", "File exists|Not a directory")):
+    for target, why in (
+        (tmp_path, "it is a folder"),
+        (tmp_path / "file" / "x.txt", "File exists|Not a directory"),
+    ):
         with pytest.raises(OutputError, match=f"cannot write {target}: ({why})"), atomic(target):
             pytest.fail("the block must not run")
 
@@ -388,7 +469,9 @@ def test_open_map_takes_level_and_label_of_arrays():
     numbers = np.arange(6).reshape(2, 3)
     assert open_map(numbers, level=np.float32(4)).n_free == 2
     assert open_map(numbers, label=np.int64(3)).cells.tolist() == [[1, 0]]
-    with pytest.raises(InvalidInputError, match="expected a 2-D or 3-D array of cells, got 1 dimensions"):
+    with pytest.raises(
+        InvalidInputError, match="expected a 2-D or 3-D array of cells, got 1 dimensions"
+    ):
         open_map(np.arange(6))
 
 
@@ -397,7 +480,9 @@ def test_thresholds_of_the_vessel_finder_reach_it(tmp_path):
     photograph = np.full((120, 160), 220, dtype=np.uint8)
     photograph[20:100, 60:66] = photograph[55:60, 20:140] = 60
     Image.fromarray(photograph).save(tmp_path / "eye.png")
-    with pytest.raises(InvalidInputError, match=r"eye.png: expected thresholds with 0 < low <= high <= 1"):
+    with pytest.raises(
+        InvalidInputError, match=r"eye.png: expected thresholds with 0 < low <= high <= 1"
+    ):
         open_map(tmp_path / "eye.png", vessels=True, low=0.6, high=0.5)
     with pytest.raises(InvalidInputError, match=r"eye.png: thickest: expected a number"):
         open_map(tmp_path / "eye.png", vessels=True, thickest=0.9)
@@ -426,5 +511,7 @@ def test_pages_are_counted_no_further_than_the_limit(tmp_path, monkeypatch):
 def test_compressed_zeros_are_no_volume_and_are_not_unfolded(tmp_path):
     pytest.importorskip("nibabel")
     (tmp_path / "bomb.nii.gz").write_bytes(gzip.compress(bytes(1 << 24)))
-    with pytest.raises(InvalidInputError, match="expected a NIfTI volume, got a damaged, truncated or other file"):
+    with pytest.raises(
+        InvalidInputError, match="expected a NIfTI volume, got a damaged, truncated or other file"
+    ):
         read_map(tmp_path / "bomb.nii.gz")

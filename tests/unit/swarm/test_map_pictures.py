@@ -1,4 +1,6 @@
-"""Pictures whose numbers are not what a picture library returns: palettes, few bits, films, packed numbers, and mixed masks."""
+"""Pictures whose numbers are not what a picture library returns: palettes, few bits, films, packed
+numbers, and mixed masks.
+"""
 
 from __future__ import annotations
 
@@ -27,23 +29,36 @@ def said(monkeypatch):
 
 def with_palette(entries, colours):
     picture = Image.fromarray(entries.astype(np.uint8), mode="P")
-    picture.putpalette([part for colour in colours for part in (colour if isinstance(colour, tuple) else (colour,) * 3)])
+    picture.putpalette(
+        [
+            part
+            for colour in colours
+            for part in (colour if isinstance(colour, tuple) else (colour,) * 3)
+        ]
+    )
     return picture
 
 
 def test_a_label_is_an_entry_of_the_palette_on_all_slices(tmp_path, said):
     colours = [0, 255, (255, 0, 0), 90]
-    slices = [RANDOM.integers(0, 4, (6, 9)), RANDOM.integers(0, 2, (6, 9))]  # the second shows greys only
+    slices = [
+        RANDOM.integers(0, 4, (6, 9)),
+        RANDOM.integers(0, 2, (6, 9)),
+    ]  # the second shows greys only
     pages = [with_palette(one, colours) for one in slices]
     folder = tmp_path / "slices"
     folder.mkdir()
     for number, page in enumerate(pages):
         page.save(folder / f"{number}.png")
-    pages = [with_palette(one, colours) for one in slices]  # Pillow keeps the settings of the last format in a picture
+    pages = [
+        with_palette(one, colours) for one in slices
+    ]  # Pillow keeps the settings of the last format in a picture
     pages[0].save(tmp_path / "slices.tif", save_all=True, append_images=pages[1:])
     for label in range(4):
         for place in (folder, tmp_path / "slices.tif"):
-            np.testing.assert_array_equal(read_map(place, label=label).free, np.array(slices) == label)
+            np.testing.assert_array_equal(
+                read_map(place, label=label).free, np.array(slices) == label
+            )
     assert any("the labels are the entries of the palette" in text for text in said)
 
 
@@ -63,7 +78,9 @@ def test_a_gif_of_greys_is_a_grey_picture(tmp_path):
     greys = np.array([0, 7, 40])[RANDOM.integers(0, 3, (6, 9))]
     Image.fromarray(greys.astype(np.uint8)).save(tmp_path / "greys.gif")
     for label in (0, 7, 40):
-        np.testing.assert_array_equal(read_map(tmp_path / "greys.gif", label=label).free, greys == label)
+        np.testing.assert_array_equal(
+            read_map(tmp_path / "greys.gif", label=label).free, greys == label
+        )
     entries = RANDOM.integers(0, 3, (6, 9))
     with_palette(entries, [(1, 2, 3), 0, 255]).save(tmp_path / "colours.gif")
     with Image.open(tmp_path / "colours.gif") as picture:
@@ -73,15 +90,23 @@ def test_a_gif_of_greys_is_a_grey_picture(tmp_path):
 
 def bmp(entries, bits, greys):
     height, width = entries.shape
-    rows = [np.packbits((row[:, None] >> np.arange(bits)[::-1] & 1).astype(np.uint8)).tobytes() for row in entries[::-1]]
+    rows = [
+        np.packbits((row[:, None] >> np.arange(bits)[::-1] & 1).astype(np.uint8)).tobytes()
+        for row in entries[::-1]
+    ]
     data = b"".join(row + bytes(-len(row) % 4) for row in rows)
     palette = b"".join(bytes([grey] * 3 + [0]) for grey in greys)
-    info = struct.pack("<IiiHHIIiiII", 40, width, height, 1, bits, 0, len(data), 0, 0, len(greys), 0)
+    info = struct.pack(
+        "<IiiHHIIiiII", 40, width, height, 1, bits, 0, len(data), 0, 0, len(greys), 0
+    )
     begin = 14 + len(info) + len(palette)
     return struct.pack("<2sIII", b"BM", begin + len(data), 0, begin) + info + palette + data
 
 
-@pytest.mark.parametrize(("bits", "greys"), [(1, (0, 255)), (4, (0, 255)), (8, (0, 255)), (4, range(16)), (8, range(256))])
+@pytest.mark.parametrize(
+    ("bits", "greys"),
+    [(1, (0, 255)), (4, (0, 255)), (8, (0, 255)), (4, range(16)), (8, range(256))],
+)
 def test_bmp_files_of_greys(tmp_path, bits, greys):
     entries = RANDOM.integers(0, len(greys), (6, 9))
     entries[0, :2] = 1, len(greys) - 1
@@ -95,10 +120,15 @@ def test_bmp_files_of_greys(tmp_path, bits, greys):
 
 def png(values, bits, nothing):
     def chunk(name, data):
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
 
     height, width = values.shape
-    rows = [np.packbits((row[:, None] >> np.arange(bits)[::-1] & 1).astype(np.uint8)).tobytes() for row in values]
+    rows = [
+        np.packbits((row[:, None] >> np.arange(bits)[::-1] & 1).astype(np.uint8)).tobytes()
+        for row in values
+    ]
     return (
         b"\x89PNG\r\n\x1a\n"
         + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, 0, 0, 0, 0))
@@ -115,10 +145,16 @@ def test_few_bits_with_a_transparent_number(tmp_path, bits, nothing):
     values[0, :2] = 0, 2**bits - 1
     (tmp_path / "grey.png").write_bytes(png(values, bits, nothing))
     for number in (1, 2**bits // 2, 2**bits - 1):
-        np.testing.assert_array_equal(read_map(tmp_path / "grey.png", level=number).free, values >= number)
+        np.testing.assert_array_equal(
+            read_map(tmp_path / "grey.png", level=number).free, values >= number
+        )
     label = int(values[3, 4])
-    np.testing.assert_array_equal(read_map(tmp_path / "grey.png", label=label).free, values == label)
-    np.testing.assert_array_equal(read_map(tmp_path / "grey.png", channel="alpha").free, values != values.dtype.type(nothing))
+    np.testing.assert_array_equal(
+        read_map(tmp_path / "grey.png", label=label).free, values == label
+    )
+    np.testing.assert_array_equal(
+        read_map(tmp_path / "grey.png", channel="alpha").free, values != values.dtype.type(nothing)
+    )
     opaque = values[values != nothing] / (2**bits - 1)
     ground = 0.0 if (opaque >= 0.5).sum() > (opaque < 0.5).sum() else 1.0
     seen = np.where(values == nothing, ground, values / (2**bits - 1))
@@ -132,10 +168,14 @@ def test_frames_of_films_contain_only_what_changes(tmp_path, suffix):
     frames = [np.roll(base, shift, axis=1) for shift in range(3)]
     first, *others = [Image.fromarray(frame * np.uint8(255)) for frame in frames]
     first.save(tmp_path / f"film{suffix}", save_all=True, append_images=others)
-    with pytest.raises(InvalidInputError, match=r"expected the choice of one frame \(--frame\), got 3"):
+    with pytest.raises(
+        InvalidInputError, match=r"expected the choice of one frame \(--frame\), got 3"
+    ):
         read_map(tmp_path / f"film{suffix}")
     for number, frame in enumerate(frames, start=1):
-        np.testing.assert_array_equal(read_map(tmp_path / f"film{suffix}", frame=number).free, frame)
+        np.testing.assert_array_equal(
+            read_map(tmp_path / f"film{suffix}", frame=number).free, frame
+        )
     with pytest.raises(InvalidInputError, match="frame: expected one of 1, 2, 3, got 4"):
         read_map(tmp_path / f"film{suffix}", frame=4)
 
@@ -146,7 +186,10 @@ def packed_tiff(values, bits, *, photometric=1, order="<", compression=1, strip=
         return np.packbits(numbers, bitorder="little" if fill == 2 else "big").tobytes()
 
     height, width = values.shape
-    strips = [b"".join(packed(row) for row in values[first : first + strip]) for first in range(0, height, strip)]
+    strips = [
+        b"".join(packed(row) for row in values[first : first + strip])
+        for first in range(0, height, strip)
+    ]
     strips = [zlib.compress(one) if compression == 8 else one for one in strips]
     offsets = np.cumsum([8, *map(len, strips)])[:-1].tolist()
     data = b"".join(strips)
@@ -154,24 +197,40 @@ def packed_tiff(values, bits, *, photometric=1, order="<", compression=1, strip=
     place = 8 + len(data)
     lists = struct.pack(f"{order}{2 * len(strips)}I", *offsets, *map(len, strips))
     entries = [
-        (256, 1, width), (257, 1, height), (258, 1, bits), (259, 1, compression), (262, 1, photometric), (266, 1, fill),
-        (273, len(strips), place), (277, 1, 1), (278, 1, strip), (279, len(strips), place + 4 * len(strips)),
-    ]  # fmt: skip
+        (256, 1, width),
+        (257, 1, height),
+        (258, 1, bits),
+        (259, 1, compression),
+        (262, 1, photometric),
+        (266, 1, fill),
+        (273, len(strips), place),
+        (277, 1, 1),
+        (278, 1, strip),
+        (279, len(strips), place + 4 * len(strips)),
+    ]
     header = struct.pack(f"{order}2sHI", b"II" if order == "<" else b"MM", 42, place + len(lists))
-    told = b"".join(struct.pack(f"{order}HHII", tag, 4, count, value) for tag, count, value in entries)
+    told = b"".join(
+        struct.pack(f"{order}HHII", tag, 4, count, value) for tag, count, value in entries
+    )
     return header + data + lists + struct.pack(f"{order}H", len(entries)) + told + bytes(4)
 
 
 @pytest.mark.parametrize("bits", [2, 4, 6, 10, 12, 14])
-@pytest.mark.parametrize("more", [{}, {"photometric": 0}, {"order": ">", "compression": 8}, {"fill": 2}, {"strip": 7}])
+@pytest.mark.parametrize(
+    "more", [{}, {"photometric": 0}, {"order": ">", "compression": 8}, {"fill": 2}, {"strip": 7}]
+)
 def test_tiff_numbers_of_odd_bits(tmp_path, bits, more):
     pytest.importorskip("tifffile")
     values = RANDOM.integers(0, 2**bits, (12, 19))
     values[0, :2] = 0, 2**bits - 1
     (tmp_path / "packed.tif").write_bytes(packed_tiff(values, bits, **more))
     half = 2 ** (bits - 1)
-    np.testing.assert_array_equal(read_map(tmp_path / "packed.tif", level=half).free, values >= half)
-    np.testing.assert_array_equal(read_map(tmp_path / "packed.tif", label=int(values[3, 4])).free, values == values[3, 4])
+    np.testing.assert_array_equal(
+        read_map(tmp_path / "packed.tif", level=half).free, values >= half
+    )
+    np.testing.assert_array_equal(
+        read_map(tmp_path / "packed.tif", label=int(values[3, 4])).free, values == values[3, 4]
+    )
     bright = values < half if more.get("photometric") == 0 else values >= half
     np.testing.assert_array_equal(read_map(tmp_path / "packed.tif").free, bright)
 
@@ -180,9 +239,14 @@ def test_tiff_numbers_of_24_bits(tmp_path):
     pytest.importorskip("tifffile")
     values = RANDOM.integers(0, 2**24, (12, 19))
     (tmp_path / "wide.tif").write_bytes(packed_tiff(values, 24, order=">"))
-    np.testing.assert_array_equal(read_map(tmp_path / "wide.tif", level=2**23).free, values >= 2**23)
+    np.testing.assert_array_equal(
+        read_map(tmp_path / "wide.tif", level=2**23).free, values >= 2**23
+    )
     (tmp_path / "wide.tif").write_bytes(packed_tiff(values, 24))
-    with pytest.raises(InvalidInputError, match="got 24 bits in the order of bytes II, which programs read in different orders"):
+    with pytest.raises(
+        InvalidInputError,
+        match="got 24 bits in the order of bytes II, which programs read in different orders",
+    ):
         read_map(tmp_path / "wide.tif", level=2**23)
     (tmp_path / "short.tif").write_bytes(packed_tiff(values % 64, 6)[:60])
     with pytest.raises(InvalidInputError, match="damaged or truncated"):
@@ -206,8 +270,12 @@ def test_min_is_white_in_masks_without_a_number_of_white(tmp_path, said, dtype, 
         tifffile.imwrite(path, values, photometric="miniswhite")
         assert not read_map(path).free[0, :3].any()
         assert not read_map(path, invert=True).free[0, :3].any()
-    tifffile.imwrite(path, RANDOM.permutation(12 * 19).reshape(12, 19).astype("i4"), photometric="miniswhite")
-    with pytest.raises(InvalidInputError, match="expected a mask of two numbers, or a known number of white"):
+    tifffile.imwrite(
+        path, RANDOM.permutation(12 * 19).reshape(12, 19).astype("i4"), photometric="miniswhite"
+    )
+    with pytest.raises(
+        InvalidInputError, match="expected a mask of two numbers, or a known number of white"
+    ):
         read_map(path)
 
 
@@ -225,9 +293,20 @@ def test_masks_of_one_stack_may_have_different_numbers(tmp_path, said, kind):
     else:
         pages[0].save(path, save_all=True, append_images=pages[1:])
     np.testing.assert_array_equal(read_map(path).free, free)
-    assert len([text for text in said if "each picture has at most two brightnesses, 0 and one that differs" in text]) == 1
+    assert (
+        len(
+            [
+                text
+                for text in said
+                if "each picture has at most two brightnesses, 0 and one that differs" in text
+            ]
+        )
+        == 1
+    )
     np.testing.assert_array_equal(read_map(path, invert=True).free, ~free)
-    np.testing.assert_array_equal(read_map(path, threshold=0.5).free, free & (tops > 127)[:, None, None])
+    np.testing.assert_array_equal(
+        read_map(path, threshold=0.5).free, free & (tops > 127)[:, None, None]
+    )
     np.testing.assert_array_equal(read_map(path, label=1).free, free & (tops == 1)[:, None, None])
 
 
@@ -246,7 +325,9 @@ def test_notices_and_refusals_are_short_and_count_well(tmp_path, said):
     values = np.array([[0, 1, 1], [0, 1, np.nan]])
     np.save(tmp_path / "values.npy", values)
     read_map(tmp_path / "values.npy")
-    assert any("values.npy: 1 cell has no number (NaN) and counts as not free" in text for text in said)
+    assert any(
+        "values.npy: 1 cell has no number (NaN) and counts as not free" in text for text in said
+    )
     for invert in (False, True):
         with pytest.raises(InvalidInputError) as refused:
             read_map(tmp_path / "values.npy", label=int("9" * 400), invert=invert)

@@ -11,13 +11,13 @@ from tests.swarm_runs import run, run_trials
 
 from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
+from shoal.rigs import DriveLog, NoisyRig, drive, replay_log
 from shoal.swarm import SwarmEpisode
-from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.state import Belief
 from shoal.swarm.noise import Noise, NoisyBelief
 from shoal.swarm.noise.belief import inner_of
 from shoal.swarm.policies import View, make_policy
-from shoal.swarm.rigs import DriveLog, NoisyRig, drive, replay_log
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
 
@@ -33,9 +33,19 @@ def test_without_noise_the_map_is_that_of_an_episode_without():
 
 
 def test_a_map_with_noise_is_right_at_its_stated_confidence():
-    """Of the cells that are settled at least so many are right as the confidence says; so are those of each range."""
-    episodes = run_trials(open_map("maze:15x11"), trials=30, particles=15, noise=Noise(0.1, 0.05, 0.05), confidence=0.9)
-    assert sum(episode.status == "complete" for episode in episodes) >= 28  # the others say that they gave a cell up
+    """Of the cells that are settled at least so many are right as the confidence says; so are those
+    of each range.
+    """
+    episodes = run_trials(
+        open_map("maze:15x11"),
+        trials=30,
+        particles=15,
+        noise=Noise(0.1, 0.05, 0.05),
+        confidence=0.9,
+    )
+    assert (
+        sum(episode.status == "complete" for episode in episodes) >= 28
+    )  # the others say that they gave a cell up
     wrong = sum(episode.errors.false_free + episode.errors.false_obstacles for episode in episodes)
     settled = sum(len(episode.final()[1].known) for episode in episodes)
     assert wrong <= 0.1 * settled
@@ -50,11 +60,23 @@ def test_a_map_with_noise_is_right_at_its_stated_confidence():
 
 
 @pytest.mark.parametrize(
-    "policy", ["closest-frontier", "closest-frontier:ties=row-major", "elect-particle", "random-moves", "depth-first"]
+    "policy",
+    [
+        "closest-frontier",
+        "closest-frontier:ties=row-major",
+        "elect-particle",
+        "random-moves",
+        "depth-first",
+    ],
 )
 def test_every_policy_ends_and_replays(policy, tmp_path):
     episode = run(
-        open_map("maze:11x9"), particles=1 if policy == "depth-first" else 8, policy=policy, noise=SOME, seed=5, max_moves=5000
+        open_map("maze:11x9"),
+        particles=1 if policy == "depth-first" else 8,
+        policy=policy,
+        noise=SOME,
+        seed=5,
+        max_moves=5000,
     )
     assert episode.noisy
     if policy != "depth-first":
@@ -76,14 +98,24 @@ def test_every_policy_ends_and_replays(policy, tmp_path):
 @pytest.mark.parametrize("every", [1, 2, 5])
 def test_compiled_and_step_by_step_are_the_same(every):
     for seed in range(4):
-        options = {"particles": 9, "noise": SOME, "seed": seed, "scan_every": every, "max_moves": 40 if seed else 10_000}
-        compiled, stepwise = (run(open_map("cave:18x14:2"), stepwise=slow, **options) for slow in (False, True))
+        options = {
+            "particles": 9,
+            "noise": SOME,
+            "seed": seed,
+            "scan_every": every,
+            "max_moves": 40 if seed else 10_000,
+        }
+        compiled, stepwise = (
+            run(open_map("cave:18x14:2"), stepwise=slow, **options) for slow in (False, True)
+        )
         assert compiled.commands == stepwise.commands
         assert compiled.trace.difference(stepwise.trace) is None
 
 
 def test_fewer_scans():
-    """Not more than so many commands go without a scan, none is wasted at the end, and the episode replays."""
+    """Not more than so many commands go without a scan, none is wasted at the end, and the episode
+    replays.
+    """
     episode = run(open_map("vessels:300"), particles=6, noise=SOME, seed=1, scan_every=4)
     assert episode.status == "complete"
     assert episode.errors.right > 0.98
@@ -92,9 +124,13 @@ def test_fewer_scans():
     assert episode.trace.scanned[-1]
     assert episode.scans < 0.9 * episode.moves
     assert episode.cost == episode.moves + 10 * episode.scans
-    assert not episode.trace.classified[~episode.trace.scanned].any()  # what has not been looked at is not known
+    assert not episode.trace.classified[
+        ~episode.trace.scanned
+    ].any()  # what has not been looked at is not known
     assert episode.verify()
-    assert [len(belief.known) for _, belief in episode.frames()][-1] == len(episode.final()[1].known)
+    assert [len(belief.known) for _, belief in episode.frames()][-1] == len(
+        episode.final()[1].known
+    )
     other = episode.trace.scanned.copy()
     other[np.flatnonzero(other)[3]] = False
     assert not replace(episode, trace=episode.trace._replace(scanned=other)).verify()
@@ -102,11 +138,16 @@ def test_fewer_scans():
 
 def test_scans_that_do_not_fit_the_rule_are_noticed():
     episode = run(open_map("maze:11x9"), particles=4, noise=SOME, seed=1)
-    unseen = episode.trace._replace(scanned=np.zeros(episode.moves, np.bool_), classified=0 * episode.trace.classified)
+    unseen = episode.trace._replace(
+        scanned=np.zeros(episode.moves, np.bool_), classified=0 * episode.trace.classified
+    )
     stored = replace(episode, problem=episode.problem.replaced(scan_every=2), trace=unseen)
     again = replace(stored, trace=stored.replay.end.trace)
     assert again.verify().message == "no scan after move 2, 2 moves after the one before"
-    assert replace(again, trace=again.trace.part(0, 1)).verify().message == ("no scan after the last move, 1")
+    assert (
+        replace(again, trace=again.trace.part(0, 1)).verify().message
+        == "no scan after the last move, 1"
+    )
 
 
 def test_any_noise_ends():
@@ -117,7 +158,14 @@ def test_any_noise_ends():
         free.flat[0] = True
         noise = Noise(*rng.uniform(0, 0.5, size=3))
         n, every = 1 + seed % int(free.sum()), (1, 2, 30)[seed % 3]
-        episode = run(GridWorkspace(free), particles=n, noise=noise, confidence=0.99, seed=seed, scan_every=every)
+        episode = run(
+            GridWorkspace(free),
+            particles=n,
+            noise=noise,
+            confidence=0.99,
+            seed=seed,
+            scan_every=every,
+        )
         assert episode.status in {"complete", "stalled"}
 
 
@@ -131,15 +179,25 @@ def test_scans_that_are_often_wrong_are_begun_with_too():
 
 
 def test_a_map_is_complete_only_if_no_particle_may_enter_an_unclassified_cell():
-    """Two particles and much noise: the belief soon loses sight of a particle, whose cells are then looked for."""
+    """Two particles and much noise: the belief soon loses sight of a particle, whose cells are then
+    looked for.
+    """
     place, noise = open_map("maze:11x9"), Noise(slip=0.2, misplace=0.05, miss=0.1)
-    for policy, seed in (("closest-frontier", 2), ("closest-frontier", 4), ("closest-frontier", 7), ("elect-particle", 4)):
+    for policy, seed in (
+        ("closest-frontier", 2),
+        ("closest-frontier", 4),
+        ("closest-frontier", 7),
+        ("elect-particle", 4),
+    ):
         compiled, stepwise = (
-            run(place, particles=2, noise=noise, policy=policy, seed=seed, stepwise=slow) for slow in (False, True)
+            run(place, particles=2, noise=noise, policy=policy, seed=seed, stepwise=slow)
+            for slow in (False, True)
         )
         assert compiled.commands == stepwise.commands
         assert compiled.status == stepwise.status == "complete"
-        assert compiled.moves > 300  # closest-frontier once called 30, 12 and 7 moves complete, with 11, 5 and 3 of 59 free cells
+        assert (
+            compiled.moves > 300
+        )  # closest-frontier once called 30, 12 and 7 moves complete, with 11, 5 and 3 of 59 free cells
         assert compiled.errors.right > 0.9
         assert compiled.verify()
         *_, (belief, _) = compiled.replay.beliefs()
@@ -148,7 +206,9 @@ def test_a_map_is_complete_only_if_no_particle_may_enter_an_unclassified_cell():
 
 
 def test_a_particle_that_may_stand_anywhere_leaves_the_map_open():
-    """No frontier cell is in reach of the particle at the left; the other one may stand in cells that nobody has classified."""
+    """No frontier cell is in reach of the particle at the left; the other one may stand in cells
+    that nobody has classified.
+    """
     layout = GridLayout((1, 9))
     belief = NoisyBelief((1, 9), Board.of_cells(layout, [(0, 0)]), Noise(0.05, 0.01))
     belief.state.logit[belief.state.logit > -700] = -14.0
@@ -167,7 +227,12 @@ def test_a_particle_that_may_stand_anywhere_leaves_the_map_open():
 
 @pytest.mark.parametrize("policy", ["elect-particle", "depth-first", "closest-frontier"])
 def test_policies_wait_while_no_particle_is_seen(policy):
-    belief = Belief(*(Board.of_cells(GridLayout((1, 5)), cells) for cells in ([(0, 2)], [(0, 2)], [(0, 1), (0, 3)])))
+    belief = Belief(
+        *(
+            Board.of_cells(GridLayout((1, 5)), cells)
+            for cells in ([(0, 2)], [(0, 2)], [(0, 1), (0, 3)])
+        )
+    )
     view = View(belief, Board.empty(GridLayout((1, 5))), "block", True, 3, 0, 0)
     assert make_policy(policy).decide(view, None, np.random.default_rng(1))[0] == ""
 
@@ -175,7 +240,11 @@ def test_policies_wait_while_no_particle_is_seen(policy):
 def test_commands_of_the_user_are_not_continued():
     place = open_map("maze:11x9")
     assert run(place, particles=2, noise=SOME, policy="manual:lurd").commands == "lurd"
-    driven = drive(NoisyRig(place, place.cells[:2], SOME, np.random.default_rng(1)), policy="manual:lurdlurd", **vars(SOME))
+    driven = drive(
+        NoisyRig(place, place.cells[:2], SOME, np.random.default_rng(1)),
+        policy="manual:lurdlurd",
+        **vars(SOME),
+    )
     assert driven.commands == "lurdlurd"
     assert driven.status == "stalled"
 
@@ -184,7 +253,9 @@ def test_wrong_belief_is_corrected():
     """A cell that was taken for free since something was seen there once is found to be a wall."""
     layout = GridLayout((1, 4))
     belief = NoisyBelief((1, 4), Board.of_cells(layout, [(0, 0), (0, 2)]), Noise(0.05, 0.01))
-    assert belief.probability[1, 3] > 0.99  # the second one was seen beside its cell: it stands at (0, 1)
+    assert (
+        belief.probability[1, 3] > 0.99
+    )  # the second one was seen beside its cell: it stands at (0, 1)
     for command, cells in (("l", [(0, 0), (0, 1)]), ("r", [(0, 0), (0, 1)])) * 3:
         belief.update(command, Board.of_cells(layout, cells))
     assert belief.probability[1, 2] > 0.999
@@ -205,8 +276,14 @@ def test_a_particle_that_is_lost_is_found_again():
     [
         ({"noise": SOME, "rule": "merge"}, "noise: expected rule block, got merge"),
         ({"noise": SOME, "task": "coverage"}, "noise: expected the task mapping, got coverage"),
-        ({"noise": SOME, "scan_every": "doubling"}, "noise: expected scan-every as a number of commands, .* got doubling"),
-        ({"noise": SOME, "scan_every": "adaptive"}, "noise: expected scan-every as a number of commands, .* got adaptive"),
+        (
+            {"noise": SOME, "scan_every": "doubling"},
+            "noise: expected scan-every as a number of commands, .* got doubling",
+        ),
+        (
+            {"noise": SOME, "scan_every": "adaptive"},
+            "noise: expected scan-every as a number of commands, .* got adaptive",
+        ),
         (
             {"noise": SOME, "confidence": 0.75},
             "confidence: expected a number, above 0.75 and at most 0.99999, got 0.75",
@@ -239,7 +316,12 @@ def test_a_noisy_rig_is_driven(tmp_path):
         assert verified, verified.message
         assert result.commands == driven.commands
         np.testing.assert_array_equal(result.trace.scanned, driven.trace.scanned)
-    cut = drive(NoisyRig(workspace, workspace.cells[::9], SOME, rng), **vars(SOME), scan_every=50, max_moves=9)
+    cut = drive(
+        NoisyRig(workspace, workspace.cells[::9], SOME, rng),
+        **vars(SOME),
+        scan_every=50,
+        max_moves=9,
+    )
     assert cut.status == "limit"
     assert cut.trace.scanned[-1]
     with pytest.raises(InvalidInputError, match="scan-every as a number of commands"):
@@ -255,7 +337,13 @@ def test_command(tmp_path, capsys):
     assert result["confidence"] == 0.95
     assert min(result["right"]) > 0.95
     assert result["cost"] == [moves + 10 * (moves + 1) for moves in result["moves"]]
-    assert {"false_free", "false_obstacles", "undecided", "false_free_rate", "false_obstacle_rate"} < set(result)
+    assert {
+        "false_free",
+        "false_obstacles",
+        "undecided",
+        "false_free_rate",
+        "false_obstacle_rate",
+    } < set(result)
     out = tmp_path / "out"
     assert shoal([*words, "--out", str(out), "--film", str(tmp_path / "film.gif")]) == 0
     assert "% of the cells" in capsys.readouterr().out

@@ -41,7 +41,9 @@ def test_a_noisy_angiogram_keeps_its_tree(shape, widest, bright):
     assert found.confidence > 0.6
     clear = ndimage.binary_opening(truth, iterations=1)
     assert (found.mask & clear).sum() > 0.85 * clear.sum()
-    assert (found.mask & ndimage.binary_dilation(truth, iterations=2)).sum() > 0.95 * found.mask.sum()
+    assert (
+        found.mask & ndimage.binary_dilation(truth, iterations=2)
+    ).sum() > 0.95 * found.mask.sum()
 
 
 def imread(path):
@@ -56,7 +58,9 @@ def noise(kind):
         return np.where(np.hypot(row, column) < 74, rng.normal(110, 9, (160, 160)), 0)
     if kind == "colour":
         return rng.integers(0, 255, (120, 160, 3))
-    return ndimage.gaussian_filter(rng.normal(128, 9, (120, 160)), {"white": 0, "soft": 1.5, "smooth": 5}[kind])
+    return ndimage.gaussian_filter(
+        rng.normal(128, 9, (120, 160)), {"white": 0, "soft": 1.5, "smooth": 5}[kind]
+    )
 
 
 @pytest.mark.parametrize("kind", ["white", "soft", "smooth", "colour", "surround"])
@@ -78,25 +82,49 @@ def test_a_cat_is_refused():  # other pictures: test_imaging
 def test_the_command_writes_mask_overlay_and_map(tmp_path):
     picture, truth = angiogram(3, (120, 160), widest=5)
     Image.fromarray(picture).save(tmp_path / "photo.png")
-    done = CliRunner().invoke(app, ["maps", str(tmp_path / "photo.png"), "--vessels", "--out", str(tmp_path / "out"), "--json"])
+    done = CliRunner().invoke(
+        app,
+        [
+            "maps",
+            str(tmp_path / "photo.png"),
+            "--vessels",
+            "--out",
+            str(tmp_path / "out"),
+            "--json",
+        ],
+    )
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
     assert told["confidence"] > 0.6
-    mask, overlay, cells = (imread(tmp_path / "out" / name) for name in ("mask.png", "overlay.png", "map.png"))
+    mask, overlay, cells = (
+        imread(tmp_path / "out" / name) for name in ("mask.png", "overlay.png", "map.png")
+    )
     assert mask.shape == truth.shape
     assert set(np.unique(mask)) == {0, 255}
     assert dice(mask > 0, truth) > 0.8
     assert overlay.shape == (120, 160, 3)
     assert list(cells.shape) == told["shape"]
     Image.fromarray(noise("white").astype(np.uint8)).save(tmp_path / "noise.png")
-    done = CliRunner().invoke(app, ["maps", str(tmp_path / "noise.png"), "--vessels", "--out", str(tmp_path / "none")])
+    done = CliRunner().invoke(
+        app, ["maps", str(tmp_path / "noise.png"), "--vessels", "--out", str(tmp_path / "none")]
+    )
     assert isinstance(done.exception, InvalidInputError)
     assert not (tmp_path / "none").exists()
 
 
 def test_a_mapping_of_a_photograph_leaves_the_overlay(tmp_path):
     Image.fromarray(angiogram(3, (120, 160), widest=5)[0]).save(tmp_path / "photo.png")
-    arguments = ["map", str(tmp_path / "photo.png"), "--vessels", "--policy", "closest-frontier", "-n", "5", "--out", str(tmp_path)]
+    arguments = [
+        "map",
+        str(tmp_path / "photo.png"),
+        "--vessels",
+        "--policy",
+        "closest-frontier",
+        "-n",
+        "5",
+        "--out",
+        str(tmp_path),
+    ]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert imread(tmp_path / "overlay.png").shape == (120, 160, 3)

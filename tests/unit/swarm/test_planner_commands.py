@@ -27,7 +27,9 @@ def test_the_default_policy_has_the_name_that_help_and_pages_use(capsys):
     for options, expected in (((), "best (beam-rollout)"), (("--policy", "rollout"), "rollout")):
         assert run([*CAVE[:-1], *options]) == 0
         assert [
-            line.split(maxsplit=1)[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("policy")
+            line.split(maxsplit=1)[1].strip()
+            for line in capsys.readouterr().out.splitlines()
+            if line.startswith("policy")
         ] == [expected]
 
 
@@ -41,7 +43,10 @@ def test_closest_frontier_where_planners_have_no_answer(capsys):
     [
         (["--policy", "closest-frontier", "--budget", "50"], "budget: expected a planner"),
         (["--policy", "sweep", "--time-per-move", "1"], "time-per-move: expected a planner"),
-        (["--budget", "50", "--time-per-move", "1"], "expected a budget or a time per move, got both"),
+        (
+            ["--budget", "50", "--time-per-move", "1"],
+            "expected a budget or a time per move, got both",
+        ),
         (["--budget", "0"], "budget: expected a number, above 0"),
         (["--budget", "50", "--scan-every", "3"], "scan-every: expected 1 for policy beam-rollout"),
     ],

@@ -18,17 +18,16 @@ from shoal import open_map
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy
 from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.tasks import make_task
-from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.kernels.episodes import planner_episode
+from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.kernels.moves import new_record
 from shoal.swarm.kernels.planning import planner_state
-from shoal.swarm.kernels.records import new_record
 from shoal.swarm.policies import POLICIES, BeamRollout
 from shoal.swarm.policies.planners import state
 from shoal.swarm.simulation.compiled import PlannerGame
-from shoal.swarm.theory.bounds import LowerBound, lower_bound
-from shoal.swarm.theory.optima import SmallWorld, optimum
+from shoal.swarm.theory.bounds import LowerBound, SmallWorld, lower_bound, optimum
 
 SMALL: dict[str, float] = {
     "beam_width": 3,
@@ -51,7 +50,9 @@ class Quick(BeamRollout):
 class QuickFirst(BeamRollout):
     """The same, with the end out of sight above five frontier cells."""
 
-    tuning = BeamRollout.tuning._replace(end_frontier=5, left_behind_cost=0, run_candidates=0, **SMALL)
+    tuning = BeamRollout.tuning._replace(
+        end_frontier=5, left_behind_cost=0, run_candidates=0, **SMALL
+    )
 
 
 class Hasty(BeamRollout):
@@ -80,7 +81,9 @@ def test_planners_complete(policy, name):
 def test_fewer_moves_than_closest_frontier():
     workspace = open_map("vessels:500")
     moves = {
-        policy: sum(run(workspace, particles=60, trial=trial, policy=policy).moves for trial in range(6))
+        policy: sum(
+            run(workspace, particles=60, trial=trial, policy=policy).moves for trial in range(6)
+        )
         for policy in ("closest-frontier", "greedy-classify", "rollout", "best")
     }
     assert moves["best"] < 0.8 * moves["closest-frontier"]
@@ -97,7 +100,12 @@ def test_fewer_moves_than_closest_frontier():
 )
 def test_the_same_step_by_step_and_in_pieces(swarm, policy, merge, cut):
     workspace, start = swarm
-    options = {"policy": policy, "start": start, "rule": "merge" if merge else "block", "max_moves": 40}
+    options = {
+        "policy": policy,
+        "start": start,
+        "rule": "merge" if merge else "block",
+        "max_moves": 40,
+    }
     whole = run(workspace, **options)
     assert whole.verify()
     assert run(workspace, stepwise=True, **options).commands == whole.commands
@@ -118,7 +126,10 @@ def test_what_is_unknown_reaches_no_decision(name):
             break
         field, chosen = game.field, set()
         for _ in range(3):
-            planner, other = copy.deepcopy(game.planner), rng.integers(0, 2**63, game.field.free.size, dtype=np.uint64)
+            planner, other = (
+                copy.deepcopy(game.planner),
+                rng.integers(0, 2**63, game.field.free.size, dtype=np.uint64),
+            )
             exchanged = field._replace(free=(field.free & field.known) | (other & ~field.known))
             command = int(planner_episode.choose(game.code, exchanged, True, planner))
             chosen.add((command, *planner.prediction.open))
@@ -129,7 +140,10 @@ def test_what_is_unknown_reaches_no_decision(name):
 @given(swarms(), st.sampled_from([Quick(), QuickFirst(), make_policy("greedy-classify")]))
 def test_planners_end(swarm, policy):
     workspace, start = swarm
-    assert run(workspace, policy=policy, start=start, max_moves=30 * 8 * workspace.n_free + 100).status == "complete"
+    assert (
+        run(workspace, policy=policy, start=start, max_moves=30 * 8 * workspace.n_free + 100).status
+        == "complete"
+    )
 
 
 def test_what_is_beyond_the_horizon():
@@ -140,7 +154,8 @@ def test_what_is_beyond_the_horizon():
 def test_same_seed_and_budget_same_commands():
     workspace = open_map("cave:20x15")
     first, again, other = (
-        run(workspace, particles=9, policy=policy).commands for policy in ("best", "best:budget=1000", "best:budget=40")
+        run(workspace, particles=9, policy=policy).commands
+        for policy in ("best", "best:budget=1000", "best:budget=40")
     )
     assert first == again
     assert first != other
@@ -150,39 +165,80 @@ def test_a_time_for_each_move():
     episode = run(open_map("cave:20x15"), particles=9, policy="best:milliseconds=0.5")
     assert episode.status == "complete"
     assert episode.verify()
-    assert run(open_map("cave:12x9"), particles=5, policy="rollout:milliseconds=0.5", stepwise=True).status == "complete"
+    assert (
+        run(
+            open_map("cave:12x9"), particles=5, policy="rollout:milliseconds=0.5", stepwise=True
+        ).status
+        == "complete"
+    )
 
 
 def test_thought_by_the_number_of_particles():
-    """Few particles need many moves and gain more by thinking; many need few moves, and their plans are short."""
+    """Few particles need many moves and gain more by thinking; many need few moves, and their plans
+    are short.
+    """
     names = ("variations", "end_frontier", "frontier_worth", "beam_width", "beam_depth")
-    budget, variations, few, share, width, depth = (0, *(1 + BeamRollout.tuning._fields.index(name) for name in names))
+    budget, variations, few, share, width, depth = (
+        0,
+        *(1 + BeamRollout.tuning._fields.index(name) for name in names),
+    )
     usual = make_policy("best").settings(1000)
-    for particles, times, plans in ((100, 10, 10), (5, 10, 10), (500, 4, 2), (2000, 2, 2), (10**6, 4, 4)):
+    for particles, times, plans in (
+        (100, 10, 10),
+        (5, 10, 10),
+        (500, 4, 2),
+        (2000, 2, 2),
+        (10**6, 4, 4),
+    ):
         given_more = make_policy("best").settings(particles)
-        assert (given_more[budget], given_more[variations]) == (times * usual[budget], plans * usual[variations])
+        assert (given_more[budget], given_more[variations]) == (
+            times * usual[budget],
+            plans * usual[variations],
+        )
         many = plans if particles > 1000 else 1
         assert (given_more[few], given_more[share]) == (many * usual[few], usual[share] / many)
-        assert (given_more[width], given_more[depth]) == (many**2 * usual[width], many**0.5 * usual[depth])
+        assert (given_more[width], given_more[depth]) == (
+            many**2 * usual[width],
+            many**0.5 * usual[depth],
+        )
     for particles in (100, 4000):
         timed = make_policy("best:milliseconds=1").settings(particles)
-        assert (timed[variations], timed[width], timed[depth]) == (usual[variations], usual[width], usual[depth])
+        assert (timed[variations], timed[width], timed[depth]) == (
+            usual[variations],
+            usual[width],
+            usual[depth],
+        )
 
 
 def test_a_wide_beam_on_large_boards():
-    """Its states take a bounded room; on any board there are at least as many as for few particles."""
+    """Its states take a bounded room; on any board there are at least as many as for
+    few particles.
+    """
     options = make_policy("best").settings(4000)
     for side, width in ((40, 160), (1000, 65), (2000, 24)):
         layout = GridLayout((side, side))
-        planner = state.planner_of(layout, SimpleNamespace(frontier=()), rule="block", mapping=True, seed=1, options=options)
+        planner = state.planner_of(
+            layout,
+            SimpleNamespace(frontier=()),
+            rule="block",
+            mapping=True,
+            seed=1,
+            options=options,
+        )
         assert (planner.beam.states.shape[1], planner.options.beam_width) == (width, width)
 
 
 def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
-    """The first ten moves may be overdrawn. What earlier ones took counts once, and the rate of simulation tells the rest."""
+    """The first ten moves may be overdrawn. What earlier ones took counts once, and the rate of
+    simulation tells the rest.
+    """
     clock = iter(range(100))
-    monkeypatch.setattr(state.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
-    planner = SimpleNamespace(options=new_record(state.OPTIONS), memory=new_record(planner_state.MEMORY))
+    monkeypatch.setattr(
+        state.time, "perf_counter", lambda: next(clock) * 4e-3
+    )  # each block takes 4 ms
+    planner = SimpleNamespace(
+        options=new_record(state.OPTIONS), memory=new_record(planner_state.MEMORY)
+    )
     pace = state.Pace(0.5)
     seen = []
     for _ in range(3):
@@ -200,7 +256,10 @@ def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
         ({"policy": "best:budget=nan"}, "budget: expected"),
         ({"policy": "rollout:milliseconds=-1"}, "milliseconds: expected a time a move"),
         ({"policy": "best", "scan_every": 2}, "scan-every: expected 1 for policy beam-rollout"),
-        ({"policy": "best", "rule": "tilt"}, "policy beam-rollout: expected rule block or merge, got tilt"),
+        (
+            {"policy": "best", "rule": "tilt"},
+            "policy beam-rollout: expected rule block or merge, got tilt",
+        ),
     ],
 )
 def test_what_planners_refuse(options, message):
@@ -224,7 +283,9 @@ def test_small_coverages_are_close_to_the_optimum():
 def test_an_optimum_is_a_plan(rule):
     for workspace, start in small_cases(20, 4):
         best = optimum(workspace, start, rule=rule)
-        played = run(workspace, task="coverage", start=start, rule=rule, policy=f"manual:{best.commands}")
+        played = run(
+            workspace, task="coverage", start=start, rule=rule, policy=f"manual:{best.commands}"
+        )
         assert played.status == "complete"
         assert played.moves == best.moves == len(best.commands)
 
@@ -241,7 +302,9 @@ def test_lower_bounds_are_not_above_the_optimum(seed, merge):
 
 
 def knowing_the_map(workspace, start):
-    """The fewest commands that classify everything, by breadth-first search over particles and cells classified."""
+    """The fewest commands that classify everything, by breadth-first search over particles and
+    cells classified.
+    """
     from shoal.swarm.theory.bounds import flat_cells, flat_mask
 
     free, offsets = flat_cells(workspace)
@@ -267,12 +330,16 @@ def test_lower_bounds_of_mappings_are_not_above_the_optimum():
     for workspace, start in small_cases(60, 5):
         if workspace.n_free <= 6:
             tried += 1
-            assert lower_bound(workspace, start, task="mapping").moves <= knowing_the_map(workspace, start)
+            assert lower_bound(workspace, start, task="mapping").moves <= knowing_the_map(
+                workspace, start
+            )
     assert tried >= 8
 
 
 def test_lower_bound_of_the_line():
-    """With the walls, 5000 cells and 1000 particles: 1-D displacement and at least 2 x 5 commands across."""
+    """With the walls, 5000 cells and 1000 particles: 1-D displacement and at least 2 x 5 commands
+    across.
+    """
     line = open_map("line:5000")
     start = run(line, particles=1000).start
     bound = lower_bound(line, start, task="mapping")
@@ -297,7 +364,9 @@ def test_optimal_mappings():
         assert best.mean <= best.worst
         maps, chances = [], []
         for code in range(2 ** int(np.prod(shape))):
-            free = np.array([code >> k & 1 for k in range(int(np.prod(shape)))], dtype=bool).reshape(shape)
+            free = np.array(
+                [code >> k & 1 for k in range(int(np.prod(shape)))], dtype=bool
+            ).reshape(shape)
             if all(free[cell] for cell in start):
                 maps.append(GridWorkspace(free))
         chances = [run(space, start=start, policy="best").moves for space in maps]
@@ -308,13 +377,28 @@ def test_optimal_mappings():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: lower_bound(open_map("line:4"), [(0, 0)], rule="tilt"), "rule: expected block or merge"),
-        (lambda: lower_bound(open_map("line:4"), [(0, 0)], task="sweep"), "task: expected mapping or coverage"),
-        (lambda: lower_bound(open_map("line:4"), [(0, 0)], targets=np.ones((2, 2), bool)), "targets: expected a mask of shape"),
-        (lambda: optimum(GridWorkspace([[1, 0, 1]]), [(0, 0)]), "expected a particle in every connected part"),
+        (
+            lambda: lower_bound(open_map("line:4"), [(0, 0)], rule="tilt"),
+            "rule: expected block or merge",
+        ),
+        (
+            lambda: lower_bound(open_map("line:4"), [(0, 0)], task="sweep"),
+            "task: expected mapping or coverage",
+        ),
+        (
+            lambda: lower_bound(open_map("line:4"), [(0, 0)], targets=np.ones((2, 2), bool)),
+            "targets: expected a mask of shape",
+        ),
+        (
+            lambda: optimum(GridWorkspace([[1, 0, 1]]), [(0, 0)]),
+            "expected a particle in every connected part",
+        ),
         (lambda: optimum(open_map("rectangle:5x5"), [(0, 0)], most_states=50), "at most 50 states"),
         (lambda: mapping_optimum((2, 3), [(0, 0)], most_states=50), "at most 50 states"),
-        (lambda: mapping_optimum((1, 2), [(0, 0)], chance_free=2), "chance_free: expected a number from 0 to 1"),
+        (
+            lambda: mapping_optimum((1, 2), [(0, 0)], chance_free=2),
+            "chance_free: expected a number from 0 to 1",
+        ),
     ],
 )
 def test_what_bounds_refuse(call, message):

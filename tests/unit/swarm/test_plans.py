@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace
 from shoal.swarm.policies.planners import offline
 from shoal.swarm.policies.planners.offline import plan_coverage
-from shoal.swarm.theory.optima import optimum
+from shoal.swarm.theory.bounds import optimum
 
 
 def covered(workspace, start, plan, rule="block"):
@@ -43,7 +43,9 @@ def test_a_plan_covers_the_targets():
     targets = workspace.free & (np.arange(workspace.shape[1]) % 3 == 0)
     plan = plan_coverage(workspace, start, targets=targets, budget=200)
     assert covered(workspace, start, plan)[targets].all()
-    assert len(plan_coverage(workspace, start, targets=targets, budget=200, attempts=3)) <= len(plan)
+    assert len(plan_coverage(workspace, start, targets=targets, budget=200, attempts=3)) <= len(
+        plan
+    )
 
 
 def test_annealing_makes_plans_shorter_and_never_longer(monkeypatch):
@@ -51,7 +53,9 @@ def test_annealing_makes_plans_shorter_and_never_longer(monkeypatch):
     starts = [run(workspace, particles=6, trial=trial).start for trial in range(4)]
     annealed = [len(plan_coverage(workspace, start, budget=2000)) for start in starts]
     monkeypatch.setattr(offline, "PIECES", 1)
-    monkeypatch.setattr(offline.anneal, "anneal", lambda planner, course, length, fewest, *rest: (length, fewest, 0))
+    monkeypatch.setattr(
+        offline.anneal, "anneal", lambda planner, course, length, fewest, *rest: (length, fewest, 0)
+    )
     first = [len(plan_coverage(workspace, start, budget=2000)) for start in starts]
     assert all(one <= other for one, other in zip(annealed, first, strict=True))
     assert sum(annealed) < sum(first)
@@ -73,14 +77,28 @@ def test_nothing_to_do():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: plan_coverage(open_map("line:4"), [(0, 0)], attempts=0), "attempts: expected a whole number, 1 or more, got 0"),
+        (
+            lambda: plan_coverage(open_map("line:4"), [(0, 0)], attempts=0),
+            "attempts: expected a whole number, 1 or more, got 0",
+        ),
         (
             lambda: plan_coverage(open_map("line:4"), [(0, 0)], rule="tilt"),
             "policy offline: expected rule block or merge, got tilt",
         ),
-        (lambda: plan_coverage(GridWorkspace([[1, 0, 1]]), [(0, 0)]), "expected a particle in every connected part"),
-        (lambda: run(open_map("line:4"), particles=1, policy="offline"), "expected a task whose map is known"),
-        (lambda: run(open_map("line:4"), particles=1, policy="offline:budget=0", task="coverage"), "budget: expected simulated"),
+        (
+            lambda: plan_coverage(GridWorkspace([[1, 0, 1]]), [(0, 0)]),
+            "expected a particle in every connected part",
+        ),
+        (
+            lambda: run(open_map("line:4"), particles=1, policy="offline"),
+            "expected a task whose map is known",
+        ),
+        (
+            lambda: run(
+                open_map("line:4"), particles=1, policy="offline:budget=0", task="coverage"
+            ),
+            "budget: expected simulated",
+        ),
     ],
 )
 def test_what_is_refused(call, message):
@@ -89,10 +107,29 @@ def test_what_is_refused(call, message):
 
 
 def test_the_policy_sends_the_plan(capsys):
-    assert command(["cover", "cave:14x10", "-n", "6", "--policy", "offline", "--budget", "100", "--seed", "2", "--json"]) == 0
+    assert (
+        command(
+            [
+                "cover",
+                "cave:14x10",
+                "-n",
+                "6",
+                "--policy",
+                "offline",
+                "--budget",
+                "100",
+                "--seed",
+                "2",
+                "--json",
+            ]
+        )
+        == 0
+    )
     said = json.loads(capsys.readouterr().out)
     assert said["policy"] == "offline:budget=100"
     assert said["status"] == ["complete"]
-    episode = run(open_map("cave:14x10"), particles=6, policy="offline:budget=100", seed=2, task="coverage")
+    episode = run(
+        open_map("cave:14x10"), particles=6, policy="offline:budget=100", seed=2, task="coverage"
+    )
     assert [episode.moves] == said["moves"]
     assert episode.verify()

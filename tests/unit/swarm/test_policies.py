@@ -17,7 +17,9 @@ STEPS = {"l": (0, -1), "u": (-1, 0), "r": (0, 1), "d": (1, 0)}
 
 
 class ThirdParty:
-    """Closest-frontier as an outsider would write it: sets, a queue, nothing of Shoal but what a policy is shown."""
+    """Closest-frontier as an outsider would write it: sets, a queue, nothing of Shoal but what a
+    policy is shown.
+    """
 
     name = "third-party"
 
@@ -59,7 +61,9 @@ class Stubborn:
 
 @pytest.mark.parametrize("name", ["maze:15x11", "cave:24x16", "htree:120", "vessels:200"])
 def test_third_party_gives_the_same_episode(name):
-    """A policy in plain Python, played step by step, and the built-in one in its kernel: the same commands."""
+    """A policy in plain Python, played step by step, and the built-in one in its kernel: the same
+    commands.
+    """
     workspace = open_map(name)
     for trial in range(3):
         theirs = run(workspace, policy=ThirdParty(), particles=8, trial=trial)
@@ -71,11 +75,23 @@ def test_third_party_gives_the_same_episode(name):
 
 
 def test_third_party_by_name():
-    assert run(open_map("maze:9x7"), policy="tests.unit.swarm.test_policies:ThirdParty", particles=3).status == "complete"
+    assert (
+        run(
+            open_map("maze:9x7"), policy="tests.unit.swarm.test_policies:ThirdParty", particles=3
+        ).status
+        == "complete"
+    )
 
 
 @pytest.mark.parametrize(
-    "policy", ["closest-frontier", "closest-frontier:ties=row-major", "elect-particle", "depth-first", "sweep"]
+    "policy",
+    [
+        "closest-frontier",
+        "closest-frontier:ties=row-major",
+        "elect-particle",
+        "depth-first",
+        "sweep",
+    ],
 )
 def test_conformance(policy):
     check_policy(policy)
@@ -97,11 +113,16 @@ class Corner(Coverage):
 def test_a_task_that_only_chooses_targets_is_compiled():
     check_task(Corner())
     assert is_compiled(Corner())
-    whole, steps = (run(open_map("maze:9x7"), task=Corner(), particles=2, stepwise=stepwise) for stepwise in (False, True))
+    whole, steps = (
+        run(open_map("maze:9x7"), task=Corner(), particles=2, stepwise=stepwise)
+        for stepwise in (False, True)
+    )
     assert whole.commands == steps.commands
 
 
-@pytest.mark.parametrize("task", ["mapping", "coverage", "subset-coverage", "subset-coverage:fraction=0.5"])
+@pytest.mark.parametrize(
+    "task", ["mapping", "coverage", "subset-coverage", "subset-coverage:fraction=0.5"]
+)
 def test_tasks_conform(task):
     check_task(task)
 
@@ -113,7 +134,12 @@ def test_a_policy_without_progress_is_stopped():
     assert "stalled" in episode.sentence
     with pytest.raises(AssertionError):
         check_policy(
-            type("Endless", (), {"name": "endless", "decide": lambda self, view, memory, rng: ("lr", None)})(), max_moves=500
+            type(
+                "Endless",
+                (),
+                {"name": "endless", "decide": lambda self, view, memory, rng: ("lr", None)},
+            )(),
+            max_moves=500,
         )
 
 
@@ -145,7 +171,14 @@ def test_unknown_names_suggest_the_nearest():
         make_policy("elect-particel")
     with pytest.raises(UnknownNameError, match="cannot import"):
         make_policy("no_such_module:Policy")
-    assert set(POLICIES) >= {"random-moves", "elect-particle", "closest-frontier", "depth-first", "sweep", "manual"}
+    assert set(POLICIES) >= {
+        "random-moves",
+        "elect-particle",
+        "closest-frontier",
+        "depth-first",
+        "sweep",
+        "manual",
+    }
 
 
 @pytest.mark.parametrize(("policy", "rule"), [("elect-particle", "tilt"), ("depth-first", "tilt")])
@@ -168,9 +201,13 @@ def test_elect_particle_never_cycles():
 
 
 def test_a_done_part_hands_over_to_another():
-    """Where the free space has several parts, the elected particle of a finished part is replaced."""
+    """Where the free space has several parts, the elected particle of a finished part
+    is replaced.
+    """
     workspace = GridWorkspace([[1, 1, 0, 1, 1, 1, 0, 1]])
-    assert run(workspace, policy="elect-particle", start=[(0, 0), (0, 4), (0, 7)]).status == "complete"
+    assert (
+        run(workspace, policy="elect-particle", start=[(0, 0), (0, 4), (0, 7)]).status == "complete"
+    )
 
 
 def test_belief_of_a_task_is_what_the_policy_sees():
@@ -183,7 +220,12 @@ def test_belief_of_a_task_is_what_the_policy_sees():
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"), [("l", "expected decide to return"), ((1, None), "expected decide"), (("x", None), "'x' at position 1")]
+    ("answer", "words"),
+    [
+        ("l", "expected decide to return"),
+        ((1, None), "expected decide"),
+        (("x", None), "'x' at position 1"),
+    ],
 )
 def test_answers_that_are_none(answer, words):
     policy = type("Odd", (), {"name": "odd", "decide": lambda self, view, memory, rng: answer})()
@@ -192,9 +234,15 @@ def test_answers_that_are_none(answer, words):
 
 
 def test_a_policy_that_fails_is_named_with_the_line():
-    policy = type("Broken", (), {"name": "broken", "decide": lambda self, view, memory, rng: 1 / 0})()
+    policy = type(
+        "Broken", (), {"name": "broken", "decide": lambda self, view, memory, rng: 1 / 0}
+    )()
     with pytest.raises(
-        InvalidInputError, match=r"policy broken: the method decide failed at .*test_policies.py, line \d+: ZeroDivisionError"
+        InvalidInputError,
+        match=(
+            r"policy broken: the method decide failed at .*test_policies.py, line \d+:"
+            r" ZeroDivisionError"
+        ),
     ):
         run(open_map("line:5"), policy=policy, particles=1)
 
@@ -224,7 +272,8 @@ class Flat(ThirdParty):
 
 def test_the_conformance_check_names_the_map_on_which_a_policy_fails():
     expected = (
-        r"^policy flat: the method decide failed at .*, line \d+: ValueError: .*, on a three-dimensional map under rule block$"
+        r"^policy flat: the method decide failed at .*, line \d+: ValueError: .*, on a"
+        r" three-dimensional map under rule block$"
     )
     with pytest.raises(AssertionError, match=expected):
         check_policy(Flat(), rules=["block"])
@@ -247,7 +296,9 @@ class WithOptions:
 
     name = "with-options"
 
-    def __init__(self, letters: str = "lurd", times: int = 1, share: float = 0.5, reverse: bool = False):
+    def __init__(
+        self, letters: str = "lurd", times: int = 1, share: float = 0.5, reverse: bool = False
+    ):
         self.letters, self.times, self.share, self.reverse = letters, times, share, reverse
 
     def decide(self, view, memory, rng):
@@ -255,9 +306,14 @@ class WithOptions:
 
 
 def test_options_of_third_parties():
-    made = make_policy("tests.unit.swarm.test_policies:WithOptions:letters=lr,times=2,share=0.25,reverse=true")
+    made = make_policy(
+        "tests.unit.swarm.test_policies:WithOptions:letters=lr,times=2,share=0.25,reverse=true"
+    )
     assert (made.letters, made.times, made.share, made.reverse) == ("lr", 2, 0.25, True)
     assert make_policy("tests.unit.swarm.test_policies:WithOptions:ud").letters == "ud"
-    for options, words in (("speed=3", "has no option 'speed'"), ("times=x", "times: expected a whole number, got 'x'")):
+    for options, words in (
+        ("speed=3", "has no option 'speed'"),
+        ("times=x", "times: expected a whole number, got 'x'"),
+    ):
         with pytest.raises(InvalidInputError, match=words):
             make_policy(f"tests.unit.swarm.test_policies:WithOptions:{options}")

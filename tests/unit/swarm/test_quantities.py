@@ -21,11 +21,18 @@ def moved(episode):
     """Return the distance in mm, from the frames of the episode."""
     states = [state.cells for state, _ in episode.frames()]
     assert all(len(cells) == 1 for cells in states)
-    return float(sum(np.abs((after - before) * np.array(episode.workspace.spacing)).sum() for before, after in pairwise(states)))
+    return float(
+        sum(
+            np.abs((after - before) * np.array(episode.workspace.spacing)).sum()
+            for before, after in pairwise(states)
+        )
+    )
 
 
 def test_a_stack_with_three_spacings(tmp_path):
-    problem = SwarmProblem(TOWER, particles=1, cell_size=(5.0, 0.5, 0.25), move_seconds=0.2, scan_seconds=1.5)
+    problem = SwarmProblem(
+        TOWER, particles=1, cell_size=(5.0, 0.5, 0.25), move_seconds=0.2, scan_seconds=1.5
+    )
     episode = run(problem)
     report = episode.report()
     assert report["cell_mm"] == [5.0, 0.5, 0.25]
@@ -42,10 +49,21 @@ def test_a_stack_with_three_spacings(tmp_path):
 
 def test_unknown_quantities_are_null():
     report = run(SwarmProblem("maze:9x7", particles=3)).report()
-    assert {report[name] for name in ("cell_m", "cell_mm", "distance_mm", "move_seconds", "scan_seconds", "apparatus_seconds")} == {
-        None
-    }
-    assert run(SwarmProblem("maze:9x7", particles=3, move_seconds=2.0)).report()["apparatus_seconds"] > 0
+    assert {
+        report[name]
+        for name in (
+            "cell_m",
+            "cell_mm",
+            "distance_mm",
+            "move_seconds",
+            "scan_seconds",
+            "apparatus_seconds",
+        )
+    } == {None}
+    assert (
+        run(SwarmProblem("maze:9x7", particles=3, move_seconds=2.0)).report()["apparatus_seconds"]
+        > 0
+    )
 
 
 @pytest.mark.parametrize("command", ["map", "cover"])
@@ -71,7 +89,11 @@ def test_commands_print_them(tmp_path, capsys, command, trials):
     assert len(result["distance_mm"]) == trials
     assert result["move_seconds"] == 0.5
     assert result["apparatus_seconds"] == [0.5 * moves for moves in result["moves"]]
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["cell_mm"] == [5.0, 0.5, 0.25]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["cell_mm"] == [
+        5.0,
+        0.5,
+        0.25,
+    ]
     assert cli.run(given) == 0
     text = capsys.readouterr().out
     assert "5 × 0.5 × 0.25 mm (layer, row, column)" in text
@@ -83,11 +105,15 @@ def test_commands_print_them(tmp_path, capsys, command, trials):
 def test_volumes_and_widths_keep_their_spacing(tmp_path):
     pytest.importorskip("nibabel")
     write_map(GridWorkspace(TOWER, spacing=(5.0, 0.5, 0.25)), tmp_path / "volume.nii.gz")
-    assert run(SwarmProblem(str(tmp_path / "volume.nii.gz"), particles=1)).report()["cell_mm"] == pytest.approx([5.0, 0.5, 0.25])
+    assert run(SwarmProblem(str(tmp_path / "volume.nii.gz"), particles=1)).report()[
+        "cell_mm"
+    ] == pytest.approx([5.0, 0.5, 0.25])
 
 
 def test_sizes_that_do_not_fit_are_refused(capsys):
-    with pytest.raises(InvalidInputError, match=r"cell_size: expected 1 size or 2 sizes for a 2-D map, got 3"):
+    with pytest.raises(
+        InvalidInputError, match=r"cell_size: expected 1 size or 2 sizes for a 2-D map, got 3"
+    ):
         assert SwarmProblem("maze:9x7", cell_size=(1.0, 2.0, 3.0)).place
     for wrong in ("0", "1,2,3,4", "1,-1", "1,nan", "one"):
         assert cli.run(["map", "maze:9x7", "-n", "2", "--cell-size", wrong]) == 2

@@ -1,4 +1,6 @@
-"""Every reading option on every kind of map: it changes what is read, or it is refused with the reason."""
+"""Every reading option on every kind of map: it changes what is read, or it is refused with the
+reason.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +13,11 @@ from tests.unit.swarm.map_samples import GREYS, write_samples
 
 from shoal.cli import run as run_command
 from shoal.core.errors import InvalidInputError
-from shoal.core.parts import load_problem
+from shoal.parts import load_problem
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem
 from shoal.swarm import GridWorkspace, SwarmProblem
-from shoal.swarm.maps.files import FORMATS
-from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.files import FORMATS, open_map
 from shoal.swarm.maps.reading import KINDS, REASONS
 from shoal.swarm.maps.resampling import diagonal_contacts
 from shoal.swarm.problem import READING
@@ -25,13 +26,24 @@ for library in ("tifffile", "nibabel", "nrrd", "pydicom"):  # extras
     pytest.importorskip(library)
 
 OPTIONS = {
-    "threshold": 0.2, "invert": True, "scale": 2.0, "level": 50, "label": 100, "channel": 2, "frame": 2, "width": 20, "low": 0.5,
-    "high": 1.0, "bright": True, "thickest": 0.1,
-}  # fmt: skip
+    "threshold": 0.2,
+    "invert": True,
+    "scale": 2.0,
+    "level": 50,
+    "label": 100,
+    "channel": 2,
+    "frame": 2,
+    "width": 20,
+    "low": 0.5,
+    "high": 1.0,
+    "bright": True,
+    "thickest": 0.1,
+}
 GREY = {"threshold", "invert", "scale", "level", "label"}
 COLOUR = {"threshold", "invert", "scale", "channel"}
 NUMBERS = {"invert", "level", "label"}
-# The options that change what is read, and those that the file needs before another option can be tried.
+# The options that change what is read, and those that the file needs before another option can be
+# tried.
 USED = {
     "grey.png": (GREY, {}),
     "grey.bmp": (GREY, {}),
@@ -72,7 +84,13 @@ def files(tmp_path_factory):
 def test_the_table_has_every_option_and_every_format(files):
     assert {*OPTIONS, "vessels", "join_diagonals"} == set(READING) == set(REASONS)
     names = [name.lower() for name in USED]
-    for suffix in set(FORMATS) - {".tiff", ".jpeg", ".nii", ".nhdr", ".dcm"}:  # second names of the same readers
+    for suffix in set(FORMATS) - {
+        ".tiff",
+        ".jpeg",
+        ".nii",
+        ".nhdr",
+        ".dcm",
+    }:  # second names of the same readers
         assert any(name.endswith(suffix) for name in names), suffix
     assert set(files) == set(USED)
 
@@ -83,7 +101,11 @@ def test_an_option_is_used_or_refused(files, name, option):
     used, needed = USED[name]
     used = used | {"width"} if name != "line:7" else used
     value = SCALED_LABEL.get(name, {}).get(option, OPTIONS[option])
-    others = {key: one for key, one in needed.items() if not (option in {"level", "label"} and key == "label")}
+    others = {
+        key: one
+        for key, one in needed.items()
+        if not (option in {"level", "label"} and key == "label")
+    }
     if option not in used:
         with pytest.raises(InvalidInputError, match=rf"{option}: expected .*, got .*") as refused:
             open_map(files[name], **{**others, option: value})
@@ -95,7 +117,14 @@ def test_an_option_is_used_or_refused(files, name, option):
     assert changed.shape != plain.shape or not np.array_equal(changed.free, plain.free)
 
 
-DEFAULTS = {"vessels": False, "low": 0.6, "high": 1.2, "invert": False, "scale": 1.0, "join_diagonals": False}
+DEFAULTS = {
+    "vessels": False,
+    "low": 0.6,
+    "high": 1.2,
+    "invert": False,
+    "scale": 1.0,
+    "join_diagonals": False,
+}
 
 
 def takes(name: str, option: str) -> bool:
@@ -107,7 +136,9 @@ def takes(name: str, option: str) -> bool:
 
 def test_the_defaults_are_those_of_the_problem():
     declared = SwarmProblem.declarations()
-    assert {name: declared[name].default for name in READING if declared[name].default is not None} == DEFAULTS
+    assert {
+        name: declared[name].default for name in READING if declared[name].default is not None
+    } == DEFAULTS
 
 
 @pytest.mark.parametrize("option", DEFAULTS)
@@ -115,7 +146,9 @@ def test_the_defaults_are_those_of_the_problem():
 def test_an_option_at_its_default_is_used_or_refused(files, name, option, monkeypatch):
     monkeypatch.chdir(Path(files["grey.png"]).parent)
     given = {**USED[name][1], option: DEFAULTS[option]}
-    problem = checked_problem({"kind": "swarm", "map": Path(files[name]).name, **given}, Folder("."))  # as the studio does
+    problem = checked_problem(
+        {"kind": "swarm", "map": Path(files[name]).name, **given}, Folder(".")
+    )  # as the studio does
     if takes(name, option):
         plain = open_map(files[name], **USED[name][1])
         assert np.array_equal(open_map(files[name], **given).free, plain.free)
@@ -157,7 +190,9 @@ def test_commands_refuse_an_option_at_its_default(command, option, capsys):
 
 def test_an_option_replaces_that_of_a_problem_file(tmp_path, files, capsys):
     source = tmp_path / "problem.json"
-    source.write_text(json.dumps({"kind": "swarm", "map": str(files["grey.png"]), "scale": 2.0, "particles": 1}))
+    source.write_text(
+        json.dumps({"kind": "swarm", "map": str(files["grey.png"]), "scale": 2.0, "particles": 1})
+    )
     assert load_problem(source).replaced(scale=1.0).place.shape == open_map(files["grey.png"]).shape
     assert "scale" in load_problem(source).replaced(particles=2).given
 
@@ -166,15 +201,23 @@ def test_an_option_replaces_that_of_a_problem_file(tmp_path, files, capsys):
 def test_diagonal_contacts_are_joined_in_files_only(files, name):
     needed = USED[name][1]
     if name == "line:7":
-        with pytest.raises(InvalidInputError, match=r"join-diagonals: expected no join-diagonals for the generated map"):
+        with pytest.raises(
+            InvalidInputError,
+            match=r"join-diagonals: expected no join-diagonals for the generated map",
+        ):
             open_map(name, join_diagonals=True)
         return
-    plain, joined = open_map(files[name], **needed).free, open_map(files[name], **needed, join_diagonals=True).free
+    plain, joined = (
+        open_map(files[name], **needed).free,
+        open_map(files[name], **needed, join_diagonals=True).free,
+    )
     assert not (plain & ~joined).any()
     assert diagonal_contacts(joined) == 0
 
 
-@pytest.mark.parametrize("name", [name for name in USED if not name.endswith((".png", ".tif", ".gif", ".bmp", ".jpg"))])
+@pytest.mark.parametrize(
+    "name", [name for name in USED if not name.endswith((".png", ".tif", ".gif", ".bmp", ".jpg"))]
+)
 def test_vessels_are_found_in_photographs_only(files, name):
     with pytest.raises(InvalidInputError, match=r"expected (a photograph|a picture)"):
         open_map(files[name], vessels=True)
@@ -182,16 +225,25 @@ def test_vessels_are_found_in_photographs_only(files, name):
 
 @pytest.mark.parametrize("option", ["threshold", "invert", "scale", "level", "label"])
 def test_vessels_exclude_the_options_of_masks(files, option):
-    with pytest.raises(InvalidInputError, match=rf"grey\.png: {option}: expected no {option} for a photograph, got .* \(.+\)"):
+    with pytest.raises(
+        InvalidInputError,
+        match=rf"grey\.png: {option}: expected no {option} for a photograph, got .* \(.+\)",
+    ):
         open_map(files["grey.png"], vessels=True, **{option: OPTIONS[option]})
 
 
-@pytest.mark.parametrize("option", [name for name in OPTIONS if name not in {"invert", "level", "label", "width"}])
+@pytest.mark.parametrize(
+    "option", [name for name in OPTIONS if name not in {"invert", "level", "label", "width"}]
+)
 def test_arrays_and_workspaces(option):
     given = {option: OPTIONS[option]}
-    with pytest.raises(InvalidInputError, match=rf"{option}: expected no {option} .*, got .* \(.+\)"):
+    with pytest.raises(
+        InvalidInputError, match=rf"{option}: expected no {option} .*, got .* \(.+\)"
+    ):
         open_map(GREYS, **given)
-    with pytest.raises(InvalidInputError, match=rf"{option}: expected no {option} .*, got .* \(.+\)"):
+    with pytest.raises(
+        InvalidInputError, match=rf"{option}: expected no {option} .*, got .* \(.+\)"
+    ):
         open_map(GridWorkspace(GREYS), **given)
 
 
@@ -213,7 +265,10 @@ def test_a_number_decides_in_arrays():
         ({"channel": ""}, "channel: expected the name of a channel or its number from 1"),
         ({"channel": "²"}, "channel: expected one of"),
         ({"channel": "9" * 400}, "channel: expected the name of a channel or its number from 1"),
-        ({"channel": "violet"}, r"channel: expected one of 1 \(red\), 2 \(green\), 3 \(blue\), got 'violet'"),
+        (
+            {"channel": "violet"},
+            r"channel: expected one of 1 \(red\), 2 \(green\), 3 \(blue\), got 'violet'",
+        ),
         ({"frame": 0}, "frame: expected a whole number, 1 or more, got 0"),
         ({"frame": 3}, "frame: expected no frame for a file without a time axis, got 3"),
     ],
@@ -231,6 +286,8 @@ def test_every_kind_has_known_options():
 def test_problems_refuse_what_a_finished_workspace_does_not_take():
     from shoal.swarm import SwarmProblem
 
-    with pytest.raises(InvalidInputError, match="level: expected no level for a finished workspace, got 3"):
+    with pytest.raises(
+        InvalidInputError, match="level: expected no level for a finished workspace, got 3"
+    ):
         assert SwarmProblem(GridWorkspace(GREYS), level=3, particles=1).place
     assert SwarmProblem(GridWorkspace(GREYS), particles=1).place.n_free == np.count_nonzero(GREYS)

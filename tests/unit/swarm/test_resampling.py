@@ -1,4 +1,6 @@
-"""Masks in files, thinned by --width and --scale, joined by --join-diagonals, and what is said about dropped parts."""
+"""Masks in files, thinned by --width and --scale, joined by --join-diagonals, and what is said
+about dropped parts.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,8 @@ from shoal import cli
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmProblem
+from shoal.swarm.maps.files import fit_width, open_map
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.maps.open import fit_width, open_map
 from shoal.swarm.maps.resampling import diagonal_contacts
 
 
@@ -32,7 +34,9 @@ def traced_tree():
     free[80, :] = True
     for column in range(10, 190, 30):
         for step in range(70):
-            free[80 - step, min(column + step // 2, 199)] = free[80 + step, min(column + step, 199)] = True
+            free[80 - step, min(column + step // 2, 199)] = free[
+                80 + step, min(column + step, 199)
+            ] = True
     return free
 
 
@@ -43,7 +47,9 @@ def share_of_largest(free):
 
 
 def save(free, path):
-    np.save(path, free) if path.suffix == ".npy" else Image.fromarray(free.astype(np.uint8) * 255).save(path)
+    np.save(path, free) if path.suffix == ".npy" else Image.fromarray(
+        free.astype(np.uint8) * 255
+    ).save(path)
     return path
 
 
@@ -99,8 +105,14 @@ def test_layers_of_a_stack_are_joined_and_scaled_together(tmp_path):
 def test_diagonal_contacts_and_dropped_parts_are_said(tmp_path, told):
     path = save(np.kron(np.eye(3, dtype=bool), np.ones((2, 2), dtype=bool)), tmp_path / "steps.png")
     assert SwarmProblem(str(path), largest_component=True, particles=1).place.n_free == 4
-    assert any("2 diagonal contacts separate parts of the map" in text and "--join-diagonals" in text for text in told)
-    assert any("the largest of 3 parts is kept, 33.33 % of 12 free cells; 8 free cells are dropped" in text for text in told)
+    assert any(
+        "2 diagonal contacts separate parts of the map" in text and "--join-diagonals" in text
+        for text in told
+    )
+    assert any(
+        "the largest of 3 parts is kept, 33.33 % of 12 free cells; 8 free cells are dropped" in text
+        for text in told
+    )
     told.clear()
     assert open_map(path, join_diagonals=True).components.max() == 1
     assert not told
@@ -112,7 +124,18 @@ def test_diagonal_contacts_and_dropped_parts_are_said(tmp_path, told):
 
 def test_the_command_joins_and_thins(tmp_path, capsys):
     path = save(traced_tree(), tmp_path / "tree.png")
-    given = ["map", str(path), "-n", "3", "--width", "25", "--join-diagonals", "--policy", "closest-frontier", "--json"]
+    given = [
+        "map",
+        str(path),
+        "-n",
+        "3",
+        "--width",
+        "25",
+        "--join-diagonals",
+        "--policy",
+        "closest-frontier",
+        "--json",
+    ]
     assert cli.run(given) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["map"]["shape"] == [20, 25]
@@ -145,7 +168,10 @@ def test_contacts_are_counted_before_scaling(tmp_path, told, option):
     contacts = diagonal_contacts(free)
     path = save(free, tmp_path / "cross.png")
     open_map(path, **option)
-    assert [f"before scaling, {contacts} diagonal contacts separate parts of the map" in text for text in told].count(True) == 1
+    assert [
+        f"before scaling, {contacts} diagonal contacts separate parts of the map" in text
+        for text in told
+    ].count(True) == 1
     told.clear()
     assert open_map(path, **option, join_diagonals=True).components.max() == 1
     assert not told
@@ -159,35 +185,55 @@ def test_a_map_does_not_vanish(tmp_path, told, suffix):
     small = open_map(path, width=3)
     assert small.shape == (3, 3)
     assert small.components.max() == 1
-    assert any(f"{path}: the only part is smaller than half a cell" in text and "--width" in text for text in told)
+    assert any(
+        f"{path}: the only part is smaller than half a cell" in text and "--width" in text
+        for text in told
+    )
     told.clear()
     dust = np.zeros((120, 120), dtype=bool)
     dust[[5, 5, 60, 110], [5, 110, 60, 5]] = True
     dust[60, 61] = True
     open_map(save(dust, tmp_path / f"dust{suffix}"), width=3)
-    assert any("all 4 parts are smaller than half a cell of the scaled map, and the largest is kept" in text for text in told)
+    assert any(
+        "all 4 parts are smaller than half a cell of the scaled map, and the largest is kept"
+        in text
+        for text in told
+    )
     assert np.argwhere(open_map(tmp_path / f"dust{suffix}", width=3).free).tolist() == [[1, 1]]
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
 @pytest.mark.parametrize(
-    "option", [{"scale": 0.3}, {"scale": 0.05}, {"width": 17}, {"scale": 0.5, "width": 7}, {"scale": 0.3, "level": 9}]
+    "option",
+    [
+        {"scale": 0.3},
+        {"scale": 0.05},
+        {"width": 17},
+        {"scale": 0.5, "width": 7},
+        {"scale": 0.3, "level": 9},
+    ],
 )
 def test_large_pictures_become_smaller_while_they_are_read(tmp_path, monkeypatch, suffix, option):
-    """The cells are those of a picture that is in memory as a whole, which a small picture shows."""
+    """The cells are those of a picture that is in memory as a whole, which a small
+    picture shows.
+    """
     from shoal.swarm.maps import pictures
 
     rng = np.random.default_rng(4)
     free = (rng.random((3 if suffix == ".tif" else 1, 61, 83)) < 0.4) | traced_tree()[:61, :83]
     pages = [Image.fromarray(page.astype(np.uint8) * 9) for page in free]
     path = tmp_path / f"large{suffix}"
-    pages[0].save(path, **({"save_all": True, "append_images": pages[1:]} if suffix == ".tif" else {}))
+    pages[0].save(
+        path, **({"save_all": True, "append_images": pages[1:]} if suffix == ".tif" else {})
+    )
     whole = open_map(path, **option)
     packed = []
     monkeypatch.setattr(pictures, "MOST_COUNTED", 1000)
     monkeypatch.setattr(pictures, "PIECE", 700)
     shares = pictures.shares_of_bands
-    monkeypatch.setattr(pictures, "shares_of_bands", lambda *given: packed.append(given) or shares(*given))
+    monkeypatch.setattr(
+        pictures, "shares_of_bands", lambda *given: packed.append(given) or shares(*given)
+    )
     read = open_map(path, **option)
     assert packed or ("scale" not in option and suffix == ".tif")
     if "width" not in option or suffix == ".tif":
@@ -214,7 +260,11 @@ def test_width_has_the_limit_of_scale(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("options", "rows", "where"),
-    [([], [20, 39], "picture"), (["--scale", "0.1"], [20, 39], "picture"), (["--width", "20"], [2, 3], "map of --width 20")],
+    [
+        ([], [20, 39], "picture"),
+        (["--scale", "0.1"], [20, 39], "picture"),
+        (["--width", "20"], [2, 3], "map of --width 20"),
+    ],
 )
 def test_the_place_of_a_map_names_what_is_counted(tmp_path, capsys, options, rows, where):
     free = np.zeros((100, 200), dtype=bool)
@@ -233,6 +283,8 @@ def test_very_large_pictures_are_not_joined(tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "MOST_JOINED", traced_tree().size)
     assert open_map(path, join_diagonals=True, scale=0.5).n_free
     monkeypatch.setattr(pictures, "MOST_JOINED", traced_tree().size - 1)
-    with pytest.raises(InvalidInputError, match=r"join-diagonals: expected at most .* pixels before scaling"):
+    with pytest.raises(
+        InvalidInputError, match=r"join-diagonals: expected at most .* pixels before scaling"
+    ):
         open_map(path, join_diagonals=True, scale=0.5)
     assert open_map(path, scale=0.5).n_free

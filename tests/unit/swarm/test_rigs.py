@@ -22,8 +22,7 @@ from tests.swarm_runs import run
 from shoal import GridWorkspace, InvalidInputError, OutputError, open_map
 from shoal.cli import run as shoal
 from shoal.core.errors import RigError
-from shoal.swarm.problem import SwarmProblem
-from shoal.swarm.rigs import (
+from shoal.rigs import (
     ConnectionCutError,
     DriveLog,
     RecordedRig,
@@ -38,7 +37,8 @@ from shoal.swarm.rigs import (
     read_log,
     replay_log,
 )
-from shoal.swarm.rigs.messages import Command, Positions, Stop
+from shoal.rigs.transports import Command, Positions, Stop
+from shoal.swarm.problem import SwarmProblem
 
 ROOT = Path(__file__).parents[3]
 
@@ -59,7 +59,9 @@ def free_of(workspace):
 
 
 class BenchTransport(Transport):
-    """A line to a rig in this process; ``wear(data)`` returns what comes through, or raises ConnectionCutError."""
+    """A line to a rig in this process; ``wear(data)`` returns what comes through, or raises
+    ConnectionCutError.
+    """
 
     def __init__(self, rig_, wear=lambda data: data):
         super().__init__("bench")
@@ -86,10 +88,16 @@ class BenchTransport(Transport):
 
 
 def bench(workspace, particles=5, wear=lambda data: data, seed=2):
-    return BenchTransport(example.Rig(example.Swarm(free_of(workspace), particles, seed), workspace.shape, name="bench"), wear)
+    return BenchTransport(
+        example.Rig(
+            example.Swarm(free_of(workspace), particles, seed), workspace.shape, name="bench"
+        ),
+        wear,
+    )
 
 
-# ------------------------------------------------------------------------------------------------- drive
+# -------------------------------------------------------------------------------------------------
+# drive
 
 
 @pytest.mark.parametrize("every", ["1", "3", "doubling", "adaptive"])
@@ -136,15 +144,39 @@ class Faulty(SimulatedRig):
         (lambda cells: cells[:-1], "number", "3 particles before, 2 now"),
         (lambda cells: cells[:0], "number", "3 particles before, none now"),
         (lambda cells: np.concatenate([cells, [[3, 8]]]), "number", "3 particles before, 4 now"),
-        (lambda cells: cells - [[0, 0], [0, 0], [1, 0]], "drift", "against the command or to the side"),
-        (lambda cells: np.subtract(cells, [0, 2]), "direction", "the particles moved as command 'l' moves them"),
-        (lambda cells: np.add(cells, [0, 1]), "twice", "a particle moved by more than 1 cell: the command was carried out twice"),
-        (lambda cells: np.subtract(cells, [0, 1]), "still", "nothing moved although a particle has a free cell ahead"),
-        (lambda cells: cells - [[0, 0], [0, 1], [0, 0]], "rule", "expected every particle to move as rule block requires"),
+        (
+            lambda cells: cells - [[0, 0], [0, 0], [1, 0]],
+            "drift",
+            "against the command or to the side",
+        ),
+        (
+            lambda cells: np.subtract(cells, [0, 2]),
+            "direction",
+            "the particles moved as command 'l' moves them",
+        ),
+        (
+            lambda cells: np.add(cells, [0, 1]),
+            "twice",
+            "a particle moved by more than 1 cell: the command was carried out twice",
+        ),
+        (
+            lambda cells: np.subtract(cells, [0, 1]),
+            "still",
+            "nothing moved although a particle has a free cell ahead",
+        ),
+        (
+            lambda cells: cells - [[0, 0], [0, 1], [0, 0]],
+            "rule",
+            "expected every particle to move as rule block requires",
+        ),
     ],
 )
-def test_positions_that_contradict_a_command_are_an_alarm_and_nothing_found_is_lost(wrong, kind, words):
-    """The scan after the third command lies. All three particles have known free cells ahead then."""
+def test_positions_that_contradict_a_command_are_an_alarm_and_nothing_found_is_lost(
+    wrong, kind, words
+):
+    """The scan after the third command lies. All three particles have known free cells
+    ahead then.
+    """
     rig = Faulty(GridWorkspace(np.ones((4, 9))), [(1, 2), (2, 4), (3, 6)], wrong=wrong)
     driven = drive(rig, policy="manual:rlr")
     assert rig.stops == 1
@@ -160,15 +192,24 @@ def test_positions_that_contradict_a_command_are_an_alarm_and_nothing_found_is_l
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda cells: np.concatenate([cells[:1], cells[:1], cells[2:]]), "expected cells of one particle each, got (1, 3)"),
+        (
+            lambda cells: np.concatenate([cells[:1], cells[:1], cells[2:]]),
+            "expected cells of one particle each, got (1, 3)",
+        ),
         (lambda cells: np.subtract(cells, [2, 0]), "got (-1, 3)"),
         (lambda cells: np.add(cells, [0, 99]), "expected cells inside (4, 9), got (1, 102)"),
         (lambda cells: np.subtract(cells, [0, 99]), "expected cells inside (4, 9), got (1, -96)"),
         (lambda cells: cells + np.nan, "expected integer cells of shape (n, 2), got float64"),
         (lambda cells: cells + 0.5, "expected integer cells of shape (n, 2), got float64"),
-        (lambda cells: [[1, 3], [2]], "expected integer cells of shape (n, 2), got rows of different lengths"),
+        (
+            lambda cells: [[1, 3], [2]],
+            "expected integer cells of shape (n, 2), got rows of different lengths",
+        ),
         (lambda cells: [[1, 2**70]], "expected integer cells of shape (n, 2), got object"),
-        (lambda cells: np.array([[1, 2**63]], dtype=np.uint64), "expected cells inside (4, 9), got (1, 9223372036854775808)"),
+        (
+            lambda cells: np.array([[1, 2**63]], dtype=np.uint64),
+            "expected cells inside (4, 9), got (1, 9223372036854775808)",
+        ),
         (lambda cells: cells[:, :1], "expected integer cells of shape (n, 2), got int64 (3, 1)"),
         (lambda cells: None, "expected integer cells of shape (n, 2), got object"),
     ],
@@ -184,7 +225,11 @@ def test_a_position_outside_the_field_is_an_error_of_the_rig_which_keeps_the_map
 
 
 def test_ctrl_c_stops_the_rig_and_ends_the_log(tmp_path):
-    rig = Faulty(open_map("maze:9x7"), open_map("maze:9x7").cells[:1], wrong=lambda cells: (_ for _ in ()).throw(KeyboardInterrupt))
+    rig = Faulty(
+        open_map("maze:9x7"),
+        open_map("maze:9x7").cells[:1],
+        wrong=lambda cells: (_ for _ in ()).throw(KeyboardInterrupt),
+    )
     with pytest.raises(KeyboardInterrupt):
         drive(rig, policy="closest-frontier", log=DriveLog(tmp_path / "log.jsonl"))
     assert rig.stops == 1
@@ -195,7 +240,8 @@ def test_ctrl_c_stops_the_rig_and_ends_the_log(tmp_path):
     assert "was interrupted" in verified.message
 
 
-# ---------------------------------------------------------------------------------------------- messages
+# ----------------------------------------------------------------------------------------------
+# messages
 
 
 def test_a_message_comes_back_and_no_single_damage_gets_through():
@@ -226,7 +272,10 @@ def test_a_whole_line_that_is_no_message_is_the_rigs_fault():
         ("tcp:here:70000", "tcp:HOST:PORT"),
         ("exec:", "exec:COMMAND"),
         ('exec:"', "No closing quotation"),
-        ("serial:/dev/no-such-port", "expected a serial port, got '/dev/no-such-port', which does not exist"),
+        (
+            "serial:/dev/no-such-port",
+            "expected a serial port, got '/dev/no-such-port', which does not exist",
+        ),
         ("serial:/dev/x@fast", "expected a speed in baud after '@', got 'fast'"),
     ],
 )
@@ -235,7 +284,8 @@ def test_specs(spec, words):
         open_transport(spec)
 
 
-# ----------------------------------------------------------------------------------------------- the link
+# -----------------------------------------------------------------------------------------------
+# the link
 
 
 def test_a_damaged_request_or_answer_is_asked_for_again_and_carried_out_once():
@@ -295,10 +345,29 @@ def test_a_rig_that_was_started_anew_is_not_gone_on_with():
             {"type": "welcome", "protocol": 2, "session": "s", "seq": 0, "shape": [2, 2]},
             "expected a rig that speaks protocol 1, got 2",
         ),
-        ({"type": "welcome", "protocol": 1, "session": "s", "seq": 0, "shape": [2, 2], "rule": "hop"}, "expected a rule out of"),
-        ({"type": "welcome", "protocol": 1, "session": "s", "seq": 0, "shape": [99999, 99999]}, "at most"),
-        ({"type": "welcome", "protocol": 1, "session": "other", "seq": 3, "shape": [2, 2]}, "expected a new session"),
-        ({"type": "error", "text": "no magnets today"}, "the rig refuses the request: no magnets today"),
+        (
+            {
+                "type": "welcome",
+                "protocol": 1,
+                "session": "s",
+                "seq": 0,
+                "shape": [2, 2],
+                "rule": "hop",
+            },
+            "expected a rule out of",
+        ),
+        (
+            {"type": "welcome", "protocol": 1, "session": "s", "seq": 0, "shape": [99999, 99999]},
+            "at most",
+        ),
+        (
+            {"type": "welcome", "protocol": 1, "session": "other", "seq": 3, "shape": [2, 2]},
+            "expected a new session",
+        ),
+        (
+            {"type": "error", "text": "no magnets today"},
+            "the rig refuses the request: no magnets today",
+        ),
         ({"type": "greetings"}, "expected a message of protocol 1"),
     ],
 )
@@ -324,7 +393,9 @@ def test_a_silent_rig_is_given_up():
 def test_a_rig_that_tells_nonsense():
     line = bench(open_map("line:5"))
     rig = RemoteRig(line, repeat_after=0.05, end_after=1)
-    line.rig.reply = lambda data: encode_message(Positions(seq=1, cells=[[0, 1, 2]])) if data.strip() else b""
+    line.rig.reply = lambda data: (
+        encode_message(Positions(seq=1, cells=[[0, 1, 2]])) if data.strip() else b""
+    )
     with pytest.raises(RigError, match="bench: positions: expected integer cells"):
         rig.observe()
     with pytest.raises(InvalidInputError, match="expected one command out of 'lurd'"):
@@ -336,7 +407,9 @@ def test_stop_gets_through_damage_cuts_and_half_a_message():
     line = bench(workspace, particles=1, wear=bad.carry)
     rig = RemoteRig(line, repeat_after=0.02, end_after=20)
     bad.damage = 0.7
-    line.write(encode_message(Command(seq=1, command="l"))[:20])  # an interruption in the middle of a message
+    line.write(
+        encode_message(Command(seq=1, command="l"))[:20]
+    )  # an interruption in the middle of a message
     rig.stop()
     bad.damage = 0.0
     assert line.rig.stopped
@@ -345,18 +418,42 @@ def test_stop_gets_through_damage_cuts_and_half_a_message():
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="pseudo-terminals are Unix's")
-def test_the_example_maps_through_a_pseudo_terminal_that_is_cut_ten_times_and_damages_a_twentieth(tmp_path):
+def test_the_example_maps_through_a_pseudo_terminal_that_is_cut_ten_times_and_damages_a_twentieth(
+    tmp_path,
+):
     workspace = open_map("vessels:200")
     (tmp_path / "map.txt").write_text(f"{workspace}\n")
     link, log = tmp_path / "rig", tmp_path / "log.jsonl"
-    options = ["--particles", "20", "--seed", "4", "--cuts", "10", "--every", "30", "--damage", "0.05", "--pause", "0.02"]
-    words = [sys.executable, str(ROOT / "examples" / "rig.py"), str(tmp_path / "map.txt"), "--pty", str(link), *options]
+    options = [
+        "--particles",
+        "20",
+        "--seed",
+        "4",
+        "--cuts",
+        "10",
+        "--every",
+        "30",
+        "--damage",
+        "0.05",
+        "--pause",
+        "0.02",
+    ]
+    words = [
+        sys.executable,
+        str(ROOT / "examples" / "rig.py"),
+        str(tmp_path / "map.txt"),
+        "--pty",
+        str(link),
+        *options,
+    ]
     with subprocess.Popen(words) as process:
         try:
             while not link.exists():
                 time.sleep(0.01)
             book = DriveLog(log)
-            with open_rig(f"serial:{link}", repeat_after=0.05, end_after=30, on_event=book.event) as rig:
+            with open_rig(
+                f"serial:{link}", repeat_after=0.05, end_after=30, on_event=book.event
+            ) as rig:
                 driven = drive(rig, policy="closest-frontier", log=book)
         finally:
             process.terminate()
@@ -388,7 +485,8 @@ def test_tcp(tmp_path):
     assert driven.link.reconnects == 3
 
 
-# ------------------------------------------------------------------------------------------------ the log
+# ------------------------------------------------------------------------------------------------
+# the log
 
 
 @pytest.mark.parametrize("every", ["1", "4", "adaptive"])
@@ -399,7 +497,11 @@ def test_a_log_replays(tmp_path, every, rule):
     log, workspace = tmp_path / "log.jsonl", open_map("cave:20x14:1")
     start = workspace.cells[:: workspace.n_free // 5]
     driven = drive(
-        SimulatedRig(workspace, start, rule=rule), policy="closest-frontier", scan_every=every, log=DriveLog(log), max_moves=150
+        SimulatedRig(workspace, start, rule=rule),
+        policy="closest-frontier",
+        scan_every=every,
+        log=DriveLog(log),
+        max_moves=150,
     )
     result, verified = replay_log(log)
     assert verified, verified.message
@@ -415,12 +517,18 @@ def test_a_log_replays(tmp_path, every, rule):
 
 def test_a_changed_log_is_noticed(tmp_path):
     log = tmp_path / "log.jsonl"
-    drive(SimulatedRig(open_map("maze:9x7"), open_map("maze:9x7").cells[[0, 9]]), policy="closest-frontier", log=DriveLog(log))
+    drive(
+        SimulatedRig(open_map("maze:9x7"), open_map("maze:9x7").cells[[0, 9]]),
+        policy="closest-frontier",
+        log=DriveLog(log),
+    )
     lines = log.read_text().splitlines()
 
     def changed(at, old, new):
         assert old in lines[at]
-        log.write_text("\n".join([*lines[:at], lines[at].replace(old, new, 1), *lines[at + 1 :]]) + "\n")
+        log.write_text(
+            "\n".join([*lines[:at], lines[at].replace(old, new, 1), *lines[at + 1 :]]) + "\n"
+        )
 
     changed(len(lines) - 1, '"free":39', '"free":38')
     assert "free: 38 in the log, 39 replayed" in replay_log(log)[1].message
@@ -428,13 +536,19 @@ def test_a_changed_log_is_noticed(tmp_path):
     with pytest.raises(InvalidInputError, match=r"log.jsonl, line 1: log: "):
         read_log(log)
     changed(2, '"command":"l"', '"command":"q"')
-    with pytest.raises(InvalidInputError, match="line 3: expected command 1, one of 'lurd', got 'q'"):
+    with pytest.raises(
+        InvalidInputError, match="line 3: expected command 1, one of 'lurd', got 'q'"
+    ):
         read_log(log)
     changed(3, '"move":1', '"move":2')
-    with pytest.raises(InvalidInputError, match="line 4: expected one scan after move 1, got one of 2"):
+    with pytest.raises(
+        InvalidInputError, match="line 4: expected one scan after move 1, got one of 2"
+    ):
         read_log(log)
     changed(4, "{", "[")
-    with pytest.raises(InvalidInputError, match="line 5: expected JSON, got something else in line 1, column 8"):
+    with pytest.raises(
+        InvalidInputError, match="line 5: expected JSON, got something else in line 1, column 8"
+    ):
         read_log(log)
     with pytest.raises(OutputError, match="the file exists already"):
         DriveLog(log)
@@ -442,13 +556,16 @@ def test_a_changed_log_is_noticed(tmp_path):
         RecordedRig("p", (2, 2), SwarmProblem("rig"), "x", 0, "l", {}, [], None).send("r")
 
 
-# ------------------------------------------------------------------------------------------- the command
+# ------------------------------------------------------------------------------------------- the
+# command
 
 
 def test_command_with_a_program_as_rig(tmp_path, capsys):
     workspace = open_map("maze:9x7")
     (tmp_path / "map.txt").write_text(f"{workspace}\n")
-    spec = f"exec:{sys.executable} {ROOT / 'examples' / 'rig.py'} {tmp_path / 'map.txt'} --particles 4"
+    spec = (
+        f"exec:{sys.executable} {ROOT / 'examples' / 'rig.py'} {tmp_path / 'map.txt'} --particles 4"
+    )
     log = tmp_path / "log.jsonl"
     assert shoal(["drive", "maze:9x7", "--rig", spec, "--log", str(log), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -462,7 +579,10 @@ def test_command_with_a_program_as_rig(tmp_path, capsys):
     assert shoal(["drive", "maze:9x7", "--rig", spec, "--log", str(log)]) == 2
     assert "the file exists already" in capsys.readouterr().err
     assert shoal(["drive", "--size", "7x8", "--rig", spec]) == 2
-    assert "size: expected a rig of 7 rows × 8 columns, got map, which sees 7 rows × 9 columns" in capsys.readouterr().err
+    assert (
+        "size: expected a rig of 7 rows × 8 columns, got map, which sees 7 rows × 9 columns"
+        in capsys.readouterr().err
+    )
     assert shoal(["drive", "--rig", "simulated"]) == 2
     assert "expected a map, such as vessels:500" in capsys.readouterr().err
     assert shoal(["drive", "--rig", "exec:false", "--end-after", "0.1"]) == 2
@@ -497,8 +617,23 @@ def dying(tmp_path, how):
 
 
 def test_a_rig_that_dies_at_a_command_is_told_to_stop_all_the_same(tmp_path, capsys):
-    """It comes back as one that knows nothing of what was done: the drive ends, after a stop command over a new line."""
-    assert shoal(["drive", "--rig", dying(tmp_path, "stops"), "--repeat-after", "0.5", "--end-after", "2"]) == 2
+    """It comes back as one that knows nothing of what was done: the drive ends, after a stop
+    command over a new line.
+    """
+    assert (
+        shoal(
+            [
+                "drive",
+                "--rig",
+                dying(tmp_path, "stops"),
+                "--repeat-after",
+                "0.5",
+                "--end-after",
+                "2",
+            ]
+        )
+        == 2
+    )
     said = capsys.readouterr().err
     assert "the rig has restarted" in said
     assert len(said.strip().splitlines()) == 1
@@ -508,7 +643,17 @@ def test_a_rig_that_dies_at_a_command_is_told_to_stop_all_the_same(tmp_path, cap
 
 
 def test_a_log_ends_with_the_map_even_if_the_rig_does_not_confirm_the_stop(tmp_path, capsys):
-    words = ["drive", "--rig", dying(tmp_path, "goes on"), "--repeat-after", "0.1", "--end-after", "0.3", "--max-moves", "3"]
+    words = [
+        "drive",
+        "--rig",
+        dying(tmp_path, "goes on"),
+        "--repeat-after",
+        "0.1",
+        "--end-after",
+        "0.3",
+        "--max-moves",
+        "3",
+    ]
     assert shoal([*words, "--log", str(tmp_path / "log.jsonl")]) == 2
     assert "has not confirmed the stop command" in capsys.readouterr().err
     last = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])
@@ -524,7 +669,15 @@ def test_a_log_ends_with_the_map_even_if_the_rig_does_not_confirm_the_stop(tmp_p
     ],
 )
 def test_headers_with_which_no_drive_began(tmp_path, change, words):
-    header = {"kind": "header", "log": "shoal-drive", "format": 1, "version": "1", "rig": "p", "shape": [2, 2], "policy": "x"}
+    header = {
+        "kind": "header",
+        "log": "shoal-drive",
+        "format": 1,
+        "version": "1",
+        "rig": "p",
+        "shape": [2, 2],
+        "policy": "x",
+    }
     header |= {"seed": 1, "problem": {"map": "rig"} | change}
     lines = [header, {"kind": "scan", "move": 0, "cells": [[0, 0]], "time": 0.0}]
     (tmp_path / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
@@ -536,9 +689,20 @@ def test_headers_with_which_no_drive_began(tmp_path, change, words):
 def test_ctrl_c_on_the_command_line_stops_the_rig(tmp_path, number):
     """The rig takes a second for a command; the stop command ends it."""
     (tmp_path / "map.txt").write_text(f"{open_map('maze:9x7')}\n")
-    spec = f"exec:{sys.executable} {ROOT / 'examples' / 'rig.py'} {tmp_path / 'map.txt'} --duration 30"
+    spec = (
+        f"exec:{sys.executable} {ROOT / 'examples' / 'rig.py'} {tmp_path / 'map.txt'} --duration 30"
+    )
     log = tmp_path / "log.jsonl"
-    words = [sys.executable, "-c", "from shoal.__main__ import main; main()", "drive", "--rig", spec, "--log", str(log)]
+    words = [
+        sys.executable,
+        "-c",
+        "from shoal.__main__ import main; main()",
+        "drive",
+        "--rig",
+        spec,
+        "--log",
+        str(log),
+    ]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         while not (log.exists() and '"command"' in log.read_text()):
             time.sleep(0.02)

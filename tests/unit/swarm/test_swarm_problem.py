@@ -36,7 +36,11 @@ def my_placement(workspace, n, rng):
 GIVEN = [
     {},
     {"task": "coverage", "subset": 0.2, "particles": 3},
-    {"task": SubsetCoverage(0.3), "policy": ClosestFrontier(ties="row-major"), "placement": my_placement},
+    {
+        "task": SubsetCoverage(0.3),
+        "policy": ClosestFrontier(ties="row-major"),
+        "placement": my_placement,
+    },
     {"task": Coverage()},
     {"policy": Outsider()},
     {"policy": FAVOURITE},
@@ -53,7 +57,11 @@ GIVEN = [
 @pytest.mark.parametrize("given", GIVEN, ids=range(len(GIVEN)))
 @pytest.mark.parametrize(
     "place",
-    ["line:9", GridWorkspace([[1, 1, 0], [0, 1, 1]], name="stairs", spacing=(1, 2)), np.ones((2, 3, 4))],
+    [
+        "line:9",
+        GridWorkspace([[1, 1, 0], [0, 1, 1]], name="stairs", spacing=(1, 2)),
+        np.ones((2, 3, 4)),
+    ],
     ids=["name", "workspace", "array"],
 )
 def test_a_problem_survives_a_file(given, place):
@@ -77,8 +85,14 @@ def test_a_path_is_a_map(tmp_path):
 
 
 def test_places_have_keys():
-    assert SwarmProblem("line:9").place_key() == SwarmProblem("line:9", particles=3, task="coverage").place_key()
-    assert SwarmProblem("line:9").place_key() != SwarmProblem("line:9", largest_component=True).place_key()
+    assert (
+        SwarmProblem("line:9").place_key()
+        == SwarmProblem("line:9", particles=3, task="coverage").place_key()
+    )
+    assert (
+        SwarmProblem("line:9").place_key()
+        != SwarmProblem("line:9", largest_component=True).place_key()
+    )
     assert SwarmProblem([[1]]).place_key() is None
 
 
@@ -86,32 +100,48 @@ def test_places_have_keys():
     ("given", "words"),
     [
         ({"particles": 0}, "particles: expected a whole number from 1 to 268435456, got 0"),
-        ({"particles": 5, "start": [(0, 1)]}, "particles: expected 1, the number of start cells, got 5"),
+        (
+            {"particles": 5, "start": [(0, 1)]},
+            "particles: expected 1, the number of start cells, got 5",
+        ),
         ({"start": [(0, 1), (0,)]}, "start: expected cells of 2 or 3 whole numbers each"),
         ({"start": [(0, 0.5)]}, "start: expected cells of 2 or 3 whole numbers each"),
-        ({"subset": 0.2}, "subset: expected the task coverage together with a subset, got the task mapping"),
+        (
+            {"subset": 0.2},
+            "subset: expected the task coverage together with a subset, got the task mapping",
+        ),
         ({"task": "coverage", "subset": 1.5}, "subset: expected a number, above 0"),
         ({"budget": 1, "time_per_move": 1}, "expected a budget or a time per move, got both"),
         ({"confidence": 0.9}, "confidence: expected a confidence only together with noise"),
         ({"slip": 0.1, "rule": "merge"}, "noise: expected rule block, got merge"),
         ({"slip": 0.1, "task": "coverage"}, "noise: expected the task mapping, got coverage"),
-        ({"slip": 0.1, "scan_every": "hyper"}, "noise: expected scan-every as a number of commands"),
+        (
+            {"slip": 0.1, "scan_every": "hyper"},
+            "noise: expected scan-every as a number of commands",
+        ),
         ({"slip": 0.6}, "slip: expected a number from 0 to 0.5, got 0.6"),
         ({"scan_every": "sometimes"}, "scan-every: expected 1 to"),
         ({"scan_cost": 0, "move_cost": 0}, "expected a price above 0 for a scan or a move"),
-        ({"policy": 3}, "policy: expected a name, or an object with a name and a method decide, got 3"),
+        (
+            {"policy": 3},
+            "policy: expected a name, or an object with a name and a method decide, got 3",
+        ),
         ({"placement": 3}, "placement: expected a name, or a function"),
         ({"rule": "blok"}, "did you mean 'block'?"),
         ({"map": {"rows": ["..", "x."]}}, "map: expected rows of . and #, got 'x.'"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_sentence(given, words):
-    with pytest.raises(InvalidInputError, match=words.replace("(", r"\(").replace("?", r"\?")) as caught:
+    with pytest.raises(
+        InvalidInputError, match=words.replace("(", r"\(").replace("?", r"\?")
+    ) as caught:
         SwarmProblem(**{"map": "line:9"} | given)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("given", [{"policy": "closest-fronteir"}, {"task": "maping"}, {"placement": "unifrom"}])
+@pytest.mark.parametrize(
+    "given", [{"policy": "closest-fronteir"}, {"task": "maping"}, {"placement": "unifrom"}]
+)
 def test_unknown_names_are_refused_with_the_nearest(given):
     with pytest.raises(UnknownNameError, match="did you mean"):
         SwarmProblem("line:9", **given)
@@ -141,12 +171,21 @@ def test_auto_chooses_what_can_do_the_task(given, chosen):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"policy": "best", "rule": "tilt"}, "policy beam-rollout: expected rule block or merge, got tilt"),
+        (
+            {"policy": "best", "rule": "tilt"},
+            "policy beam-rollout: expected rule block or merge, got tilt",
+        ),
         ({"policy": "best", "scan_every": 2}, "scan-every: expected 1 for policy beam-rollout"),
         ({"scan_every": 2, "budget": 10.0}, "scan-every: expected 1 for policy beam-rollout"),
         ({"task": "coverage", "budget": 10.0}, "budget: expected a planner"),
-        ({"policy": "closest-frontier", "time_per_move": 10.0}, "time-per-move: expected a planner"),
-        ({"policy": "random-moves", "scan_every": "adaptive"}, "expected a number, or the policy closest-frontier for adaptive"),
+        (
+            {"policy": "closest-frontier", "time_per_move": 10.0},
+            "time-per-move: expected a planner",
+        ),
+        (
+            {"policy": "random-moves", "scan_every": "adaptive"},
+            "expected a number, or the policy closest-frontier for adaptive",
+        ),
         ({"particles": 10}, "particles: expected 1 to 9"),
         ({"start": [(0, 9)]}, "start: expected cells inside"),
     ],
@@ -158,7 +197,11 @@ def test_what_cannot_be_done_is_refused_at_the_place(given, words):
 
 
 def test_beginnings_of_equal_problems_are_equal():
-    explicit = {name: declared.default for name, declared in SwarmProblem.declarations().items() if not declared.required}
+    explicit = {
+        name: declared.default
+        for name, declared in SwarmProblem.declarations().items()
+        if not declared.required
+    }
     assert SwarmProblem("line:9", **explicit).canonical() == '{"kind":"swarm","map":"line:9"}'
     assert SwarmProblem("line:9", scan_every="1") == SwarmProblem("line:9")
     assert hash(SwarmProblem("line:9")) == hash(SwarmProblem("line:9", rule="block"))

@@ -1,4 +1,6 @@
-"""Three dimensions: volumes read and written, bad ones refused, vessel trees, films, figures and the player's data."""
+"""Three dimensions: volumes read and written, bad ones refused, vessel trees, films, figures and
+the player's data.
+"""
 
 from __future__ import annotations
 
@@ -14,24 +16,34 @@ from tests.swarm_runs import run
 from shoal import GridWorkspace, InvalidInputError, open_map, read_map, write_map
 from shoal.cli import run as shoal
 from shoal.swarm import SwarmEpisode
-from shoal.swarm.grid import belief as belief_states
-from shoal.swarm.grid.commands import offsets_of
-from shoal.swarm.kernels.search.breadth_first import nearest_cells
+from shoal.swarm.grid import state as belief_states
+from shoal.swarm.grid.board import offsets_of
+from shoal.swarm.kernels.search import nearest_cells
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
 from shoal.views import film
 from shoal.views.drawing.encoding import LONGEST
-from shoal.views.swarm.cell_colours import PLAIN, codes_of
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.page import page_data
-from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view
+from shoal.views.swarm.volume import (
+    PLAIN,
+    Fit,
+    Slices,
+    codes_of,
+    sheet,
+    sheet_width,
+    slice_pictures,
+    turned_view,
+)
 
 nibabel = pytest.importorskip("nibabel")  # an extra
 BLOCK = np.random.default_rng(3).random((4, 5, 6)) < 0.7
 
 
 def workspace_codes(workspace):
-    """What each cell looks like of a workspace of which everything is known, with one cell of rim on each side."""
+    """What each cell looks like of a workspace of which everything is known, with one cell of rim
+    on each side.
+    """
     return np.pad(
         np.where(workspace.free, belief_states.FREE, belief_states.OBSTACLE).astype(np.uint8),
         1,
@@ -61,7 +73,10 @@ def test_nifti_is_turned_to_what_is_seen_from_the_front(tmp_path):
     data[0, 0, 0] = 1
     for flip in ([1, 1, 1], [-1, -1, 1]):  # the same body, stored the other way round
         stored = data[:: flip[0], :: flip[1], :: flip[2]]
-        nibabel.save(nibabel.Nifti1Image(stored, np.diag([*(np.array(flip) * (2.0, 3.0, 4.0)), 1.0])), tmp_path / "a.nii.gz")
+        nibabel.save(
+            nibabel.Nifti1Image(stored, np.diag([*(np.array(flip) * (2.0, 3.0, 4.0)), 1.0])),
+            tmp_path / "a.nii.gz",
+        )
         read = read_map(tmp_path / "a.nii.gz")
         assert read.shape == (4, 5, 3)
         assert read.cells.tolist() == [[0, 0, 0], [3, 4, 2]]
@@ -70,12 +85,16 @@ def test_nifti_is_turned_to_what_is_seen_from_the_front(tmp_path):
 
 def test_level_and_label(tmp_path):
     data = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
-    nibabel.save(nibabel.Nifti1Image(data[..., None], np.eye(4)), tmp_path / "a.nii")  # a fourth dimension of one is none
+    nibabel.save(
+        nibabel.Nifti1Image(data[..., None], np.eye(4)), tmp_path / "a.nii"
+    )  # a fourth dimension of one is none
     np.save(tmp_path / "a.npy", data)
     for name in ("a.nii", "a.npy"):
         assert read_map(tmp_path / name, level=20).n_free == 4
         assert read_map(tmp_path / name, label=7).n_free == 1
-        with pytest.raises(InvalidInputError, match="expected 0 for obstacles and one other number"):
+        with pytest.raises(
+            InvalidInputError, match="expected 0 for obstacles and one other number"
+        ):
             read_map(tmp_path / name)
         with pytest.raises(InvalidInputError, match="expected cells of label 99, got none"):
             read_map(tmp_path / name, label=99)
@@ -94,15 +113,21 @@ def test_units_other_than_millimetres(tmp_path):
 
 def test_a_folder_of_slices(tmp_path):
     for layer, cells in enumerate(BLOCK):
-        Image.fromarray(cells.astype(np.uint8) * 255).save(tmp_path / f"slice{layer + 8}.png")  # 8, 9, 10, 11
+        Image.fromarray(cells.astype(np.uint8) * 255).save(
+            tmp_path / f"slice{layer + 8}.png"
+        )  # 8, 9, 10, 11
     (tmp_path / "notes.txt").write_text("about the slices")
     np.testing.assert_array_equal(read_map(tmp_path).free, BLOCK)
     np.testing.assert_array_equal(open_map(str(tmp_path), invert=True).free, ~BLOCK)
     Image.fromarray(np.ones((3, 3), np.uint8)).save(tmp_path / "slice9.png")
-    with pytest.raises(InvalidInputError, match=r"slice9.png: expected 6x5 pixels as in the first layer, got 3x3"):
+    with pytest.raises(
+        InvalidInputError, match=r"slice9.png: expected 6x5 pixels as in the first layer, got 3x3"
+    ):
         read_map(tmp_path)
     Image.fromarray(np.ones((5, 6), np.uint8)).save(tmp_path / "slice9.bmp")
-    with pytest.raises(InvalidInputError, match=r"expected slices of one kind, got \.bmp and \.png"):
+    with pytest.raises(
+        InvalidInputError, match=r"expected slices of one kind, got \.bmp and \.png"
+    ):
         read_map(tmp_path)
     (tmp_path / "empty").mkdir()
     with pytest.raises(InvalidInputError, match="expected a map file, got a folder without slices"):
@@ -131,7 +156,10 @@ def huge():
 
 
 BAD = {
-    "flat.nii": (nifti(np.ones((4, 5), np.uint8)), "expected a volume of numbers in 3 dimensions, got uint8 (4, 5)"),
+    "flat.nii": (
+        nifti(np.ones((4, 5), np.uint8)),
+        "expected a volume of numbers in 3 dimensions, got uint8 (4, 5)",
+    ),
     "film.nii": (
         nifti(np.ones((4, 5, 6, 7), np.uint8)),
         "got a time axis of 7 (choose one with --frame, from 1 to 7)",
@@ -141,18 +169,45 @@ BAD = {
         "one channel (--channel), got 3: 1 (R)",
     ),
     "nothing.nii": (b"", "expected a map, got an empty file"),
-    "zeros.nii": (nifti(np.zeros((3, 3, 3), np.uint8)), "expected at least one free cell, got 27 obstacles only"),
-    "nan.nii": (nifti(np.full((3, 3, 3), np.nan, np.float32)), "expected at least one free cell, got 27 obstacles only"),
+    "zeros.nii": (
+        nifti(np.zeros((3, 3, 3), np.uint8)),
+        "expected at least one free cell, got 27 obstacles only",
+    ),
+    "nan.nii": (
+        nifti(np.full((3, 3, 3), np.nan, np.float32)),
+        "expected at least one free cell, got 27 obstacles only",
+    ),
     "inf.nii": (nifti(np.full((3, 3, 3), np.inf, np.float32)), "expected finite numbers, got inf"),
     "huge.nii": (huge(), "expected at most 268435456 cells, got 30000x30000x30000"),
-    "cut.nii.gz": (gzip.compress(nifti(np.random.default_rng(1).random((20, 20, 20))))[:4000], "got a damaged or truncated file"),
-    "flipped.nii.gz": (archive(trailer=bytes(8)), "got a damaged or truncated file: CRC check failed"),
-    "long.nii.gz": (archive(more=bytes(3_000_000)), "expected 477 bytes of a volume according to the header, got more"),
-    "kind.nii": (header_with(70, "<i2", 9999), "got a damaged or truncated file: data code 9999 not recognized"),
+    "cut.nii.gz": (
+        gzip.compress(nifti(np.random.default_rng(1).random((20, 20, 20))))[:4000],
+        "got a damaged or truncated file",
+    ),
+    "flipped.nii.gz": (
+        archive(trailer=bytes(8)),
+        "got a damaged or truncated file: CRC check failed",
+    ),
+    "long.nii.gz": (
+        archive(more=bytes(3_000_000)),
+        "expected 477 bytes of a volume according to the header, got more",
+    ),
+    "kind.nii": (
+        header_with(70, "<i2", 9999),
+        "got a damaged or truncated file: data code 9999 not recognized",
+    ),
     "place.nii": (header_with(108, "<f4", np.nan), "got a damaged or truncated file"),
-    "cut.nii": (nifti(np.random.default_rng(1).random((20, 20, 20)))[:4000], "got a damaged or truncated file"),
-    "noise.nii": (bytes(range(256)) * 4, "expected a NIfTI volume, got a damaged, truncated or other file"),
-    "noise.nii.gz": (bytes(range(256)) * 4, "expected a NIfTI volume, got a damaged or truncated file"),
+    "cut.nii": (
+        nifti(np.random.default_rng(1).random((20, 20, 20)))[:4000],
+        "got a damaged or truncated file",
+    ),
+    "noise.nii": (
+        bytes(range(256)) * 4,
+        "expected a NIfTI volume, got a damaged, truncated or other file",
+    ),
+    "noise.nii.gz": (
+        bytes(range(256)) * 4,
+        "expected a NIfTI volume, got a damaged or truncated file",
+    ),
     "short.nii": (nifti(np.ones((2, 2, 2), np.uint8))[:100], "expected a NIfTI volume"),
 }
 
@@ -172,13 +227,20 @@ def test_bad_volumes(name, tmp_path, capsys):
 def test_bad_spacing_and_formats(tmp_path):
     with pytest.raises(InvalidInputError, match="spacing: expected 3 sizes above 0"):
         GridWorkspace(BLOCK, spacing=(1.0, 0.0, 1.0))
-    with pytest.raises(InvalidInputError, match=r"expected .tif, .tiff, .npy, .nii, .nii.gz for a 3-D workspace, got '.png'"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"expected .tif, .tiff, .npy, .nii, .nii.gz for a 3-D workspace, got '.png'",
+    ):
         write_map(GridWorkspace(BLOCK), tmp_path / "a.png")
-    with pytest.raises(InvalidInputError, match=r"expected .png, .* for a 2-D workspace, got '.nii'"):
+    with pytest.raises(
+        InvalidInputError, match=r"expected .png, .* for a 2-D workspace, got '.nii'"
+    ):
         write_map(GridWorkspace(BLOCK[0]), tmp_path / "a.nii")
 
 
-@pytest.mark.parametrize("spec", ["vessels3d:30", "vessels3d:1500", "vessels3d:1500:4", "vessels3d-loops:1500:4"])
+@pytest.mark.parametrize(
+    "spec", ["vessels3d:30", "vessels3d:1500", "vessels3d:1500:4", "vessels3d-loops:1500:4"]
+)
 def test_vessel_trees(spec):
     free = generate(spec)
     assert int(free.sum()) == int(spec.split(":")[1])
@@ -202,12 +264,16 @@ def test_cells_in_the_order_of_their_paths():
     flat = [int(np.ravel_multi_index(cell, free.shape)) for cell in wave]
     order = nearest_cells(free.ravel(), offsets_of(free.shape), flat[0], free.size).tolist()
     assert sorted(order) == sorted(flat)
-    lengths = [distance[tuple(int(i) for i in np.unravel_index(cell, free.shape))] for cell in order]
+    lengths = [
+        distance[tuple(int(i) for i in np.unravel_index(cell, free.shape))] for cell in order
+    ]
     assert lengths == sorted(lengths)
 
 
 def cycles(free):
-    """Return the number of independent tunnels of a volume without closed hollows: 1 less its Euler characteristic."""
+    """Return the number of independent tunnels of a volume without closed hollows: 1 less its Euler
+    characteristic.
+    """
     vertices = free.sum()
     edges = sum((free & np.roll(free, 1, axis)).sum() for axis in range(3))
     pairs = [free & np.roll(free, 1, axis) for axis in range(3)]
@@ -241,14 +307,19 @@ def test_branches_follow_murrays_law():
     assert forks == 199
 
 
-@pytest.mark.parametrize("policy", ["closest-frontier", "elect-particle", "random-moves", "depth-first"])
+@pytest.mark.parametrize(
+    "policy", ["closest-frontier", "elect-particle", "random-moves", "depth-first"]
+)
 def test_policies_map_a_tree(policy):
     workspace = open_map("vessels3d:150")
     episode = run(workspace, particles=1 if policy == "depth-first" else 30, policy=policy, seed=1)
     assert episode.status == "complete"
     assert len(episode.final()[1].open) == 150
     assert episode.verify()
-    assert run(workspace, particles=30, task="coverage", policy="closest-frontier").status == "complete"
+    assert (
+        run(workspace, particles=30, task="coverage", policy="closest-frontier").status
+        == "complete"
+    )
 
 
 def test_films_figures_and_data(tmp_path, monkeypatch):
@@ -277,7 +348,9 @@ def test_a_view_from_the_front_shows_the_nearest_cell():
     bright = picture.max(axis=2)
     assert bright[:45, :45].max() == 255  # row 0, column 0, and nearest
     assert 100 < bright[55:, 55:].max() < 130  # far away
-    behind = turned_view(codes, azimuth=np.pi, elevation=0.0, side=100, fit=whole(codes, 0.0)).max(axis=2)
+    behind = turned_view(codes, azimuth=np.pi, elevation=0.0, side=100, fit=whole(codes, 0.0)).max(
+        axis=2
+    )
     assert behind[:45, 55:].max() < behind[55:, :45].max() == 255
     hidden = np.zeros((3, 3, 3), bool)
     hidden[:, 1, 1] = True  # one behind the other: only the first is seen
@@ -296,7 +369,9 @@ def test_slices_cut_where_most_is_free():
     assert (front.shape[:2], above.shape[:2], right.shape[:2]) == ((6, 7), (5, 7), (6, 5))
     assert (front[3, 1:-1] == 255).all()
     state, belief = run(workspace, particles=5).final()
-    assert sheet(codes_of(state, belief), slices, azimuth=0.3, side=120, fit=Fit.of(workspace)).shape == (
+    assert sheet(
+        codes_of(state, belief), slices, azimuth=0.3, side=120, fit=Fit.of(workspace)
+    ).shape == (
         120,
         sheet_width((5, 6, 7), 120),
         3,
@@ -322,7 +397,17 @@ def test_a_fitted_view_shows_all_from_every_side_as_large_as_it_can(spacing):
 def test_command_line(tmp_path, capsys):
     assert shoal(["maps", "vessels3d:200", "--out", str(tmp_path / "tree.nii.gz"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["free_cells"] == 200
-    words = ["map", str(tmp_path / "tree.nii.gz"), "-n", "20", "--label", "1", "--out", str(tmp_path / "out"), "--json"]
+    words = [
+        "map",
+        str(tmp_path / "tree.nii.gz"),
+        "-n",
+        "20",
+        "--label",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+        "--json",
+    ]
     assert shoal(words) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["status"], result["map"]["free_cells"]) == (["complete"], 200)

@@ -9,9 +9,7 @@ from scipy import ndimage
 from shoal import GridWorkspace, run
 from shoal.swarm.batch import WorldBatch
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.noise.belief import NoisyBelief
-from shoal.swarm.noise.branches import cells_behind
-from shoal.swarm.noise.lookout import Lookout
+from shoal.swarm.noise.belief import Lookout, NoisyBelief, cells_behind
 from shoal.swarm.noise.model import Noise
 from shoal.swarm.problem import SwarmProblem
 
@@ -33,26 +31,45 @@ def test_cells_behind_a_cell_are_those_that_a_wall_cuts_off(seed):
     roots = Board.of_cells(free.layout, [tuple(cell) for cell in free.cells[chosen].tolist()])
     parts, _ = ndimage.label(mask)
     reached = mask & np.isin(parts, parts[roots.inner])
-    for behind, cell in zip(cells_behind(free, roots).tolist(), map(tuple, free.cells.tolist()), strict=True):
+    for behind, cell in zip(
+        cells_behind(free, roots).tolist(), map(tuple, free.cells.tolist()), strict=True
+    ):
         if cell in roots:
             assert behind == 0
         elif reached[cell]:
             assert behind == reached.sum() - reached_without(mask, roots.inner, cell).sum() - 1
 
 
-@pytest.mark.parametrize(("place", "policy", "trials"), [("maze:21x15", "closest-frontier", 24), ("maze:9x7", "best", 8)])
-@pytest.mark.parametrize("noise", [{"slip": 0.1, "miss": 0.1}, {"slip": 0.2, "misplace": 0.05, "miss": 0.1}], ids=str)
+@pytest.mark.parametrize(
+    ("place", "policy", "trials"), [("maze:21x15", "closest-frontier", 24), ("maze:9x7", "best", 8)]
+)
+@pytest.mark.parametrize(
+    "noise", [{"slip": 0.1, "miss": 0.1}, {"slip": 0.2, "misplace": 0.05, "miss": 0.1}], ids=str
+)
 def test_few_particles_in_a_maze_keep_what_the_confidence_promises(place, policy, trials, noise):
-    """Before, one free cell that counted as a wall cut off a part of the map in every fourth maze: 5 % of all cells."""
+    """Before, one free cell that counted as a wall cut off a part of the map in every fourth maze:
+    5 % of all cells.
+    """
     episodes = [
-        run(f"{place}:{i}", particles=2 + i % 4, **noise, policy=policy, trial=i, seed=7, max_moves=20_000) for i in range(trials)
+        run(
+            f"{place}:{i}",
+            particles=2 + i % 4,
+            **noise,
+            policy=policy,
+            trial=i,
+            seed=7,
+            max_moves=20_000,
+        )
+        for i in range(trials)
     ]
     assert {episode.status for episode in episodes} == {"complete"}
     assert np.mean([1 - episode.errors.right for episode in episodes]) < 0.01
 
 
 def corridor(pushes):
-    """Return the belief about a corridor of 10 cells, of which a particle explored the left half, and pushed the next cell."""
+    """Return the belief about a corridor of 10 cells, of which a particle explored the left half,
+    and pushed the next cell.
+    """
     layout = GridLayout((1, 10))
     belief = NoisyBelief((1, 10), Board.of_cells(layout, [(0, 0)]), Noise(slip=0.1, miss=0.1))
     for _ in range(4):

@@ -12,14 +12,18 @@ from shoal.testing import check_world
 
 
 def moved(text: str, command: str, rule: str = "block") -> str:
-    """Move the particles of a text picture: '.' free, '#' wall, 'o' particle, digits several particles."""
+    """Move the particles of a text picture: '.' free, '#' wall, 'o' particle, digits several
+    particles.
+    """
     rows = text.split()
     free = np.array([[letter != "#" for letter in row] for row in rows])
     start = [
         (r, c)
         for r, row in enumerate(rows)
         for c, letter in enumerate(row)
-        for _ in range({".": 0, "#": 0, "o": 1}.get(letter, 0) if not letter.isdigit() else int(letter))
+        for _ in range(
+            {".": 0, "#": 0, "o": 1}.get(letter, 0) if not letter.isdigit() else int(letter)
+        )
     ]
     world = GridWorld(GridWorkspace(free), rule)
     picture = np.where(free, ".", "#")
@@ -47,14 +51,16 @@ def test_block(before, command, after):
 
 
 @pytest.mark.parametrize(
-    ("before", "command", "after"), [(".oo", "l", "oo."), ("oo.", "l", "2.."), ("3o", "r", ".4"), ("2#1", "r", "2#o")]
+    ("before", "command", "after"),
+    [(".oo", "l", "oo."), ("oo.", "l", "2.."), ("3o", "r", ".4"), ("2#1", "r", "2#o")],
 )
 def test_merge(before, command, after):
     assert moved(before, command, "merge") == after
 
 
 @pytest.mark.parametrize(
-    ("before", "command", "after"), [("o..o...", "r", ".....oo"), ("o.o#..o", "l", "oo.#o.."), ("o. .. #o", "d", ".. o. #o")]
+    ("before", "command", "after"),
+    [("o..o...", "r", ".....oo"), ("o.o#..o", "l", "oo.#o.."), ("o. .. #o", "d", ".. o. #o")],
 )
 def test_tilt(before, command, after):
     assert moved(before, command, "tilt") == after
@@ -62,7 +68,9 @@ def test_tilt(before, command, after):
 
 @pytest.mark.parametrize("width", [63, 64, 65, 127, 128, 129])
 def test_a_queue_across_words(width):
-    """A corridor full but for one cell, at every place of that cell: all on one side of it move, none on the other."""
+    """A corridor full but for one cell, at every place of that cell: all on one side of it move,
+    none on the other.
+    """
     workspace = GridWorkspace(np.ones((1, width), bool))
     world = GridWorld(workspace)
     for gap in range(width):
@@ -117,7 +125,9 @@ def test_the_conformance_check_finds_a_broken_world():
 
         def step(self, state, command):
             after = super().step(state, command)
-            return self.initial(after.cells[1:]) if command == "l" and after.n_particles > 1 else after
+            return (
+                self.initial(after.cells[1:]) if command == "l" and after.n_particles > 1 else after
+            )
 
     with pytest.raises(AssertionError, match=r"particles became|another state"):
         check_world(Leaky)

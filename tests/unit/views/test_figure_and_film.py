@@ -23,7 +23,10 @@ KINDS = {"swarm": ["map", "frontier"], "steering": ["plan"], "search": ["routes"
 def episodes():
     points = [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)]
     return {
-        "swarm": run_swarm(SwarmProblem(GridWorkspace(np.ones((4, 6))), particles=3, policy="closest-frontier"), seed=1),
+        "swarm": run_swarm(
+            SwarmProblem(GridWorkspace(np.ones((4, 6))), particles=3, policy="closest-frontier"),
+            seed=1,
+        ),
         "steering": run_steering(SteeringProblem("square", *points, planner="greedy")),
         "search": run_search(SearchProblem("square:30", robots=2, footprint=10)),
     }
@@ -33,9 +36,14 @@ def episodes():
 def test_every_kind_of_figure(part, episodes):
     for kind in KINDS[part]:
         assert isinstance(figure(episodes[part], kind=kind), Figure)
-    first, named = (figure(episodes[part], **options).axes[0].get_title(loc="left") for options in ({}, {"kind": KINDS[part][0]}))
+    first, named = (
+        figure(episodes[part], **options).axes[0].get_title(loc="left")
+        for options in ({}, {"kind": KINDS[part][0]})
+    )
     assert first == named
-    with pytest.raises(InvalidInputError, match=f"kind: expected one of {', '.join(KINDS[part])}, got 'portrait'"):
+    with pytest.raises(
+        InvalidInputError, match=f"kind: expected one of {', '.join(KINDS[part])}, got 'portrait'"
+    ):
         figure(episodes[part], kind="portrait")
 
 
@@ -47,15 +55,26 @@ def test_pages(part, episodes, tmp_path):
 
 
 def test_options_of_a_kind(episodes):
-    assert figure(episodes["swarm"], moves=np.int64(1)).axes[0].get_title(loc="left").endswith("after 1 moves")
-    assert len(figure([episodes["swarm"]] * 3, kind="frontier").axes[0].lines) == 4  # each, and the median
+    assert (
+        figure(episodes["swarm"], moves=np.int64(1))
+        .axes[0]
+        .get_title(loc="left")
+        .endswith("after 1 moves")
+    )
+    assert (
+        len(figure([episodes["swarm"]] * 3, kind="frontier").axes[0].lines) == 4
+    )  # each, and the median
 
 
 @pytest.mark.parametrize("wrong", [None, 3, [], "episode.npz"])
 def test_anything_else_is_refused(wrong, tmp_path):
-    with pytest.raises(InvalidInputError, match="episode: expected an episode of swarm, steering or search, got"):
+    with pytest.raises(
+        InvalidInputError, match="episode: expected an episode of swarm, steering or search, got"
+    ):
         figure(wrong)
-    with pytest.raises(InvalidInputError, match="episode: expected an episode of swarm, steering or search, got"):
+    with pytest.raises(
+        InvalidInputError, match="episode: expected an episode of swarm, steering or search, got"
+    ):
         film(wrong, tmp_path / "film.gif")
     assert not list(tmp_path.iterdir())
 

@@ -10,11 +10,22 @@ import pytest
 import shoal
 from shoal.views.steering.figures import plan_figure
 
-CORNER = {"type": "region", "outline": [[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]], "obstacles": []}
+CORNER = {
+    "type": "region",
+    "outline": [[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]],
+    "obstacles": [],
+}
 CHANNEL = {"type": "polygon", "vertices": [[0, 0], [3, 0], [3, 1], [2, 1.5], [0, 1]]}
 PLANS = {
     "square": ("square", {"start": [(0.2, 0.3), (0.5, 0.35)], "goal": [(0.8, 0.2), (0.3, 0.75)]}),
-    "disk": ("disk", {"start": [(0.2, 0.2), (-0.1, -0.1)], "goal": [(-0.35, 0.2), (0.35, -0.25)], "planner": "greedy"}),
+    "disk": (
+        "disk",
+        {
+            "start": [(0.2, 0.2), (-0.1, -0.1)],
+            "goal": [(-0.35, 0.2), (0.35, -0.25)],
+            "planner": "greedy",
+        },
+    ),
     "channel": (CHANNEL, {"start": [(0.4, 0.5), (1.2, 0.6)], "goal": [(2.5, 0.4), (0.6, 0.8)]}),
     "corner": (CORNER, {"start": [(0.4, 2.5), (0.6, 2.0)], "goal": [(3.5, 0.4), (2.6, 0.8)]}),
 }
@@ -35,5 +46,7 @@ def test_numbers_of_moves_stand_beside_the_paths(name):
         for here, there in pairwise(way):
             points = here + shares * (there - here)
             for box, text in zip(boxes, numbers, strict=True):
-                assert not box.count_contains(points), f"{text.get_text()} lies on a move of particle {particle + 1}"
+                assert not box.count_contains(points), (
+                    f"{text.get_text()} lies on a move of particle {particle + 1}"
+                )
     assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])

@@ -12,14 +12,15 @@ from tests.swarm_runs import run
 
 from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
-from shoal.swarm.noise import Noise, moments
-from shoal.swarm.rigs import DriveLog, NoisyRig, drive, replay_log
+from shoal.rigs import DriveLog, NoisyRig, drive, replay_log
+from shoal.swarm.noise import Noise
+from shoal.swarm.noise import belief as moments
 from shoal.views import film
-from shoal.views.swarm import recording
-from shoal.views.swarm.cell_colours import NOISY, PLAIN, codes_after, codes_by_move
+from shoal.views.swarm import films as recording
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.films import film_frames
 from shoal.views.swarm.page import page_data
+from shoal.views.swarm.volume import NOISY, PLAIN, codes_after, codes_by_move
 
 NOISE = Noise(slip=0.2, misplace=0.1, miss=0.1)
 
@@ -34,9 +35,15 @@ def test_looks_say_what_the_belief_says(episode):
     for moment, (_, belief) in zip(episode.moments(), episode.frames(), strict=True):
         looks, free, obstacles = moment.looks, belief.open.mask, belief.obstacles.mask
         np.testing.assert_array_equal((looks == moments.FREE) | (looks == moments.FALSE_FREE), free)
-        np.testing.assert_array_equal((looks == moments.OBSTACLE) | (looks == moments.FALSE_OBSTACLE), obstacles)
-        np.testing.assert_array_equal(looks >= moments.FALSE_FREE, (free & ~truth) | (obstacles & truth))
-        np.testing.assert_array_equal((looks >= moments.FRONTIER) & (looks < moments.FALSE_FREE), belief.frontier.mask)
+        np.testing.assert_array_equal(
+            (looks == moments.OBSTACLE) | (looks == moments.FALSE_OBSTACLE), obstacles
+        )
+        np.testing.assert_array_equal(
+            looks >= moments.FALSE_FREE, (free & ~truth) | (obstacles & truth)
+        )
+        np.testing.assert_array_equal(
+            (looks >= moments.FRONTIER) & (looks < moments.FALSE_FREE), belief.frontier.mask
+        )
         assert moment.particles.sum() == 4
         assert truth[moment.particles].all()
         wrong += int((looks >= moments.FALSE_FREE).sum())
@@ -46,7 +53,12 @@ def test_looks_say_what_the_belief_says(episode):
 def test_shades_go_from_obstacle_over_unknown_to_free():
     bright = NOISY.rgb[: moments.FREE + 1].astype(int).sum(axis=1)
     assert (np.diff(bright) > 0).all()
-    for mine, plain in ((moments.OBSTACLE, 3), (moments.UNKNOWN, 0), (moments.FREE, 2), (NOISY.particle, PLAIN.particle)):
+    for mine, plain in (
+        (moments.OBSTACLE, 3),
+        (moments.UNKNOWN, 0),
+        (moments.FREE, 2),
+        (NOISY.particle, PLAIN.particle),
+    ):
         np.testing.assert_array_equal(NOISY.rgb[mine], PLAIN.rgb[plain])
     assert len(NOISY.rgb) == moments.LOOKS + 1
 
@@ -72,7 +84,9 @@ def numbers(data):
 
 
 def unpacked(data, size):
-    """Yield (particles, looks) of each moment, one number after another: written from the docstring."""
+    """Yield (particles, looks) of each moment, one number after another: written from the
+    docstring.
+    """
     data, looks = iter(data), np.full(size, moments.UNKNOWN)
     while True:
         try:
@@ -93,7 +107,9 @@ def test_packed_moments(size):
     workspace = GridWorkspace(np.ones(size, bool))
     episode = run(workspace, particles=3, noise=NOISE, seed=1, max_moves=30)
     data = base64.b64decode(page_data(episode)["moments"])
-    for (cells, looks), moment in zip(unpacked(data, (size[0] + 2) * (size[1] + 2)), episode.moments(), strict=True):
+    for (cells, looks), moment in zip(
+        unpacked(data, (size[0] + 2) * (size[1] + 2)), episode.moments(), strict=True
+    ):
         np.testing.assert_array_equal(cells, np.flatnonzero(moment.particles))
         np.testing.assert_array_equal(looks, moment.looks.ravel())
 
@@ -136,17 +152,55 @@ def test_nothing_found_nothing_drawn():
 
 
 def test_commands(tmp_path, capsys):
-    words = ["drive", "maze:9x7", "-n", "4", "--slip", "0.1", "--miss", "0.1", "--log", str(tmp_path / "drive.jsonl")]
+    words = [
+        "drive",
+        "maze:9x7",
+        "-n",
+        "4",
+        "--slip",
+        "0.1",
+        "--miss",
+        "0.1",
+        "--log",
+        str(tmp_path / "drive.jsonl"),
+    ]
     out, page = tmp_path / "out", tmp_path / "drive.html"
     assert shoal([*words, "--out", str(out), "--film", str(page)]) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["frontier.png", "map.png", "summary.json"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "frontier.png",
+        "map.png",
+        "summary.json",
+    ]
     assert "episode.npz" not in capsys.readouterr().out
     data = json.loads(page.read_text().split('id="data">')[1].split("</script>")[0])
     assert data["truth"] is True
-    assert shoal(["replay", str(tmp_path / "drive.jsonl"), "--film", str(tmp_path / "again.html")]) == 0
-    again = json.loads((tmp_path / "again.html").read_text().split('id="data">')[1].split("</script>")[0])
+    assert (
+        shoal(["replay", str(tmp_path / "drive.jsonl"), "--film", str(tmp_path / "again.html")])
+        == 0
+    )
+    again = json.loads(
+        (tmp_path / "again.html").read_text().split('id="data">')[1].split("</script>")[0]
+    )
     assert (again["truth"], again["commands"]) == (False, data["commands"])
     film = tmp_path / "none.gif"
-    assert shoal(["drive", "maze:9x7", "-n", "1", "--miss", "0.5", "--max-moves", "0", "--seed", "3", "--film", str(film)]) == 0
+    assert (
+        shoal(
+            [
+                "drive",
+                "maze:9x7",
+                "-n",
+                "1",
+                "--miss",
+                "0.5",
+                "--max-moves",
+                "0",
+                "--seed",
+                "3",
+                "--film",
+                str(film),
+            ]
+        )
+        == 0
+    )
     assert "nothing to draw or film" in capsys.readouterr().err
     assert not film.exists()

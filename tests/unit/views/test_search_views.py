@@ -17,32 +17,52 @@ from tests.search_episodes import search
 from shoal.core.errors import InvalidInputError
 from shoal.search import LocalFrame, SearchEpisode, region_of
 from shoal.search.episode import duration_text
-from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.search.problem.network import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film
+from shoal.views.drawing.canvas import rings_of
 from shoal.views.drawing.charts import save_figure
-from shoal.views.drawing.polygon_paths import rings_of
-from shoal.views.search.figures import routes_figure, spread_out
+from shoal.views.search.figures import routes_figure, spread_out, timeline_figure
 from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchHistory
 from shoal.views.search.missions import label_offsets
 from shoal.views.search.page import page_data, simplified
-from shoal.views.search.timeline import timeline_figure
 
 TWO = shapely.MultiPolygon([shapely.box(0, 0, 40, 30), shapely.box(70, 10, 100, 40)])
 CASES = {
     "ring": lambda: search(
-        "ring:60x40", robots=4, footprint=10, allocation="hop", loss=0.2, faults=[Crash(2, 9.0), Pause(3, 5, 12)], targets=3, seed=3
+        "ring:60x40",
+        robots=4,
+        footprint=10,
+        allocation="hop",
+        loss=0.2,
+        faults=[Crash(2, 9.0), Pause(3, 5, 12)],
+        targets=3,
+        seed=3,
     ),
     "one robot, one cell": lambda: search("square:5", robots=1, footprint=10),
     "reserve": lambda: search("square:20", robots=7, footprint=10, starts="line"),
     "all dead": lambda: search(
-        "rectangle:90x40", robots=3, footprint=10, faults=[Crash(1, 0.0), Crash(2, 7.0), Crash(3, 9.5)], targets=1
+        "rectangle:90x40",
+        robots=3,
+        footprint=10,
+        faults=[Crash(1, 0.0), Crash(2, 7.0), Crash(3, 9.5)],
+        targets=1,
     ),
     "two parts": lambda: search(
-        region_of(TWO, name="two $parts$"), robots=2, footprint=10, transit=True, vehicle="ideal,cruise_speed=3"
+        region_of(TWO, name="two $parts$"),
+        robots=2,
+        footprint=10,
+        transit=True,
+        vehicle="ideal,cruise_speed=3",
     ),
     "as planned": lambda: search("square:60", robots=3, footprint=10, simulate=False),
-    "many": lambda: search("square:100", robots=30, footprint=10, starts="clustered", faults=[Crash(k, 2.0) for k in range(2, 9)]),
+    "many": lambda: search(
+        "square:100",
+        robots=30,
+        footprint=10,
+        starts="clustered",
+        faults=[Crash(k, 2.0) for k in range(2, 9)],
+    ),
     "a liar": lambda: search(
         "square:60",
         robots=3,
@@ -71,22 +91,34 @@ def test_stretches_follow_one_another(history):
         log = history.episode.trace.robots[robot]
         for time, other in zip(log.times, history.others(robot), strict=True):
             doing = [one for one in activities if one.begin < time <= one.end]
-            assert [(one.kind, one.other) for one in doing] == [("taken", other) if other else ("own", 0)]
+            assert [(one.kind, one.other) for one in doing] == [
+                ("taken", other) if other else ("own", 0)
+            ]
 
 
 def test_robots_are_in_each_cell_when_they_have_searched_it(history):
     plan = history.episode.plan
-    for robot, (log, trajectory) in enumerate(zip(history.episode.trace.robots, history.trajectories, strict=True)):
+    for robot, (log, trajectory) in enumerate(
+        zip(history.episode.trace.robots, history.trajectories, strict=True)
+    ):
         assert (np.diff(trajectory.times) >= 0).all()
         np.testing.assert_array_equal(trajectory.at(0.0), plan.places[robot])
-        ends = history.episode.routes[robot].points[history.ways.stop_ends(robot)[1:]] if len(log.cells) else np.zeros((0, 2))
+        ends = (
+            history.episode.routes[robot].points[history.ways.stop_ends(robot)[1:]]
+            if len(log.cells)
+            else np.zeros((0, 2))
+        )
         for time, place in zip(log.times, ends, strict=True):
             np.testing.assert_allclose(trajectory.at(time), place, atol=1e-6)
         far = np.hypot(*np.diff(trajectory.points, axis=0).T)
         if not history.liars and len(log.cells):
             np.testing.assert_allclose(far.sum(), history.episode.routes[robot].length)
-        for time in np.linspace(0, history.end, 60):  # what the player is told is the same, to a millimetre or so
-            np.testing.assert_allclose(simplified(trajectory, 1e-3).at(time), trajectory.at(time), atol=0.05)
+        for time in np.linspace(
+            0, history.end, 60
+        ):  # what the player is told is the same, to a millimetre or so
+            np.testing.assert_allclose(
+                simplified(trajectory, 1e-3).at(time), trajectory.at(time), atol=0.05
+            )
 
 
 def test_motion_stays_inside_and_is_no_faster_than_robots_are(history):
@@ -96,35 +128,67 @@ def test_motion_stays_inside_and_is_no_faster_than_robots_are(history):
         if not history.episode.plan.transit:
             assert region.contains(points).all()
         log = history.episode.trace.robots[robot]
-        if history.episode.simulated and len(log.cells) > 1:  # from cell to cell: ways around corners are longer than reckoned
+        if (
+            history.episode.simulated and len(log.cells) > 1
+        ):  # from cell to cell: ways around corners are longer than reckoned
             way = trajectory.times >= log.times[0] - 1e-9
-            speeds = np.hypot(*np.diff(trajectory.points[way], axis=0).T) / np.maximum(np.diff(trajectory.times[way]), 1e-12) / size
+            speeds = (
+                np.hypot(*np.diff(trajectory.points[way], axis=0).T)
+                / np.maximum(np.diff(trajectory.times[way]), 1e-12)
+                / size
+            )
             assert np.median(speeds) <= history.episode.scenario.rates[robot] + 1e-6
 
 
 def test_robots_go_home_to_recharge():
-    found = SearchHistory(search("square:80", robots=2, footprint=10, vehicle="ideal,endurance=3,reserve=0,recharge=1", seed=2))
+    found = SearchHistory(
+        search(
+            "square:80",
+            robots=2,
+            footprint=10,
+            vehicle="ideal,endurance=3,reserve=0,recharge=1",
+            seed=2,
+        )
+    )
     for robot, trajectory in enumerate(found.trajectories):
         log, home = found.episode.trace.robots[robot], found.episode.plan.places[robot]
         gaps = np.flatnonzero(np.diff(log.times) > 6.0)  # recharging lasts six cells
         resting = [
-            pair for pair in pairwise(zip(trajectory.times, trajectory.points, strict=True)) if pair[1][0] - pair[0][0] > 5.9
+            pair
+            for pair in pairwise(zip(trajectory.times, trajectory.points, strict=True))
+            if pair[1][0] - pair[0][0] > 5.9
         ]
-        at_home = [pair for pair in resting if np.allclose(pair[0][1], home) and np.allclose(pair[1][1], home)]
+        at_home = [
+            pair
+            for pair in resting
+            if np.allclose(pair[0][1], home) and np.allclose(pair[1][1], home)
+        ]
         assert len(at_home) >= 1
-        assert len(at_home) == sum(1 for k in gaps if any(log.times[k] < pair[0][0] < log.times[k + 1] for pair in at_home))
+        assert len(at_home) == sum(
+            1 for k in gaps if any(log.times[k] < pair[0][0] < log.times[k + 1] for pair in at_home)
+        )
         assert (np.diff(trajectory.times) >= 0).all()
-        speeds = np.hypot(*np.diff(trajectory.points, axis=0).T) / np.maximum(np.diff(trajectory.times), 1e-12) / 10
+        speeds = (
+            np.hypot(*np.diff(trajectory.points, axis=0).T)
+            / np.maximum(np.diff(trajectory.times), 1e-12)
+            / 10
+        )
         assert speeds.max() < 1 + 1e-6
         for time, cell in zip(log.times, log.cells, strict=True):
-            np.testing.assert_allclose(trajectory.at(time), found.episode.plan.tour_cost.points[cell] * 10, atol=1e-6)
+            np.testing.assert_allclose(
+                trajectory.at(time), found.episode.plan.tour_cost.points[cell] * 10, atol=1e-6
+            )
 
 
 def test_robots_from_outside_may_die_on_their_way_in():
-    died = SearchHistory(search("square:60", robots=2, launch="-15,-5", faults="crash:2@2", footprint=10, seed=0))
+    died = SearchHistory(
+        search("square:60", robots=2, launch="-15,-5", faults="crash:2@2", footprint=10, seed=0)
+    )
     (home, *_), last = died.trajectories[1].points.tolist(), died.trajectories[1].times[-1]
     assert (home, last) == ([-15.0, -5.0], 2.0)
-    fallen = search("box:40x40x20", robots=2, launch="-15,-5", faults="crash:2@3", footprint=10, seed=0)
+    fallen = search(
+        "box:40x40x20", robots=2, launch="-15,-5", faults="crash:2@3", footprint=10, seed=0
+    )
     assert SearchHistory(fallen).trajectories[1].times[-1] == 3.0
 
 
@@ -140,20 +204,26 @@ def test_first_searched_is_what_the_logs_tell(history):
         ]
         assert (times[cell], by[cell] if found else 0) == (min(found) if found else (inf, 0))
     if history.episode.simulated:
-        assert (times.max() == history.episode.trace.covered_at) == (history.episode.problem.multiplicity == 1)
+        assert (times.max() == history.episode.trace.covered_at) == (
+            history.episode.problem.multiplicity == 1
+        )
     assert history.searched(history.end) == np.isfinite(times).sum()
 
 
 def test_taken_over_is_from_the_dead():
     found = SearchHistory(episode("ring"))
-    taken = {one.other for activities in found.activities for one in activities if one.kind == "taken"}
+    taken = {
+        one.other for activities in found.activities for one in activities if one.kind == "taken"
+    }
     assert taken == {2}
     assert found.taken.any()
     assert (found.owners[0][found.taken] == 2).all()
     assert found.death(1) == 9.0
     takers = [robot for robot in range(4) if len(found.outline(robot))]
     around = np.concatenate([found.outline(robot) for robot in takers])
-    assert np.allclose(np.abs(around[:, 1] - around[:, 0]).sum(axis=1), found.episode.plan.grid.size)
+    assert np.allclose(
+        np.abs(around[:, 1] - around[:, 0]).sum(axis=1), found.episode.plan.grid.size
+    )
 
 
 def test_outline_goes_round_the_cells():
@@ -161,11 +231,17 @@ def test_outline_goes_round_the_cells():
     for robot in range(found.n_robots):
         mask = found.raster((found.first[1] == robot + 1) & found.taken, False)
         padded = np.pad(mask, 1)
-        sides = sum(int((padded & ~np.roll(padded, step, axis)).sum()) for axis in (0, 1) for step in (1, -1))
+        sides = sum(
+            int((padded & ~np.roll(padded, step, axis)).sum())
+            for axis in (0, 1)
+            for step in (1, -1)
+        )
         assert len(found.outline(robot)) == sides
 
 
-@pytest.mark.parametrize("name", sorted(CASES.keys() - {"as planned", "ring"}))  # which other tests draw
+@pytest.mark.parametrize(
+    "name", sorted(CASES.keys() - {"as planned", "ring"})
+)  # which other tests draw
 def test_figures_are_drawn(name, tmp_path):
     told = episode(name)
     for make in (routes_figure, timeline_figure):
@@ -182,17 +258,28 @@ def texts(figure) -> list[str]:
 def test_figure_numbers_every_robot_and_shows_the_dead_and_what_nobody_saw():
     figure = routes_figure(episode("all dead"))
     words = texts(figure)
-    assert sorted(word for word in words if word in "123") == ["1", "1", "2", "2", "3", "3"]  # starts and deaths
+    assert sorted(word for word in words if word in "123") == [
+        "1",
+        "1",
+        "2",
+        "2",
+        "3",
+        "3",
+    ]  # starts and deaths
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "died" in legend
     assert f"not seen: {episode('all dead').coverage.uncovered_m2:.4g} m²" in legend
-    whole = [text.get_text() for text in routes_figure(episode("as planned")).legends[0].get_texts()]
+    whole = [
+        text.get_text() for text in routes_figure(episode("as planned")).legends[0].get_texts()
+    ]
     assert set(whole) <= {"start", "way to a cell farther off"}
 
 
 @pytest.mark.parametrize("name", ["ring", "box"])
 def test_heading_and_summary_of_a_figure_stand_apart(name):
-    figure = routes_figure(search("box:60x36x30", robots=2, footprint=10) if name == "box" else episode(name))
+    figure = routes_figure(
+        search("box:60x36x30", robots=2, footprint=10) if name == "box" else episode(name)
+    )
     summary = figure.axes[0]._left_title.get_window_extent()
     assert figure._suptitle.get_window_extent().y0 > summary.y1 + 5
     assert summary.y0 > figure.axes[0].get_window_extent().y1
@@ -203,7 +290,11 @@ def test_timeline_names_whose_part_and_when():
     words = texts(figure)
     assert "2" in words
     assert any(f"{episode('ring').trace.covered_at:.4g}" in word for word in words)
-    lines = [line.get_xdata()[0] for line in figure.axes[0].lines if len(set(line.get_xdata())) == 1 and len(line.get_xdata()) == 2]
+    lines = [
+        line.get_xdata()[0]
+        for line in figure.axes[0].lines
+        if len(set(line.get_xdata())) == 1 and len(line.get_xdata()) == 2
+    ]
     assert max(episode("ring").trace.declared.values()) in lines
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["1", "2", "3", "4"]
 
@@ -221,29 +312,40 @@ def test_numbers_are_moved_apart():
 
 
 @pytest.mark.parametrize(
-    ("angle", "drawn"), [(174.8, -5.2), (90.0, 90.0), (270.0, 90.0), (-95.0, 85.0), (180.0, 0.0), (81.0, 81.0)]
+    ("angle", "drawn"),
+    [(174.8, -5.2), (90.0, 90.0), (270.0, 90.0), (-95.0, 85.0), (180.0, 0.0), (81.0, 81.0)],
 )
 def test_drawings_turn_north_up_as_far_as_possible(angle, drawn):
     region = region_of(shapely.box(0, 0, 70, 40), frame=LocalFrame(8.5, 47.4))
     found = SearchHistory(search(region, robots=2, footprint=10, angle=angle, seed=1))
     panels, tour = found.panels, found.episode.plan.tour
     assert found.north == pytest.approx(drawn)
-    north = np.diff(panels.place(np.array([(0.0, 0.0), (0.0, 1.0)]), np.zeros(2, dtype=np.int64)), axis=0)[0]
-    np.testing.assert_allclose(north, [np.sin(np.radians(drawn)), np.cos(np.radians(drawn))], atol=1e-12)
+    north = np.diff(
+        panels.place(np.array([(0.0, 0.0), (0.0, 1.0)]), np.zeros(2, dtype=np.int64)), axis=0
+    )[0]
+    np.testing.assert_allclose(
+        north, [np.sin(np.radians(drawn)), np.cos(np.radians(drawn))], atol=1e-12
+    )
     rows, cols = np.nonzero(panels.numbers >= 0)
     left, _, _, top = panels.extent
-    squares = np.stack([left + (cols + 0.5) * panels.step, top - (rows + 0.5) * panels.step], axis=1)
+    squares = np.stack(
+        [left + (cols + 0.5) * panels.step, top - (rows + 0.5) * panels.step], axis=1
+    )
     grid = found.episode.plan.grid
     cells = tour.cells[panels.numbers[rows, cols]]
     middles = grid.lattice.to_region(grid.lattice.centers(*cells.T))
-    np.testing.assert_allclose(panels.place(middles, np.zeros(len(middles), dtype=np.int64)), squares, atol=1e-9)
+    np.testing.assert_allclose(
+        panels.place(middles, np.zeros(len(middles), dtype=np.int64)), squares, atol=1e-9
+    )
     seen = panels.shape_of(region.area, 0)
     corners = panels.place(shapely.get_coordinates(region.area), np.zeros(5, dtype=np.int64))
     assert seen.symmetric_difference(shapely.Polygon(corners)).area < 1e-9
 
 
 def test_obstacles_are_not_unseen_in_a_turned_drawing():
-    figure = routes_figure(search("rectangle:60x40", robots=2, footprint=10, angle=180, obstacles=3, seed=1))
+    figure = routes_figure(
+        search("rectangle:60x40", robots=2, footprint=10, angle=180, obstacles=3, seed=1)
+    )
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "obstacle, found on the way" in words
     assert not any("not seen" in word for word in words)
@@ -251,7 +353,9 @@ def test_obstacles_are_not_unseen_in_a_turned_drawing():
 
 def test_legend_tells_holes_from_no_go_zones():
     ring, zone = (
-        shapely.Polygon(TWO.geoms[0].exterior.coords, [shapely.box(10, 10, 20, 20).exterior.coords]),
+        shapely.Polygon(
+            TWO.geoms[0].exterior.coords, [shapely.box(10, 10, 20, 20).exterior.coords]
+        ),
         shapely.box(28, 5, 33, 9),
     )
     for region, names in (
@@ -321,7 +425,11 @@ def test_gif(name, tmp_path, monkeypatch):
     monkeypatch.setattr("shoal.views.search.films._SHORTEST", 0.6)
     monkeypatch.setattr("shoal.views.search.films.SECONDS", 0.6)
     told: list[tuple[int, int]] = []
-    film(episode(name), tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
+    film(
+        episode(name),
+        tmp_path / "film.gif",
+        on_frame=lambda done, total: told.append((done, total)),
+    )
     with Image.open(tmp_path / "film.gif") as picture:
         assert picture.n_frames > 1
     assert told == [(k + 1, len(told)) for k in range(len(told))]
@@ -346,8 +454,12 @@ def test_too_many_visits_for_a_page(monkeypatch):
 
 
 def test_findings_appear_when_they_were_found():
-    """The first robot that passes may miss what is there: the page once showed it when that one came by."""
-    told = search("square:60", robots=3, footprint=10, targets=4, detection=0.5, multiplicity=3, seed=5)
+    """The first robot that passes may miss what is there: the page once showed it when that one
+    came by.
+    """
+    told = search(
+        "square:60", robots=3, footprint=10, targets=4, detection=0.5, multiplicity=3, seed=5
+    )
     data = page_data(told)
     late = 0
     for (_, _, moment, _), finding in zip(data["findings"], told.findings, strict=True):
@@ -363,21 +475,32 @@ def test_a_map_has_a_scale_bar_and_all_its_signs(tmp_path):
     field = tmp_path / "field.json"
     ring = [[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]
     field.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
-    told = search(str(field), robots=2, footprint=40, no_go=[[(8.502, 47.4008), (8.503, 47.4008), (8.503, 47.4013)]], seed=1)
+    told = search(
+        str(field),
+        robots=2,
+        footprint=40,
+        no_go=[[(8.502, 47.4008), (8.503, 47.4008), (8.503, 47.4013)]],
+        seed=1,
+    )
     drawn = routes_figure(told)
     texts = [text.get_text() for text in drawn.axes[0].texts]
     assert any(getattr(text, "arrow_patch", None) is not None for text in drawn.axes[0].texts)
     assert {"N    20 m", "N    50 m"} & set(texts)  # by the angle of the rows
     signs = {text.get_text() for text in drawn.legends[0].get_texts()}
     assert {"start", "no-go zone"} <= signs
-    assert "way to a cell farther off" in {text.get_text() for text in routes_figure(episode("as planned")).legends[0].get_texts()}
+    assert "way to a cell farther off" in {
+        text.get_text() for text in routes_figure(episode("as planned")).legends[0].get_texts()
+    }
 
 
 def test_the_north_arrow_has_the_true_angle_and_axes_their_names():
     region = region_of(shapely.box(0, 0, 70, 40), frame=LocalFrame(8.5, 47.4))
     figure = routes_figure(search(region, robots=2, footprint=10, angle=176.9, seed=1))
     axes = figure.axes[0]
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("metres along the rows", "metres across the rows")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        "metres along the rows",
+        "metres across the rows",
+    )
     (arrow,) = [text for text in axes.texts if getattr(text, "arrow_patch", None) is not None]
     figure.draw_without_rendering()
     tail, tip = arrow.arrow_patch.get_path().vertices[[0, -1]]
@@ -391,11 +514,17 @@ def test_titles_begin_at_the_left_edge_of_the_axes(drawing):
     figure = drawing(search("ring:60x40", robots=3, footprint=10, seed=1))
     figure.draw_without_rendering()
     (title,) = [text for text in figure.texts if text.get_fontweight() == "bold"]
-    assert title.get_window_extent().x0 == pytest.approx(figure.axes[0].get_window_extent().x0, abs=2.5)
+    assert title.get_window_extent().x0 == pytest.approx(
+        figure.axes[0].get_window_extent().x0, abs=2.5
+    )
 
 
 def test_labels_stand_nearer_to_their_own_place_than_to_any_other():
-    for places in (np.array([(0.0, 0), (7, 0), (14, 0)]), np.array([(0.0, 0), (0, 7), (0, 14)]), np.array([(3.0, 4.0)])):
+    for places in (
+        np.array([(0.0, 0), (7, 0), (14, 0)]),
+        np.array([(0.0, 0), (0, 7), (0, 14)]),
+        np.array([(3.0, 4.0)]),
+    ):
         labels = places + np.array(label_offsets(places))
         apart = np.hypot(*np.moveaxis(labels[:, None] - places, -1, 0))
         assert (apart.argmin(axis=1) == np.arange(len(places))).all()

@@ -16,7 +16,7 @@ from PIL import Image
 from tests.swarm_runs import run, run_trials
 
 from shoal import GridWorkspace, InvalidInputError, open_map
-from shoal.swarm.maps.raster import PALETTE, in_strips
+from shoal.swarm.maps.workspace import PALETTE, in_strips
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
 from shoal.views.swarm import films, page
@@ -47,7 +47,11 @@ def test_raster_shows_every_state(episode):
     shown = {tuple(pixel) for pixel in raster.reshape(-1, 3).tolist()}
     assert shown == {colour("particle"), colour("frontier"), colour("unknown")}
     last = picture_of(*episode.final())
-    assert {tuple(p) for p in last.reshape(-1, 3).tolist()} >= {colour("particle"), colour("free"), colour("obstacle")}
+    assert {tuple(p) for p in last.reshape(-1, 3).tolist()} >= {
+        colour("particle"),
+        colour("free"),
+        colour("obstacle"),
+    }
 
 
 def test_wide_maps_are_cut_into_strips():
@@ -62,13 +66,18 @@ def test_notebooks(episode):
     html = episode._repr_html_()
     assert "complete after" in html
     assert "shoalPlayer" in html
-    picture = Image.open(io.BytesIO(base64.b64decode(re.search(r"data:image/png;base64,([^\"]+)", html).group(1))))
+    picture = Image.open(
+        io.BytesIO(base64.b64decode(re.search(r"data:image/png;base64,([^\"]+)", html).group(1)))
+    )
     assert min(picture.size) > 300
 
 
 def test_a_volume_in_a_notebook_is_a_view_with_slices_and_no_strip_of_layers():
     episode = run(open_map("vessels3d:60"), particles=9, policy="closest-frontier")
-    for data in (episode.workspace._repr_png_(), base64.b64decode(re.search(r"base64,([^\"]+)", episode._repr_html_()).group(1))):
+    for data in (
+        episode.workspace._repr_png_(),
+        base64.b64decode(re.search(r"base64,([^\"]+)", episode._repr_html_()).group(1)),
+    ):
         picture = Image.open(io.BytesIO(data))
         assert 0.5 < picture.width / picture.height < 2
         assert min(picture.size) > 400
@@ -118,7 +127,9 @@ def parted():
     """An episode in two rooms with a wall between; the size of a cell is known."""
     free = np.ones((6, 12), dtype=np.bool_)
     free[:, 8] = False
-    return run(GridWorkspace(free, name="rooms", spacing=(0.5, 0.5)), start=[(0, 0), (1, 1)], scan_every=2)
+    return run(
+        GridWorkspace(free, name="rooms", spacing=(0.5, 0.5)), start=[(0, 0), (1, 1)], scan_every=2
+    )
 
 
 def caption_of(episode, move):
@@ -140,12 +151,17 @@ def test_films_count_moves_and_explain_colours(parted):
 def test_films_show_the_arrow_of_the_command(episode, monkeypatch):
     before = caption_of(episode, 3)
     turned = {"l": "r", "r": "l", "u": "d", "d": "u"}
-    monkeypatch.setattr(films, "ARROWS", {letter: films.ARROWS[turned[letter]] for letter in "lrud"})
+    monkeypatch.setattr(
+        films, "ARROWS", {letter: films.ARROWS[turned[letter]] for letter in "lrud"}
+    )
     assert (caption_of(episode, 3) != before).any()
 
 
 def test_films_have_a_scale_bar_where_the_size_of_a_cell_is_known(parted):
-    unknown = replace(parted, problem=replace(parted.problem, map=GridWorkspace(parted.workspace.free, name="rooms")))
+    unknown = replace(
+        parted,
+        problem=replace(parted.problem, map=GridWorkspace(parted.workspace.free, name="rooms")),
+    )
     known, none = (longest_line(caption_of(one, 1)[20]) for one in (parted, unknown))
     assert none < 20
     sheet = next(pictures_with_legend(parted, [0], film_frames(parted, np.array([0]))))
@@ -160,10 +176,17 @@ def longest_line(row):
 
 def test_what_is_out_of_reach_is_said_everywhere(parted):
     assert parted.out_of_reach == "18 of 66 free cells"
-    assert "18 of 66 free cells are out of reach" in map_figure(parted).axes[0].get_title(loc="left")
+    assert "18 of 66 free cells are out of reach" in map_figure(parted).axes[0].get_title(
+        loc="left"
+    )
     assert page.page_data(parted)["unreachable"] == 18
     assert "18 of 66 free cells" in parted._repr_html_()
-    whole = replace(parted, problem=replace(parted.problem, map=GridWorkspace(np.ones((6, 12)), name="rooms", spacing=(0.5, 0.5))))
+    whole = replace(
+        parted,
+        problem=replace(
+            parted.problem, map=GridWorkspace(np.ones((6, 12)), name="rooms", spacing=(0.5, 0.5))
+        ),
+    )
     assert (caption_of(parted, 1)[:36] != caption_of(whole, 1)[:36]).any()
 
 
@@ -171,7 +194,18 @@ def test_mp4_can_be_decoded(episode, tmp_path):
     film(episode, tmp_path / "film.mp4")
     height, width = 9 * 80 + CAPTION, 11 * 80
     decoded = subprocess.run(
-        [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", tmp_path / "film.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"],
+        [
+            imageio_ffmpeg.get_ffmpeg_exe(),
+            "-v",
+            "error",
+            "-i",
+            tmp_path / "film.mp4",
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            "rgb24",
+            "-",
+        ],
         check=True,
         capture_output=True,
     ).stdout
@@ -194,6 +228,8 @@ def test_player_page_holds_the_episode(episode, tmp_path):
     page = player_page(episode)
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert "https://" not in page
-    data = json.loads(re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', page, re.S).group(1))
+    data = json.loads(
+        re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', page, re.S).group(1)
+    )
     assert data["commands"] == episode.commands
     assert data["shape"] == [7, 9]

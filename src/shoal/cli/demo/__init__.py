@@ -9,8 +9,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say
-from shoal.core.checks import check_integer, shortened
-from shoal.core.counts import shape_text
+from shoal.core.checks import check_integer, shape_text, shortened
 from shoal.core.errors import InvalidInputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -25,22 +24,30 @@ def demo(
         str,
         typer.Argument(
             metavar="[steer|search]",
-            help="Demo: steer (two particles, one input) or search (robots in a marsh). By default, the demo maps the "
-            "vessels of an eye.",
+            help=(
+                "Demo: steer (two particles, one input) or search (robots in a marsh). By default,"
+                " the demo maps the "
+                "vessels of an eye."
+            ),
         ),
     ] = "vessels",
     particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles.")] = 300,
     seed: options.Seed = 0,
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder for the results.")] = Path("demo"),
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="Folder for the results.")
+    ] = Path("demo"),
     json_: options.Json = False,
 ) -> None:
-    """Map the vessels in a photograph of a real eye, with 300 particles that obey one shared command.
+    """Map the vessels in a photograph of a real eye, with 300 particles that obey one shared
+    command.
 
-    The command 'shoal demo' writes two pictures of the photograph with its vessels, the vessel map, a picture of the final map, a
-    chart of the frontier cells, a film (MP4), the HTML player and the episode. The command 'shoal demo steer' brings two particles
-    to two goals in a square, a hexagon, a disk, a prism and a noisy field. The command 'shoal demo steer' writes figures, episodes
-    and two players. The command 'shoal demo search' sends 12 robots through a marsh around a lake, and three robots fail. The
-    command 'shoal demo search' writes figures, the player, the episode and mission files.
+    The command 'shoal demo' writes two pictures of the photograph with its vessels, the vessel map,
+    a picture of the final map, a chart of the frontier cells, a film (MP4), the HTML player and the
+    episode. The command 'shoal demo steer' brings two particles to two goals in a square, a
+    hexagon, a disk, a prism and a noisy field. The command 'shoal demo steer' writes figures,
+    episodes and two players. The command 'shoal demo search' sends 12 robots through a marsh around
+    a lake, and three robots fail. The command 'shoal demo search' writes figures, the player, the
+    episode and mission files.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer
@@ -53,7 +60,9 @@ def demo(
     elif what == "vessels":
         _demo_vessels(out, particles=particles, seed=seed, json_=json_)
     else:
-        raise InvalidInputError(f"demo: expected 'steer', 'search' or nothing, got {shortened(what)}")
+        raise InvalidInputError(
+            f"demo: expected 'steer', 'search' or nothing, got {shortened(what)}"
+        )
 
 
 def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
@@ -64,7 +73,7 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.imaging import find_vessels, map_of_vessels
     from shoal.swarm.run import run
-    from shoal.views.swarm.photographs import beside, overlay_picture, save_picture
+    from shoal.views.swarm.figures import beside, overlay_picture, save_picture
 
     check_folder(out)
     photograph = retina()
@@ -72,7 +81,9 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     mask = find_vessels(photograph).mask
     workspace = GridWorkspace(map_of_vessels(mask), name="retina")
     say(f"mapping {workspace.n_free} cells with {particles} particles ...")
-    episode = run(SwarmProblem(workspace, particles=particles, policy="closest-frontier"), seed=seed)
+    episode = run(
+        SwarmProblem(workspace, particles=particles, policy="closest-frontier"), seed=seed
+    )
     result = summary([episode], seed=seed)
     pictures = {
         "photograph.jpg": photograph,
@@ -92,14 +103,21 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
         ("result", f"{particles} particles; {episode.sentence}"),
         ("time", f"{episode.seconds:.3f} s"),
     ]
-    print_table(rows, title="Mapping of the vessels of an eye", written=[path.resolve() for path in written])
+    print_table(
+        rows, title="Mapping of the vessels of an eye", written=[path.resolve() for path in written]
+    )
 
 
 def retina() -> NDArray[np.uint8]:
-    """Return the photograph of a retina that scikit-image contains, as a uint8 array of shape (1411, 1411, 3)."""
+    """Return the photograph of a retina that scikit-image contains, as a uint8 array of shape
+    (1411, 1411, 3).
+    """
     try:
         from skimage import data
     except ImportError:
-        raise MissingExtraError("the demo needs scikit-image: pip install 'shoal[imaging]'") from None
-    photograph: NDArray[np.uint8] = data.retina()  # type: ignore[no-untyped-call]  # scikit-image gives no types
+        raise MissingExtraError(
+            "the demo needs scikit-image: pip install 'shoal[imaging]'"
+        ) from None
+    # scikit-image gives no types
+    photograph: NDArray[np.uint8] = data.retina()  # type: ignore[no-untyped-call]
     return photograph

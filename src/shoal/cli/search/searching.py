@@ -13,14 +13,17 @@ from shoal.cli.output import check_folder, check_outputs, patience, print_json, 
 from shoal.cli.search.texts import print_search
 from shoal.core.errors import InvalidInputError
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.faults import Crash
 from shoal.search.problem.mission_options import MissionOptions
+from shoal.search.problem.network import Crash
 
 if TYPE_CHECKING:
     from shoal.search import SearchEpisode
     from shoal.views.search.mission_folder import MissionFolder
 
-SEARCH_EXAMPLE = "Example: shoal search ring:100x70 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
+SEARCH_EXAMPLE = (
+    "Example: shoal search ring:100x70 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20"
+    " --out found"
+)
 
 
 @takes_problem(SearchProblem, from_file=True, options=MissionOptions)
@@ -32,7 +35,10 @@ def search(
         typer.Option(
             "--missions",
             metavar="DIR",
-            help="Folder for the mission files, one file for each robot and sortie (flight between two charges).",
+            help=(
+                "Folder for the mission files, one file for each robot and sortie (flight between"
+                " two charges)."
+            ),
         ),
     ] = None,
     seed: Seed = 0,
@@ -49,8 +55,8 @@ def search(
 ) -> None:
     """Search a region with robots that have no coordinator.
 
-    The robots divide a closed tour through all cells of the region among themselves. If a robot fails, the other robots search its
-    part of the tour.
+    The robots divide a closed tour through all cells of the region among themselves. If a robot
+    fails, the other robots search its part of the tour.
 
     The exit code is 1 if the search was not completed.
     """
@@ -59,15 +65,29 @@ def search(
     if missions is None and options.given:
         name = next(name for name in options.declarations() if name in options.given)
         value = options.declarations()[name].text(getattr(options, name))
-        raise InvalidInputError(f"{options.declarations()[name].flag}: expected --missions DIR together with it, got {value} alone")
+        raise InvalidInputError(
+            f"{options.declarations()[name].flag}: expected --missions DIR together with it, got"
+            f" {value} alone"
+        )
     problem.check_at_place()
     if missions is not None and problem.vehicle is None:
         problem = problem.replaced(vehicle="multirotor").at_place(problem.place)
     writer = None if missions is None else _mission_folder(missions, problem, options)
     check_outputs(out, film)
-    with nullcontext() if problem.live is None else patience("searching with one process per robot ..."):
+    with (
+        nullcontext()
+        if problem.live is None
+        else patience("searching with one process per robot ...")
+    ):
         episode = run(problem, seed=seed) if writer is None else writer.run(seed=seed)
-    finish(episode, [] if writer is None else writer.write(episode.plan), out, film, json_=json_, writer=writer)
+    finish(
+        episode,
+        [] if writer is None else writer.write(episode.plan),
+        out,
+        film,
+        json_=json_,
+        writer=writer,
+    )
 
 
 def finish(
@@ -79,8 +99,12 @@ def finish(
     json_: bool,
     writer: MissionFolder | None = None,
 ) -> None:
-    """Write and print the result of a search; exit with the code 1 if the search was not completed."""
-    result = episode.report() | ({} if writer is None else {"missions": writer.report(episode.plan)})
+    """Write and print the result of a search; exit with the code 1 if the search was
+    not completed.
+    """
+    result = episode.report() | (
+        {} if writer is None else {"missions": writer.report(episode.plan)}
+    )
     written = written + write_episode(episode, result, out, film)
     if json_:
         print_json(result)
@@ -117,4 +141,6 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
     if json_:
         print_json(result | {"files": [str(path) for path in written]})
         return
-    print_search(episode, result, [path for path in written if path.parent == out] + [out / "missions"])
+    print_search(
+        episode, result, [path for path in written if path.parent == out] + [out / "missions"]
+    )

@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shoal.cli.output import print_table
-from shoal.cli.search.missions import approach_text, area_text, flights_rows, margin_text, zones_text
+from shoal.cli.search.missions import (
+    approach_text,
+    area_text,
+    flights_rows,
+    margin_text,
+    zones_text,
+)
 
 if TYPE_CHECKING:
     from shoal.search import SearchEpisode
@@ -16,25 +22,49 @@ _ROWS = 12
 _SEEN = 0.01  # metres: a smaller distance outside of the region is due to rounding
 
 
-def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
+def print_search(
+    episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]
+) -> None:
     """Print the summary of a search."""
     region = result["region"]
     rows = [
         (
             "region",
-            f"{region['cells']} cells of {region['cell_m']:.4g} m, each searched in {episode.cell_time:.3g} s; "
-            f"{region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
-            f"{margin_text(region['margin_m'], region['unseen_m2'])}",
+            (
+                f"{region['cells']} cells of {region['cell_m']:.4g} m, each searched in"
+                f" {episode.cell_time:.3g} s; "
+                f"{region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
+                f"{margin_text(region['margin_m'], region['unseen_m2'])}"
+            ),
         ),
         *layers_rows(result["layers"]),
         ("status", f"{result['status']}: {result['reason']}"),
         ("time", times_text(result)),
-        ("covered", f"{100 * result['covered_fraction']:.4f} %, {area_text(result['uncovered_m2'])} not seen"),
-        ("messages", f"{result['messages']['sent']} sent, {result['messages']['lost']} lost; {result['takeovers']} takeovers"),
+        (
+            "covered",
+            (
+                f"{100 * result['covered_fraction']:.4f} %, {area_text(result['uncovered_m2'])} not"
+                " seen"
+            ),
+        ),
+        (
+            "messages",
+            (
+                f"{result['messages']['sent']} sent, {result['messages']['lost']} lost;"
+                f" {result['takeovers']} takeovers"
+            ),
+        ),
     ]
     for route in result["routes"][:_ROWS]:
-        stops = "" if route["stops"] == route["cells"] else f" from {route['stops']} stops with {route['footprint_m']:g} m"
-        told = f"{route['status']}: {route['cells']} cells{stops}, {route['length_m']:.5g} m, {route['turns']} turns"
+        stops = (
+            ""
+            if route["stops"] == route["cells"]
+            else f" from {route['stops']} stops with {route['footprint_m']:g} m"
+        )
+        told = (
+            f"{route['status']}: {route['cells']} cells{stops}, {route['length_m']:.5g} m,"
+            f" {route['turns']} turns"
+        )
         rows.append((f"robot {route['robot']}", told))
     if len(result["routes"]) > _ROWS:
         rows.append(("", f"and {len(result['routes']) - _ROWS} more"))
@@ -46,7 +76,10 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     if "missions" in result:
         rows += missions_rows(result["missions"])
     rows += compared_rows(episode)
-    title = f"search: tour {result['tour']}, divided among the robots by the allocation {result['allocation']}"
+    title = (
+        f"search: tour {result['tour']}, divided among the robots by the allocation"
+        f" {result['allocation']}"
+    )
     print_table([*rows, *more], title=title, written=files_text(written))
 
 
@@ -62,33 +95,57 @@ def times_text(result: dict[str, Any]) -> str:
 
     if result["makespan_s"] is None:
         return "not all was searched"
-    made, planned, least = (duration_text(result[f"{name}_s"]) for name in ("makespan", "planned", "lower_bound"))
+    made, planned, least = (
+        duration_text(result[f"{name}_s"]) for name in ("makespan", "planned", "lower_bound")
+    )
     how = " in the simulation" if result["simulated"] else ""
     return f"{made}{how}; planned {planned}, and no plan takes less than {least}"
 
 
 def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the rows of a summary that describe missions: their start times, and the distances between vehicles.
+    """Return the rows of a summary that describe missions: their start times, and the distances
+    between vehicles.
 
-    Each sortie after the first sortie of its vehicle has its own row, in the order of the start times.
+    Each sortie after the first sortie of its vehicle has its own row, in the order of the start
+    times.
     """
     from shoal.search.episode import duration_text
 
     first = [start["start_s"] for start in told["starts"] if start["sortie"] == 1]
     later = [start for start in told["starts"] if start["sortie"] > 1]
     timed = sorted((start["start_s"], start["mission"]) for start in later)
-    heights = ", ".join(f"{height:g}" for height in sorted({start["altitude_m"] for start in told["starts"]}))
+    heights = ", ".join(
+        f"{height:g}" for height in sorted({start["altitude_m"] for start in told["starts"]})
+    )
     last = f", last sortie at {duration_text(timed[-1][0])}" if timed else ""
     rows = flights_rows(told["starts"], told["usable_s"])
-    rows += [("starts", f"first starts within {duration_text(max(first, default=0.0))}{last}; at {heights} m")]
-    rows += [("sortie", f"{name}: start it {duration_text(time)} after the first missions") for time, name in timed[:_ROWS]]
+    rows += [
+        (
+            "starts",
+            f"first starts within {duration_text(max(first, default=0.0))}{last}; at {heights} m",
+        )
+    ]
+    rows += [
+        ("sortie", f"{name}: start it {duration_text(time)} after the first missions")
+        for time, name in timed[:_ROWS]
+    ]
     if len(timed) > _ROWS:
         rows.append(("", f"and {len(timed) - _ROWS} more, in missions.json"))
     if later:
         unset = "" if told["recharge_s"] else "; set recharge in --vehicle"
-        rows.append(("recharge", f"{told['recharge_s'] / 60:g} min between the sorties of a vehicle{unset}"))
+        rows.append(
+            ("recharge", f"{told['recharge_s'] / 60:g} min between the sorties of a vehicle{unset}")
+        )
     if told["airspace_m"] > _SEEN:
-        rows.append(("airspace", f"turns lead up to {told['airspace_m']:.3g} m outside of the region; the fence contains them"))
+        rows.append(
+            (
+                "airspace",
+                (
+                    f"turns lead up to {told['airspace_m']:.3g} m outside of the region; the fence"
+                    " contains them"
+                ),
+            )
+        )
     if told["separation_m"] is not None:
         rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
     if told["near_homes"] is not None:
@@ -97,7 +154,8 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def outside_rows(routes: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Return the row of a summary with the lengths of paths outside the region, from launch and to landing points.
+    """Return the row of a summary with the lengths of paths outside the region, from launch and to
+    landing points.
 
     Examples
     --------
@@ -108,8 +166,10 @@ def outside_rows(routes: list[dict[str, Any]]) -> list[tuple[str, str]]:
     rows = [
         (
             "outside" if not number else "",
-            f"robot {one['robot']} leads {one['outside_out_m']:.4g} m outside the region on its way out, and "
-            f"{one['outside_home_m']:.4g} m on its way home",
+            (
+                f"robot {one['robot']} leads {one['outside_out_m']:.4g} m outside the region on its"
+                f" way out, and {one['outside_home_m']:.4g} m on its way home"
+            ),
         )
         for number, one in enumerate(far[:_ROWS])
     ]
@@ -119,15 +179,20 @@ def outside_rows(routes: list[dict[str, Any]]) -> list[tuple[str, str]]:
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
     """Return the rows of a summary that describe the altitude layers.
 
-    If there are several layers, each layer has one row. For a single layer, the only row gives the size of the camera's pixels on
-    the ground. For a single layer without a camera, the result has no row.
+    If there are several layers, each layer has one row. For a single layer, the only row gives the
+    size of the camera's pixels on the ground. For a single layer without a camera, the result has
+    no row.
     """
-    pixels = [f", {100 * layer['ground_sample_m']:.3g} cm per pixel" if layer["ground_sample_m"] else "" for layer in layers]
+    pixels = [
+        f", {100 * layer['ground_sample_m']:.3g} cm per pixel" if layer["ground_sample_m"] else ""
+        for layer in layers
+    ]
     if len(layers) == 1:
         return [("camera", pixels[0][2:])] if pixels[0] else []
     texts = [
-        f"{layer['altitude_m']:.4g} m: {layer['cells']} cells of {layer['cell_m']:.4g} m, "
-        f"rows at {layer['angle_degrees']:.4g}\N{DEGREE SIGN}, {100 * layer['covered_fraction']:.4f} % seen{pixel}"
+        f"{layer['altitude_m']:.4g} m: {layer['cells']} cells of {layer['cell_m']:.4g} m, rows at"
+        f" {layer['angle_degrees']:.4g}\N{DEGREE SIGN}, {100 * layer['covered_fraction']:.4f} %"
+        f" seen{pixel}"
         for layer, pixel in zip(layers, pixels, strict=True)
     ]
     told = texts[:_ROWS] + [f"and {len(texts) - _ROWS} more"] * (len(texts) > _ROWS)
@@ -135,7 +200,9 @@ def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
 
 
 def compared_rows(episode: SearchEpisode) -> list[tuple[str, str]]:
-    """Return the rows of a summary that list the compared tours and the compared allocations, each with its time."""
+    """Return the rows of a summary that list the compared tours and the compared allocations, each
+    with its time.
+    """
     from shoal.search.episode import duration_text
 
     plan = episode.plan
@@ -145,7 +212,11 @@ def compared_rows(episode: SearchEpisode) -> list[tuple[str, str]]:
         for one in plan.compared
         if one.allocation is None
     ]
-    shares = [f"{one.allocation} {duration_text(plan.seconds(one.cells))}" for one in plan.compared if one.allocation is not None]
+    shares = [
+        f"{one.allocation} {duration_text(plan.seconds(one.cells))}"
+        for one in plan.compared
+        if one.allocation is not None
+    ]
     alone = not any(one.seconds is not None for one in plan.compared)
     apart = "" if plan.schedule is None else ", not yet kept apart,"
     back = f"all vehicles{apart} are back within"
@@ -157,16 +228,22 @@ def compared_rows(episode: SearchEpisode) -> list[tuple[str, str]]:
 
 
 def place_text(finding: dict[str, Any]) -> str:
-    """Return the position of a finding as text: latitude and longitude, or x and y in metres for a region in metres."""
+    """Return the position of a finding as text: latitude and longitude, or x and y in metres for a
+    region in metres.
+    """
     up = f", {finding['altitude']:.4g} m up" if "altitude" in finding else ""
     if "latitude" not in finding:
         return f"({finding['x']:.6g}, {finding['y']:.6g}) m{up}"
     north, east = finding["latitude"], finding["longitude"]
-    return f"{abs(north):.6f}° {'N' if north >= 0 else 'S'}, {abs(east):.6f}° {'E' if east >= 0 else 'W'}{up}"
+    return (
+        f"{abs(north):.6f}° {'N' if north >= 0 else 'S'}, {abs(east):.6f}°"
+        f" {'E' if east >= 0 else 'W'}{up}"
+    )
 
 
 def files_text(written: list[Path]) -> list[str]:
-    """Return lines of text with the names of files. The files of all missions of one robot share one line.
+    """Return lines of text with the names of files. The files of all missions of one robot share
+    one line.
 
     Examples
     --------
@@ -179,7 +256,10 @@ def files_text(written: list[Path]) -> list[str]:
         lines.setdefault(str(path.parent / robot[1]) if robot else str(path), []).append(path)
     found = []
     for name, files in lines.items():
-        suffixes, sorties = dict.fromkeys(file.suffix for file in files), len({file.stem for file in files})
+        suffixes, sorties = (
+            dict.fromkeys(file.suffix for file in files),
+            len({file.stem for file in files}),
+        )
         kinds = "" if files == [Path(name)] else " " + " ".join(suffixes)
         found.append(f"{name}{kinds}{f', {sorties} sorties' if sorties > 1 else ''}")
     return found

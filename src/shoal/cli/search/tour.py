@@ -11,7 +11,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table
-from shoal.core.counts import shape_text
+from shoal.core.checks import shape_text
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -26,16 +26,23 @@ def tour(
         str,
         typer.Argument(
             metavar="NAME",
-            help="Kind of tour: hilbert, open-hilbert, moore, hilbert-rectangle, comb, spanning-tree or MODULE:ATTRIBUTE.",
+            help=(
+                "Kind of tour: hilbert, open-hilbert, moore, hilbert-rectangle, comb, spanning-tree"
+                " or MODULE:ATTRIBUTE."
+            ),
         ),
     ],
     size: Annotated[
         str,
         typer.Argument(
             metavar="SIZE",
-            help="Number of cells along each side: 64, 64x48 (width, height) or 16x16x16 (width, height, layers). Or a map whose "
-            "free cells are "
-            "to be searched, as for 'shoal map': cave:64x48, a picture, text, .map, .npy or .csv.",
+            help=(
+                "Number of cells along each side: 64, 64x48 (width, height) or 16x16x16 (width,"
+                " height, layers). Or a map whose "
+                "free cells are "
+                "to be searched, as for 'shoal map': cave:64x48, a picture, text, .map, .npy or"
+                " .csv."
+            ),
         ),
     ],
     seed: options.UnusedSeed = 0,
@@ -49,7 +56,9 @@ def tour(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute a closed tour through all cells of a region and print its length, closing edge, number of turns, and locality."""
+    """Compute a closed tour through all cells of a region and print its length, closing edge,
+    number of turns, and locality.
+    """
     from shoal.search import make_tour
 
     region = parse_size(size)
@@ -61,13 +70,16 @@ def tour(
     if json_:
         print_json(result)
         return
-    shown = {key: _shown(value) for key, value in result.items() if key != "tour"} | {"shape": shape_text(made.shape)}
+    shown = {key: _shown(value) for key, value in result.items() if key != "tour"} | {
+        "shape": shape_text(made.shape)
+    }
     rows = [(key.replace("_", " "), text) for key, text in shown.items()]
     print_table(rows, title=f"tour {made.name}", written=written)
 
 
 def parse_size(text: str) -> Any:
-    """Return the shape (rows first) or the mask of cells that the command-line argument SIZE describes.
+    """Return the shape (rows first) or the mask of cells that the command-line argument SIZE
+    describes.
 
     Raises
     ------
@@ -83,14 +95,20 @@ def parse_size(text: str) -> Any:
         return tuple(reversed(sides * 2 if len(sides) == 1 else sides))
     if re.fullmatch(r"[-+\d.x\s,]+", text) and not Path(text).exists():
         raise InvalidInputError(f"SIZE: expected 64, 64x48, 16x16x16 or a map, got {text[:80]!r}")
-    from shoal.swarm.maps.open import open_map
+    from shoal.swarm.maps.files import open_map
 
     return open_map(text).free
 
 
 def report(made: Tour, *, region: str) -> dict[str, Any]:
     """Return the metrics of a tour as JSON data."""
-    return {"tour": made.name, "region": region, "shape": list(made.shape), "closed": made.closed, **made.metrics().report()}
+    return {
+        "tour": made.name,
+        "region": region,
+        "shape": list(made.shape),
+        "closed": made.closed,
+        **made.metrics().report(),
+    }
 
 
 def _shown(value: Any) -> str:
@@ -104,10 +122,13 @@ def _shown(value: Any) -> str:
 def _write_tour(made: Tour, result: dict[str, Any], out: Path) -> list[Path]:
     from shoal.core.files import atomic, write_json
     from shoal.views.drawing.charts import save_figure
-    from shoal.views.search.tours import tour_figure
+    from shoal.views.search.figures import tour_figure
 
     save_figure(tour_figure(made), out / FILES[0])
-    with atomic(out / FILES[1]) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with (
+        atomic(out / FILES[1]) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("layer", "row", "col")[3 - len(made.shape) :])
         writer.writerows(made.cells.tolist())

@@ -1,4 +1,6 @@
-"""shoal drive: map the workspace of a rig (a real or simulated apparatus) in a closed loop, with a log for replays."""
+"""shoal drive: map the workspace of a rig (a real or simulated apparatus) in a closed loop, with a
+log for replays.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
-from shoal.core.checks import check_number
-from shoal.core.counts import count_text, shape_text
+from shoal.core.checks import check_number, count_text, shape_text
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.core.interruption import patient
@@ -21,8 +22,8 @@ from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
     from shoal.core.episode import Verification
+    from shoal.rigs import Drive, Rig
     from shoal.swarm import GridWorkspace, SwarmEpisode
-    from shoal.swarm.rigs import Drive, Rig
 
 SECONDS = {"repeat_after": 5.0, "end_after": 60.0}
 EXAMPLE = "Example: shoal drive maze:9x7 --rig simulated --particles 4 --log drive.jsonl"
@@ -33,8 +34,10 @@ RigName = Annotated[
     typer.Option(
         "--rig",
         metavar="RIG",
-        help="Rig: simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that uses the protocol on its "
-        "standard input and output).",
+        help=(
+            "Rig: simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that"
+            " uses the protocol on its standard input and output)."
+        ),
     ),
 ]
 Size = Annotated[
@@ -42,21 +45,28 @@ Size = Annotated[
     typer.Option(
         "--size",
         metavar="ROWSxCOLUMNS",
-        help="Size of the rig's field of view in cells, such as 40x60; in three dimensions LAYERSxROWSxCOLUMNS. Shoal refuses a "
-        "rig with another size.",
+        help=(
+            "Size of the rig's field of view in cells, such as 40x60; in three dimensions"
+            " LAYERSxROWSxCOLUMNS. Shoal refuses a rig with another size."
+        ),
     ),
 ]
 
 
-@takes_problem(SwarmProblem, only=("particles", "placement", "start", "rule", "cell_size", *DRIVEN), map="rig")
+@takes_problem(
+    SwarmProblem, only=("particles", "placement", "start", "rule", "cell_size", *DRIVEN), map="rig"
+)
 def drive(
     problem: SwarmProblem,
     map_name: Annotated[
         str | None,
         typer.Argument(
             metavar="[MAP]",
-            help="True map. The particles of a simulated rig move in the true map. For a real rig, Shoal compares "
-            "the result with the true map.",
+            help=(
+                "True map. The particles of a simulated rig move in the true map. For a real rig,"
+                " Shoal compares "
+                "the result with the true map."
+            ),
         ),
     ] = None,
     rig: RigName = "simulated",
@@ -74,7 +84,9 @@ def drive(
         float | None,
         typer.Option(
             "--end-after",
-            help="Time without an answer to repeated requests after which the run ends, in seconds.",
+            help=(
+                "Time without an answer to repeated requests after which the run ends, in seconds."
+            ),
             show_default=str(SECONDS["end_after"]),
         ),
     ] = None,
@@ -82,32 +94,41 @@ def drive(
         bool,
         typer.Option(
             "--test-move/--no-test-move",
-            help="Before the policy begins, send commands until a particle moves, and at the end show once more that the rig acts. "
-            "With --no-test-move, Shoal sends only the commands of the policy; with noise, "
-            "also the moves that show the rig still acts.",
+            help=(
+                "Before the policy begins, send commands until a particle moves, and at the end"
+                " show once more that the rig acts. "
+                "With --no-test-move, Shoal sends only the commands of the policy; with noise, "
+                "also the moves that show the rig still acts."
+            ),
         ),
     ] = True,
     log: Annotated[
         Path | None,
-        typer.Option("--log", metavar="FILE", help="Log file (JSON lines), which Shoal writes during the run."),
+        typer.Option(
+            "--log",
+            metavar="FILE",
+            help="Log file (JSON lines), which Shoal writes during the run.",
+        ),
     ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C, Shoal stops the rig.
+    """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C,
+    Shoal stops the rig.
 
-    The options --particles, --placement, --start and --rule apply to a simulated rig; a real rig reports its own values. The
-    options --slip, --misplace and --miss state the error probabilities of a rig, and a simulated rig makes such errors. If the rig
-    contradicts the commands, or if no particle moves, the drive ends with the status alarm and exit code 1. The page
+    The options --particles, --placement, --start and --rule apply to a simulated rig; a real rig
+    reports its own values. The options --slip, --misplace and --miss state the error probabilities
+    of a rig, and a simulated rig makes such errors. If the rig contradicts the commands, or if no
+    particle moves, the drive ends with the status alarm and exit code 1. The page
     docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
     """
-    from shoal.swarm.maps.open import open_map
+    from shoal.rigs.driving import drive as drive_rig
+    from shoal.rigs.driving import load_drive_kernels
+    from shoal.rigs.log import DriveLog
+    from shoal.rigs.remote import open_rig
+    from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
-    from shoal.swarm.rigs.driving import drive as drive_rig
-    from shoal.swarm.rigs.driving import load_drive_kernels
-    from shoal.swarm.rigs.log import DriveLog
-    from shoal.swarm.rigs.remote import open_rig
 
     check_outputs(out, film)
     truth = None if map_name is None else open_map(map_name)
@@ -125,7 +146,9 @@ def drive(
         if rig == "simulated":
             opened = _simulated(truth, problem, seed)
         else:
-            opened = open_rig(rig, **SECONDS | patience, on_event=None if book is None else book.event)
+            opened = open_rig(
+                rig, **SECONDS | patience, on_event=None if book is None else book.event
+            )
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN}
@@ -164,27 +187,38 @@ def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
         given: dict[str, Any] = dict(seconds)
         expected = "a rig behind a connection, whose answers may be late"
     else:
-        given = {name: getattr(problem, name) for name in ("start", "particles", "placement", "rule") if name in problem.given}
+        given = {
+            name: getattr(problem, name)
+            for name in ("start", "particles", "placement", "rule")
+            if name in problem.given
+        }
         expected = "the rig simulated, because a real rig reports its own particles and rule"
     for name, value in given.items():
-        raise InvalidInputError(f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}")
+        raise InvalidInputError(
+            f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
+        )
 
 
 def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
-    """Return what can be done after Ctrl-C. A new drive begins with the particles where they are."""
+    """Return what can be done after Ctrl-C. A new drive begins with the particles where
+    they are.
+    """
     found = f"shoal: stopped after {count_text(result.moves, 'move')}"
     shown = f"the map so far is in {out}" if out is not None and result.episode is not None else ""
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
         shown = f"{shown}, and {replay}" if shown else replay
-    again = "to go on, start the drive again (with another log): it begins with the particles where they are now"
+    again = (
+        "to go on, start the drive again (with another log): it begins with the particles where"
+        " they are now"
+    )
     return "; ".join(part for part in (found, shown, again) if part)
 
 
 def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) -> Rig:
-    from shoal.swarm.grid.placements import place
-    from shoal.swarm.grid.randomness import noise_rng, trial_rng
-    from shoal.swarm.rigs.simulated import NoisyRig, SimulatedRig
+    from shoal.rigs.simulated import NoisyRig, SimulatedRig
+    from shoal.swarm.grid.board import noise_rng, trial_rng
+    from shoal.swarm.grid.tasks import place
 
     if truth is None:
         raise InvalidInputError("rig simulated: expected a map, such as vessels:500, got none")
@@ -197,7 +231,9 @@ def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) ->
 
 def _size(text: str) -> tuple[int, ...]:
     if not re.fullmatch("[1-9][0-9]{0,8}([xX][1-9][0-9]{0,8}){1,2}", text):
-        raise InvalidInputError(f"size: expected ROWSxCOLUMNS or LAYERSxROWSxCOLUMNS, got {text[:60]!r}")
+        raise InvalidInputError(
+            f"size: expected ROWSxCOLUMNS or LAYERSxROWSxCOLUMNS, got {text[:60]!r}"
+        )
     return tuple(int(part) for part in re.split("[xX]", text))
 
 
@@ -205,15 +241,21 @@ def _check_shape(rig: Rig, shape: tuple[int, ...] | None, truth: GridWorkspace |
     for expected, what in ((shape, "size"), (None if truth is None else truth.shape, "map")):
         if expected is not None and expected != rig.shape:
             raise InvalidInputError(
-                f"{what}: expected a rig of {shape_text(expected)}, got {rig.name}, which sees {shape_text(rig.shape)}"
+                f"{what}: expected a rig of {shape_text(expected)}, got {rig.name}, which sees"
+                f" {shape_text(rig.shape)}"
             )
 
 
 def summary(
-    result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int, spacing: tuple[float, ...] | None
+    result: Drive,
+    rig: Any,
+    truth: GridWorkspace | None,
+    *,
+    seed: int,
+    spacing: tuple[float, ...] | None,
 ) -> dict[str, Any]:
     """Return the data that ``shoal drive`` prints as JSON."""
-    from shoal.swarm.rigs.checks import alarms_as_json
+    from shoal.rigs.checks import alarms_as_json
 
     link = result.link
     free = len(result.belief.open)
@@ -270,31 +312,53 @@ def _report(
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
     if json_:
-        print_json(about if verified is None else about | {"verified": verified.ok, "message": verified.message})
+        print_json(
+            about
+            if verified is None
+            else about | {"verified": verified.ok, "message": verified.message}
+        )
         return
     rows = [
-        ("rig", f"{rig.name}, {shape_text(rig.shape)}, {count_text(about['particles'], 'particle')}, rule {rig.rule}"),
+        (
+            "rig",
+            (
+                f"{rig.name}, {shape_text(rig.shape)},"
+                f" {count_text(about['particles'], 'particle')}, rule {rig.rule}"
+            ),
+        ),
         ("policy", result.policy),
         ("result", f"{result.status}: {result.reason}"),
         ("trust", f"{result.trust.level}: {result.trust.why}"),
-        ("found", f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them"),
+        (
+            "found",
+            f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them",
+        ),
         ("scans", str(result.scans)),
         *(("alarm", alarm.text) for alarm in result.alarms),
     ]
     for name, rate in result.rates.items():
-        text = f"stated {rate.stated:g}, observed {rate.observed:.3f} (99.9 % interval {rate.low:.3f} to {rate.high:.3f})"
+        text = (
+            f"stated {rate.stated:g}, observed {rate.observed:.3f} (99.9 % interval {rate.low:.3f}"
+            f" to {rate.high:.3f})"
+        )
         rows.append((name, text))
     if spacing is not None:
         rows.append(("cell", f"{' × '.join(f'{size:g}' for size in spacing)} mm"))
     if result.link is not None:
-        counts = "{requests} requests, {resent} sent again, {damaged} lines damaged, {reconnects} reconnections"
+        counts = (
+            "{requests} requests, {resent} sent again, {damaged} lines damaged, {reconnects}"
+            " reconnections"
+        )
         rows.append(("link", counts.format(**vars(result.link))))
     if truth is not None:
         wrong = about["wrong"]
         rows.append(
             (
                 "compared",
-                f"{wrong['false_free']} walls classified as free, {wrong['false_obstacles']} free cells classified as walls",
+                (
+                    f"{wrong['false_free']} walls classified as free, {wrong['false_obstacles']}"
+                    " free cells classified as walls"
+                ),
             )
         )
     if verified is not None:
@@ -310,20 +374,44 @@ def _time_of(result: Drive) -> str:
 
 
 def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:
-    """Return a copy of a noisy rig's episode with the true map, so that figures show wrongly classified cells."""
-    return replace(episode, truth=truth.free) if episode.observations is not None and truth is not None else episode
+    """Return a copy of a noisy rig's episode with the true map, so that figures show wrongly
+    classified cells.
+    """
+    return (
+        replace(episode, truth=truth.free)
+        if episode.observations is not None and truth is not None
+        else episode
+    )
 
 
-def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool) -> None:
+def replay_drive(
+    log: Path,
+    seed: int | None,
+    out: Path | None,
+    film: list[Path] | None,
+    json_: bool,
+    *,
+    trust: bool,
+) -> None:
     """Replay the log that ``shoal drive`` has written: ``shoal replay LOG.jsonl``."""
-    from shoal.swarm.rigs.driving import replay_log
-    from shoal.swarm.rigs.log import read_log
+    from shoal.rigs.driving import replay_log
+    from shoal.rigs.log import read_log
 
     rig = read_log(log, trust=trust)
     check_seed(log, seed, rig.seed)
     result, verified = replay_log(log, trust=trust)
     shown = (out, film) if verified else (None, None)
-    _report(result, rig, None, None, *shown, json_, seed=rig.seed, spacing=rig.spacing, verified=verified)
+    _report(
+        result,
+        rig,
+        None,
+        None,
+        *shown,
+        json_,
+        seed=rig.seed,
+        spacing=rig.spacing,
+        verified=verified,
+    )
     if not verified:
         say(f"shoal: {log}: {verified.message}")
         raise typer.Exit(1)

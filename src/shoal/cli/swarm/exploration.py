@@ -1,4 +1,6 @@
-"""shoal map, shoal cover: run a swarm. The command shoal replay also uses this module, to print and write results."""
+"""shoal map, shoal cover: run a swarm. The command shoal replay also uses this module, to print and
+write results.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,7 @@ from shoal.cli.output import (
     say,
     write_films,
 )
-from shoal.core.checks import check_integer
-from shoal.core.counts import MOST_TRIALS, shape_text
+from shoal.core.checks import MOST_TRIALS, check_integer, shape_text
 from shoal.core.episode import Status
 from shoal.core.interruption import patient
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
@@ -51,11 +52,15 @@ def map_(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Map an unknown space: find every free cell that the particles can reach, and the obstacles around the free cells."""
+    """Map an unknown space: find every free cell that the particles can reach, and the obstacles
+    around the free cells.
+    """
     _play(problem, trials, seed, workers, out, film, json_)
 
 
-@takes_problem(SwarmProblem, from_file=True, task="coverage", slip=0.0, misplace=0.0, miss=0.0, confidence=0.99)
+@takes_problem(
+    SwarmProblem, from_file=True, task="coverage", slip=0.0, misplace=0.0, miss=0.0, confidence=0.99
+)
 def cover(
     problem: SwarmProblem,
     trials: options.Trials = 1,
@@ -65,12 +70,20 @@ def cover(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Cover a known map: visit every free cell, or every cell of a random subset, with at least one particle."""
+    """Cover a known map: visit every free cell, or every cell of a random subset, with at least one
+    particle.
+    """
     _play(problem, trials, seed, workers, out, film, json_)
 
 
 def _play(
-    problem: SwarmProblem, trials: int, seed: int, workers: int | None, out: Path | None, film: list[Path] | None, json_: bool
+    problem: SwarmProblem,
+    trials: int,
+    seed: int,
+    workers: int | None,
+    out: Path | None,
+    film: list[Path] | None,
+    json_: bool,
 ) -> None:
     from shoal.lab import run_trials
     from shoal.swarm.policies import Offline
@@ -86,9 +99,15 @@ def _play(
     problem.check_at_place()  # before kernels are compiled
     load_kernels(problem)
     whole = isinstance(problem.chosen_policy, Offline)
-    planned = patience("computing the complete plan before the first move ...") if whole else nullcontext()
+    planned = (
+        patience("computing the complete plan before the first move ...")
+        if whole
+        else nullcontext()
+    )
     _tell_duration(problem, trials=trials, workers=workers, seed=seed, out=out)
-    with patient():  # after Ctrl-C, the results so far are written and printed before the process ends
+    with (
+        patient()
+    ):  # after Ctrl-C, the results so far are written and printed before the process ends
         with planned, progress("trials", trials, shown=trials > 1) as advance:
             episodes = run_trials(
                 problem,
@@ -100,7 +119,9 @@ def _play(
                 keep=True,
             )
         result = summary(episodes, seed=seed)
-        interrupted = len(episodes) < trials or any(episode.status is Status.INTERRUPTED for episode in episodes)
+        interrupted = len(episodes) < trials or any(
+            episode.status is Status.INTERRUPTED for episode in episodes
+        )
         written = write_outputs(episodes, result, out, None if interrupted else film)
         if json_:
             print_json(result)
@@ -116,12 +137,18 @@ def _kept_text(episodes: list[SwarmEpisode], trials: int, out: Path | None) -> s
     """Return a text about the episodes that an interruption has left."""
     done = sum(episode.status is not Status.INTERRUPTED for episode in episodes)
     begun = f"{done} of {trials} trials ended" if trials > 1 else f"{episodes[0].moves} moves made"
-    return f"{begun}; {'--out DIR keeps the moves' if out is None else f'{out} has all moves so far'}"
+    return (
+        f"{begun}; {'--out DIR keeps the moves' if out is None else f'{out} has all moves so far'}"
+    )
 
 
-def _tell_duration(problem: SwarmProblem, *, trials: int, workers: int | None, seed: int, out: Path | None) -> None:
-    """Say before the first move what auto has chosen for a large map, and how long planning will take if it takes long."""
-    from shoal.lab.executors import default_workers
+def _tell_duration(
+    problem: SwarmProblem, *, trials: int, workers: int | None, seed: int, out: Path | None
+) -> None:
+    """Say before the first move what auto has chosen for a large map, and how long planning will
+    take if it takes long.
+    """
+    from shoal.lab.trials import default_workers
     from shoal.swarm.policies import Budgeted
     from shoal.swarm.policies.planners.beam_rollout import BeamRollout
     from shoal.swarm.policies.planners.cost import planning_seconds
@@ -136,7 +163,10 @@ def _tell_duration(problem: SwarmProblem, *, trials: int, workers: int | None, s
         why = f"because best with its usual budget would take about {duration_text(seconds)}"
         say(f"shoal: notice: {workspace.name}: the policy auto chose {policy.name}, {why}")
     rounds = -(-trials // min(trials, workers or default_workers()))
-    if not isinstance(policy, Budgeted) or rounds * planning_seconds(policy, *sizes, noisy=noisy) < TOLD:
+    if (
+        not isinstance(policy, Budgeted)
+        or rounds * planning_seconds(policy, *sizes, noisy=noisy) < TOLD
+    ):
         return
     expected = expected_duration(problem, seed=seed)
     if expected is None or rounds * expected.seconds < TOLD:
@@ -144,8 +174,9 @@ def _tell_duration(problem: SwarmProblem, *, trials: int, workers: int | None, s
     each = f" in each of {trials} trials" if trials > 1 else ""
     kept = "" if out is not None else " if --out is given"
     say(
-        f"shoal: notice: {workspace.name}: {policy.name} takes about {duration_text(rounds * expected.seconds)}, for about "
-        f"{expected.moves:.0f} moves{each} (Ctrl-C ends it and keeps the moves so far{kept}; a smaller --budget is faster)"
+        f"shoal: notice: {workspace.name}: {policy.name} takes about"
+        f" {duration_text(rounds * expected.seconds)}, for about {expected.moves:.0f} moves{each}"
+        f" (Ctrl-C ends it and keeps the moves so far{kept}; a smaller --budget is faster)"
     )
 
 
@@ -155,13 +186,31 @@ def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
     The data contain the values that all trials share, and lists with one entry for each trial.
     """
     reports = [episode.report() for episode in episodes]
-    each = ("status", "moves", "scans", "cost", "distance", "distance_mm", "apparatus_seconds", *NOISE_MEASURES)
+    each = (
+        "status",
+        "moves",
+        "scans",
+        "cost",
+        "distance",
+        "distance_mm",
+        "apparatus_seconds",
+        *NOISE_MEASURES,
+    )
     rates = ("false_free_rate", "false_obstacle_rate")
     left_out = (*each, *rates, "reason")
-    result = {name: value for name, value in reports[0].items() if name not in left_out} | {"seed": seed, "trials": len(episodes)}
+    result = {name: value for name, value in reports[0].items() if name not in left_out} | {
+        "seed": seed,
+        "trials": len(episodes),
+    }
     result |= {name: [report[name] for report in reports] for name in each if name in reports[0]}
-    result |= {name: statistics.fmean(report[name] for report in reports) for name in rates if name in reports[0]}
-    result |= {name: None for name in ("distance_mm", "apparatus_seconds") if result[name][0] is None}
+    result |= {
+        name: statistics.fmean(report[name] for report in reports)
+        for name in rates
+        if name in reports[0]
+    }
+    result |= {
+        name: None for name in ("distance_mm", "apparatus_seconds") if result[name][0] is None
+    }
     moves = result["moves"]
     return result | {
         "mean": statistics.fmean(moves),
@@ -174,9 +223,18 @@ def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tu
     """Return the additional rows of the printed summary for episodes with noise."""
     if "noise" not in result:
         return []
-    noise, mean = result["noise"], {name: statistics.fmean(result[name]) for name in ("false_free", "false_obstacles", "undecided")}
+    noise, mean = (
+        result["noise"],
+        {
+            name: statistics.fmean(result[name])
+            for name in ("false_free", "false_obstacles", "undecided")
+        },
+    )
     rates = ", ".join(f"{name} {rate:g}" for name, rate in noise.items())
-    wrong = f"{mean['false_free']:g} walls classified as free, {mean['false_obstacles']:g} free cells classified as walls"
+    wrong = (
+        f"{mean['false_free']:g} walls classified as free, {mean['false_obstacles']:g} free cells"
+        " classified as walls"
+    )
     wrong += f", {mean['undecided']:g} undecided"
     worst = f", at worst {100 * min(result['right']):.2f} %" if len(episodes) > 1 else ""
     return [
@@ -185,24 +243,39 @@ def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tu
     ]
 
 
-def print_trials(episodes: list[SwarmEpisode], result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
+def print_trials(
+    episodes: list[SwarmEpisode],
+    result: dict[str, Any],
+    written: list[Path],
+    *more: tuple[str, str],
+) -> None:
     """Print a summary of the results of all trials."""
     title = f"{episodes[0].task} of {episodes[0].workspace.name}"
     print_table([*_rows(episodes, result), *more], title=title, written=written)
 
 
 def _policy_text(episode: SwarmEpisode) -> str:
-    """Return the name of an episode's policy. If the name ``best`` is an alias of the policy, return ``best (NAME)``."""
+    """Return the name of an episode's policy. If the name ``best`` is an alias of the policy,
+    return ``best (NAME)``.
+    """
     from shoal.swarm.policies import POLICIES
 
     best: str = vars(POLICIES.get("best"))["kind"]
-    return f"best ({episode.policy})" if episode.policy.partition(":")[0] == best else episode.policy
+    return (
+        f"best ({episode.policy})" if episode.policy.partition(":")[0] == best else episode.policy
+    )
 
 
 def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[str, str]]:
     first = episodes[0]
     rows = [
-        ("map", f"{first.workspace.name}, {shape_text(first.workspace.shape)}, {first.workspace.n_free} free cells"),
+        (
+            "map",
+            (
+                f"{first.workspace.name}, {shape_text(first.workspace.shape)},"
+                f" {first.workspace.n_free} free cells"
+            ),
+        ),
         *cell_rows(first.workspace.spacing),
         ("particles", f"{first.particles}, {first.placement} placement, rule {first.rule}"),
         ("policy", _policy_text(first)),
@@ -222,14 +295,31 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
         return rows
     counts = {status: result["status"].count(status) for status in dict.fromkeys(result["status"])}
     rows += [
-        ("moves", f"{result['mean']:.2f} ± {result['std']:.2f} (mean and sample standard deviation)"),
-        ("cost", f"{result['mean_cost']:.2f}, with {statistics.fmean(result['scans']):.2f} scans ({_prices(first)})"),
+        (
+            "moves",
+            f"{result['mean']:.2f} ± {result['std']:.2f} (mean and sample standard deviation)",
+        ),
+        (
+            "cost",
+            (
+                f"{result['mean_cost']:.2f}, with {statistics.fmean(result['scans']):.2f} scans"
+                f" ({_prices(first)})"
+            ),
+        ),
         ("range", f"{min(result['moves'])} to {max(result['moves'])}"),
         ("status", ", ".join(f"{count} {status}" for status, count in counts.items())),
         *_noise_rows(episodes, result),
     ]
     if first.lengths_and_times["apparatus_seconds"] is not None:
-        rows.append(("apparatus", f"{statistics.fmean(result['apparatus_seconds']):.4g} s on average for moves and scans"))
+        rows.append(
+            (
+                "apparatus",
+                (
+                    f"{statistics.fmean(result['apparatus_seconds']):.4g} s on average for moves"
+                    " and scans"
+                ),
+            )
+        )
     return rows
 
 
@@ -244,15 +334,26 @@ def cell_rows(spacing: tuple[float, ...] | None) -> list[tuple[str, str]]:
 
 def _distance(episode: SwarmEpisode) -> str:
     length = episode.lengths_and_times["distance_mm"]
-    return f"{episode.distance} cells{'' if length is None else f' ({length:.6g} mm)'} travelled by all particles"
+    return (
+        f"{episode.distance} cells{'' if length is None else f' ({length:.6g} mm)'} travelled by"
+        " all particles"
+    )
 
 
 def _apparatus_rows(quantities: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return a row with the time that the apparatus takes, if the time of a move or of a scan is given."""
-    total, move, scan = (quantities[name] for name in ("apparatus_seconds", "move_seconds", "scan_seconds"))
+    """Return a row with the time that the apparatus takes, if the time of a move or of a scan is
+    given.
+    """
+    total, move, scan = (
+        quantities[name] for name in ("apparatus_seconds", "move_seconds", "scan_seconds")
+    )
     if total is None:
         return []
-    parts = [f"{value:g} s per {what}" for what, value in (("move", move), ("scan", scan)) if value is not None]
+    parts = [
+        f"{value:g} s per {what}"
+        for what, value in (("move", move), ("scan", scan))
+        if value is not None
+    ]
     return [("apparatus", f"{total:.6g} s ({', '.join(parts)})")]
 
 
@@ -266,12 +367,17 @@ def _prices(episode: SwarmEpisode) -> str:
 
 
 def _ratio_rows(episode: SwarmEpisode) -> list[tuple[str, str]]:
-    """Return a row with the competitive ratio of depth-first search with one particle (paper M, section III.B.1)."""
+    """Return a row with the competitive ratio of depth-first search with one particle (paper M,
+    section III.B.1).
+    """
     least = episode.workspace.n_free - 1
     if not episode.policy.startswith("depth-first") or episode.particles > 1 or least < 1:
         return []
     steps = episode.distance
-    ratio = f"{steps / least:.2f}: {steps} steps, of which any tour of the cells needs {least} (never above 2)"
+    ratio = (
+        f"{steps / least:.2f}: {steps} steps, of which any tour of the cells needs {least} (never"
+        " above 2)"
+    )
     return [("ratio", f"{ratio}; {episode.moves - steps} probes of walls")]
 
 
@@ -281,14 +387,25 @@ def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
         wanted = int(episode.targets.sum())
         return (
             "covered",
-            f"{wanted - episode.first_frontier + done} of {wanted} cells, {wanted - episode.first_frontier} at the start",
+            (
+                f"{wanted - episode.first_frontier + done} of {wanted} cells,"
+                f" {wanted - episode.first_frontier} at the start"
+            ),
         )
     _, belief = episode.final()
     free = len(belief.open)
-    return "found", f"{free} free cells ({episode.particles} at the start) and {len(belief.obstacles)} wall cells around them"
+    return (
+        "found",
+        (
+            f"{free} free cells ({episode.particles} at the start) and {len(belief.obstacles)} wall"
+            " cells around them"
+        ),
+    )
 
 
-def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
+def write_outputs(
+    episodes: list[SwarmEpisode], result: dict[str, Any], out: Path | None, film: list[Path] | None
+) -> list[Path]:
     """Write the output files that --out and --film request, and return their paths."""
     written: list[Path] = []
     if out is not None:
@@ -299,8 +416,14 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
         save_figure(figure(episodes, kind="frontier"), out / "frontier.png")
         written += [out / "map.png", out / "frontier.png", *overlay(episodes[0].problem, out)]
         _remove_earlier(out)
-        kept = [episode for episode in episodes if episode.observations is None]  # the run of a rig with noise is kept in its log
-        names = ["episode.npz"] if len(episodes) == 1 else [f"episodes/{e.trial:05d}.npz" for e in episodes]
+        kept = [
+            episode for episode in episodes if episode.observations is None
+        ]  # the run of a rig with noise is kept in its log
+        names = (
+            ["episode.npz"]
+            if len(episodes) == 1
+            else [f"episodes/{e.trial:05d}.npz" for e in episodes]
+        )
         with progress("episodes", len(episodes), shown=len(episodes) > 100) as advance:
             for done, (episode, name) in enumerate(zip(kept, names, strict=False), start=1):
                 episode.save(out / name)
@@ -320,18 +443,20 @@ def warn_of_no_vessels(problem: SwarmProblem) -> None:
 
 def vessels_of(problem: SwarmProblem) -> Vessels:
     """Return the vessels that Shoal finds in the photograph of a problem."""
-    from shoal.swarm.maps.open import vessels_in
+    from shoal.swarm.maps.files import vessels_in
 
     names = ("low", "high", "bright", "thickest", "channel", "frame")
     return vessels_in(problem.map, **{name: getattr(problem, name) for name in names})
 
 
 def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
-    """Write a picture of the photograph with the outline of its vessels, if the map is a photograph."""
+    """Write a picture of the photograph with the outline of its vessels, if the map is a
+    photograph.
+    """
     if not (problem.vessels and problem.place_is_file()):
         return []
     from shoal.swarm.maps.pictures import read_pixels
-    from shoal.views.swarm.photographs import overlay_picture, save_picture
+    from shoal.views.swarm.figures import overlay_picture, save_picture
 
     pixels = read_pixels(Path(problem.map), channel=problem.channel, frame=problem.frame)
     picture = overlay_picture(pixels, vessels_of(problem).mask)
@@ -339,6 +464,8 @@ def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
 
 
 def _remove_earlier(out: Path) -> None:
-    """Remove the episodes of an earlier run from an output folder, so that all files in the folder belong to the new run."""
+    """Remove the episodes of an earlier run from an output folder, so that all files in the folder
+    belong to the new run.
+    """
     for path in (out / "episode.npz", *(out / "episodes").glob("[0-9][0-9][0-9][0-9][0-9]*.npz")):
         path.unlink(missing_ok=True)

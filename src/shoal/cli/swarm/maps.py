@@ -1,4 +1,6 @@
-"""shoal maps: list, show and write maps, describe what Shoal reads in a map file, and find vessels in photographs."""
+"""shoal maps: list, show and write maps, describe what Shoal reads in a map file, and find vessels
+in photographs.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +12,12 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, print_json, print_table, quiet, say
-from shoal.core.counts import count_text, shape_text
+from shoal.core.checks import count_text, shape_text
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.problem import READING, SwarmProblem
 
 if TYPE_CHECKING:
-    from shoal.swarm.maps.parts import Box
+    from shoal.swarm.maps.resampling import Box
     from shoal.swarm.maps.workspace import GridWorkspace
 
 MAP_OPTIONS = (*READING, "largest_component", "cell_size")
@@ -28,23 +30,36 @@ def maps(
     problem: SwarmProblem,
     name: Annotated[
         str | None,
-        typer.Argument(metavar="[MAP]", help="Generated map, such as cave:80x60, or a map file, or with --vessels a photograph."),
+        typer.Argument(
+            metavar="[MAP]",
+            help=(
+                "Generated map, such as cave:80x60, or a map file, or with --vessels a photograph."
+            ),
+        ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="FILE",
-            help="Output file: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz. With --vessels, a folder for mask.png (at "
-            "the photograph's resolution), overlay.png and map.png.",
+            help=(
+                "Output file: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz. With --vessels,"
+                " a folder for mask.png (at "
+                "the photograph's resolution), overlay.png and map.png."
+            ),
         ),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed of a random map (in place of the 7 in cave:80x60:7).")] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", help="Seed of a random map (in place of the 7 in cave:80x60:7)."),
+    ] = None,
     json_: options.Json = False,
 ) -> None:
-    """List the generated maps, show a map, or write a map to a file. For a map file, describe what Shoal reads in it.
+    """List the generated maps, show a map, or write a map to a file. For a map file, describe what
+    Shoal reads in it.
 
-    The options for map files are those of 'shoal map'. With --vessels, find the vessels in a photograph.
+    The options for map files are those of 'shoal map'. With --vessels, find the vessels in a
+    photograph.
     """
     if name is None:
         given = problem.to_dict()
@@ -55,7 +70,10 @@ def maps(
             *fields,
         ):
             if value is not None:
-                raise InvalidInputError(f"{option}: expected the name of a map beside this option, such as maze:21x15, got none")
+                raise InvalidInputError(
+                    f"{option}: expected the name of a map beside this option, such as maze:21x15,"
+                    " got none"
+                )
         _list(json_)
     elif problem.vessels:
         _vessels(problem.replaced(map=name), out, json_)
@@ -63,7 +81,9 @@ def maps(
         _show(problem, name, out, seed, json_)
 
 
-def _show(problem: SwarmProblem, name: str, out: Path | None, seed: int | None, json_: bool) -> None:
+def _show(
+    problem: SwarmProblem, name: str, out: Path | None, seed: int | None, json_: bool
+) -> None:
     """Show a map, or write it to a file. Describe the parts of a map that is read from a file."""
     from shoal.swarm.maps.files import write_map
 
@@ -91,17 +111,27 @@ def _show(problem: SwarmProblem, name: str, out: Path | None, seed: int | None, 
 
 
 def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
-    """Return the number of parts of a map, the share of the largest part, and its place in the file, or with a width in the map."""
-    from shoal.swarm.maps.parts import parts_of
+    """Return the number of parts of a map, the share of the largest part, and its place in the
+    file, or with a width in the map.
+    """
+    from shoal.swarm.maps.resampling import parts_of
 
     found = parts_of(read.free)
-    size = {"free_share": read.n_free / read.free.size, "spacing": None if read.spacing is None else list(read.spacing)}
+    size = {
+        "free_share": read.n_free / read.free.size,
+        "spacing": None if read.spacing is None else list(read.spacing),
+    }
     if found is None:
         return {"parts": None, "largest_share": None, "place": None, **size}
     box = found.largest if problem.largest_component else found.whole
-    scale = problem.scale if problem.width is None else 1.0  # with a width, the place is that in the smaller map
+    scale = (
+        problem.scale if problem.width is None else 1.0
+    )  # with a width, the place is that in the smaller map
     scales = (1.0, scale, scale)[3 - read.ndim :]
-    box = tuple((int(first / scale), int((last + 1) / scale - 1e-9)) for (first, last), scale in zip(box, scales, strict=True))
+    box = tuple(
+        (int(first / scale), int((last + 1) / scale - 1e-9))
+        for (first, last), scale in zip(box, scales, strict=True)
+    )
     return {"parts": found.number, "largest_share": found.share, "place": _place(box), **size}
 
 
@@ -123,7 +153,12 @@ def _part_rows(parts: dict[str, Any], problem: SwarmProblem) -> list[tuple[str, 
             kept += ", and only it is kept"
         elif parts["parts"] > 1:
             kept += "; --largest-component keeps only it"
-        rows.append(("parts", f"{count_text(parts['parts'], 'part')}: {kept}" if parts["parts"] > 1 else "1 part"))
+        rows.append(
+            (
+                "parts",
+                f"{count_text(parts['parts'], 'part')}: {kept}" if parts["parts"] > 1 else "1 part",
+            )
+        )
         rows.append(("place", _place_text(parts["place"], problem)))
     if parts["spacing"]:
         rows.append(("cell", f"{' × '.join(f'{side:.4g}' for side in parts['spacing'])} mm"))
@@ -136,17 +171,25 @@ def _place_text(place: dict[str, list[int]], problem: SwarmProblem) -> str:
     ends = ", ".join(f"{side} {first} to {last}" for side, (first, last) in place.items())
     what = "the largest part lies" if problem.largest_component else "the free cells lie"
     picture = Path(problem.map).suffix.lower() in PICTURES or Path(problem.map).is_dir()
-    where = f"map of --width {problem.width}" if problem.width is not None else "picture" if picture else "map"
+    where = (
+        f"map of --width {problem.width}"
+        if problem.width is not None
+        else "picture"
+        if picture
+        else "map"
+    )
     return f"{what} in {ends} of the {where}, counted from 0"
 
 
 def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
-    """Find the vessels in a photograph, print how certain the result is, and write pictures of the vessels."""
+    """Find the vessels in a photograph, print how certain the result is, and write pictures of the
+    vessels.
+    """
     from shoal.cli.swarm.exploration import overlay, vessels_of
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.imaging import pixels_a_cell, place_of_network
-    from shoal.swarm.maps.parts import parts_of
-    from shoal.views.swarm.photographs import mask_picture, save_picture
+    from shoal.swarm.maps.resampling import parts_of
+    from shoal.views.swarm.figures import mask_picture, save_picture
 
     if out is not None:
         check_folder(out)
@@ -157,7 +200,11 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
         say(f"shoal: warning: {problem.map}: {found.warning}")
     written: list[Path] = []
     if out is not None:
-        written = [save_picture(mask_picture(found.mask), out / "mask.png"), *overlay(problem, out), out / "map.png"]
+        written = [
+            save_picture(mask_picture(found.mask), out / "mask.png"),
+            *overlay(problem, out),
+            out / "map.png",
+        ]
         write_map(workspace, out / "map.png")
     share, side = float(found.mask.mean()), pixels_a_cell(found.mask, width=problem.width)
     box, kept = place_of_network(found.mask)
@@ -178,7 +225,13 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
     count = "" if parts is None else f"{count_text(parts.number, 'part')}: "
     ends = ", ".join(f"{name} {first} to {last}" for name, (first, last) in _place(box).items())
     rows = [
-        ("vessels", f"{'brighter' if found.bright else 'darker'} than the background, {100 * share:.1f} % of the photograph"),
+        (
+            "vessels",
+            (
+                f"{'brighter' if found.bright else 'darker'} than the background, {100 * share:.1f}"
+                " % of the photograph"
+            ),
+        ),
         ("confidence", f"{found.confidence:.2f} of 1"),
         ("parts", f"{count}the network that is kept has {100 * kept:.4g} % of the vessel pixels"),
         ("place", f"the map is {ends} of the photograph, counted from 0"),
@@ -201,6 +254,16 @@ def _list(json_: bool) -> None:
 
     generators = [GENERATORS.get(key) for key in GENERATORS]
     if json_:
-        print_json({"maps": [{"name": g.name, "size": g.size, "example": g.example, "summary": g.summary} for g in generators]})
+        print_json(
+            {
+                "maps": [
+                    {"name": g.name, "size": g.size, "example": g.example, "summary": g.summary}
+                    for g in generators
+                ]
+            }
+        )
         return
-    print_table([(g.example, f"{g.name}:{g.size}{'[:SEED]' * g.seeded}. {g.summary}") for g in generators], title="Generated maps")
+    print_table(
+        [(g.example, f"{g.name}:{g.size}{'[:SEED]' * g.seeded}. {g.summary}") for g in generators],
+        title="Generated maps",
+    )

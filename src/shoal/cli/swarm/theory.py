@@ -26,8 +26,10 @@ SCHEDULE_EXAMPLE = "Example: shoal schedule --scan-cost 10 --move-cost 1 --max-d
 
 EXACT_CELLS = 10_000
 PRINTED_IN = {
-    "boundary": "paper D, eq. 2", "coverage": "papers M and D, section III.A.2", "largest_gap": "the data of paper M, Fig. 5",
-}  # fmt: skip
+    "boundary": "paper D, eq. 2",
+    "coverage": "papers M and D, section III.A.2",
+    "largest_gap": "the data of paper M, Fig. 5",
+}
 _LISTED = 20_000  # maximum number of schedule positions in the JSON
 _DIGITS = 1_000
 
@@ -43,7 +45,9 @@ def line(
     monte_carlo: Annotated[
         int | None,
         typer.Option(
-            "--monte-carlo", metavar="TRIALS", help="Number of random placements to draw, in addition to the exact means."
+            "--monte-carlo",
+            metavar="TRIALS",
+            help="Number of random placements to draw, in addition to the exact means.",
         ),
     ] = None,
     seed: options.Seed = 0,
@@ -51,7 +55,9 @@ def line(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute exact means for particles on a line: moves to find both ends, moves to visit all cells, and largest gap."""
+    """Compute exact means for particles on a line: moves to find both ends, moves to visit all
+    cells, and largest gap.
+    """
     from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)
@@ -76,14 +82,18 @@ def line(
     if json_:
         print_json(result)
         return
-    rows = [(name.replace("_", " "), _means(result[name])) for name in ("boundary", "coverage", "largest_gap")]
+    rows = [
+        (name.replace("_", " "), _means(result[name]))
+        for name in ("boundary", "coverage", "largest_gap")
+    ]
     print_table(rows, title=f"{particles} particles in a line of {cells} cells", written=written)
 
 
 def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
     """Return the data that ``shoal line`` prints as JSON.
 
-    For long lines, the data contain no exact values, because the computation of exact values would take too long.
+    For long lines, the data contain no exact values, because the computation of exact values would
+    take too long.
     """
     short = line.cells <= EXACT_CELLS
     means: dict[str, tuple[float | None, float | None]] = {
@@ -101,16 +111,24 @@ def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[st
             "monte_carlo": None if sample is None else float(getattr(sample, name).mean()),
             "standard_error": None if sample is None else sample.standard_error(name),
         }
-    result["boundary"]["exact_in"] = "papers M and D, eq. 1" if line.particles == 1 else "paper M, eq. 2"
+    result["boundary"]["exact_in"] = (
+        "papers M and D, eq. 1" if line.particles == 1 else "paper M, eq. 2"
+    )
     result["coverage"]["published"] = float(line.published_coverage) if short else None
     return result | {"trials": 0 if sample is None else sample.trials, "seed": seed}
 
 
 def _means(row: dict[str, Any]) -> str:
-    exact = f"more than {EXACT_CELLS} cells: Monte Carlo only" if row["exact"] is None else f"{row['exact']:.4f} exact"
+    exact = (
+        f"more than {EXACT_CELLS} cells: Monte Carlo only"
+        if row["exact"] is None
+        else f"{row['exact']:.4f} exact"
+    )
     parts = [f"{exact} ({row['exact_in']})" if "exact_in" in row else exact]
     if row["printed"] is not None:
-        parts.append(f"{row['printed']:.4f} by {row['printed_in']} ({row['printed'] - row['exact']:+.4f})")
+        parts.append(
+            f"{row['printed']:.4f} by {row['printed_in']} ({row['printed'] - row['exact']:+.4f})"
+        )
     if row["monte_carlo"] is not None:
         parts.append(f"{row['monte_carlo']:.4f} ± {row['standard_error']:.4f} by Monte Carlo")
     return ", ".join(parts)
@@ -127,22 +145,42 @@ def _write(out: Path, figures: dict[str, Figure], result: dict[str, Any]) -> lis
 
 
 def schedule(
-    scan_cost: Annotated[str, typer.Option("--scan-cost", metavar="PRICE", help="Price of a scan, in any unit.")],
+    scan_cost: Annotated[
+        str, typer.Option("--scan-cost", metavar="PRICE", help="Price of a scan, in any unit.")
+    ],
     move_cost: Annotated[
-        str, typer.Option("--move-cost", metavar="PRICE", help="Price of a move, in the same unit as the price of a scan.")
+        str,
+        typer.Option(
+            "--move-cost",
+            metavar="PRICE",
+            help="Price of a move, in the same unit as the price of a scan.",
+        ),
     ],
     max_distance: Annotated[
-        str, typer.Option("--max-distance", metavar="D", help="Largest distance of the wall, such as 1000, 1e100 or 10^100.")
+        str,
+        typer.Option(
+            "--max-distance",
+            metavar="D",
+            help="Largest distance of the wall, such as 1000, 1e100 or 10^100.",
+        ),
     ] = "1000",
     seed: options.UnusedSeed = 0,
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Find the scan schedule with the smallest worst-case cost ratio for finding a wall at an unknown distance.
+    """Find the scan schedule with the smallest worst-case cost ratio for finding a wall at an
+    unknown distance.
 
     For comparison, the output contains the worst-case cost ratios of five classic scan schedules.
     """
-    from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
+    from shoal.swarm.theory.scan_schedules import (
+        EveryStep,
+        Hyperexponential,
+        OneJump,
+        Powers,
+        check_prices,
+        optimal_schedule,
+    )
 
     scan, move = check_prices(scan_cost, move_cost)
     distance = whole_number(max_distance, option="--max-distance")
@@ -155,14 +193,24 @@ def schedule(
             "scan_cost": float(scan),
             "move_cost": float(move),
             "max_distance": distance,
-            "optimal": _schedule_entry(best, best) | {"positions": _positions(best), "step": getattr(best.schedule, "step", None)},
+            "optimal": (
+                _schedule_entry(best, best)
+                | {
+                    "positions": _positions(best),
+                    "step": getattr(best.schedule, "step", None),
+                }
+            ),
             "schedules": [_schedule_entry(one, best) for one in others],
         }
     written = []
     if out is not None:
         from shoal.views.swarm.theory import schedule_ratios
 
-        written = _write(out, {"ratios.png": schedule_ratios([*others[:-1], best], max_distance=distance)}, result)
+        written = _write(
+            out,
+            {"ratios.png": schedule_ratios([*others[:-1], best], max_distance=distance)},
+            result,
+        )
     if json_:
         print_json(result)
         return
@@ -172,14 +220,21 @@ def schedule(
         ("scan after", ", ".join(_short(position) for position in shown[:12]) + more + " moves"),
         *((entry["name"], _ratio(entry)) for entry in (result["optimal"], *result["schedules"])),
     ]
-    title = f"a wall at a distance of at most {_short(distance)}, {scan_cost} per scan, {move_cost} per move"
+    title = (
+        f"a wall at a distance of at most {_short(distance)}, {scan_cost} per scan, {move_cost} per"
+        " move"
+    )
     print_table(rows, title=title, written=written)
 
 
 def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, Any]:
-    """Return the data of a schedule: its name, the moves and scans for the largest distance, and its worst cost ratio."""
+    """Return the data of a schedule: its name, the moves and scans for the largest distance, and
+    its worst cost ratio.
+    """
     cost = schedule.cost(best.max_distance)
-    worst = schedule.worst(scan_cost=best.scan_cost, move_cost=best.move_cost, max_distance=best.max_distance)
+    worst = schedule.worst(
+        scan_cost=best.scan_cost, move_cost=best.move_cost, max_distance=best.max_distance
+    )
     return {
         "name": schedule.name,
         "moves": cost.moves,
@@ -209,7 +264,8 @@ def _positions(schedule: OptimalSchedule) -> list[int] | None:
 def _ratio(entry: dict[str, Any]) -> str:
     ratio = "above 1e308" if entry["worst_ratio"] is None else f"{entry['worst_ratio']:.4g}"
     return (
-        f"worst ratio {ratio}, at {_short(entry['worst_distance'])}; {_short(entry['moves'])} moves, {_short(entry['scans'])} scans"
+        f"worst ratio {ratio}, at {_short(entry['worst_distance'])}; {_short(entry['moves'])}"
+        f" moves, {_short(entry['scans'])} scans"
     )
 
 
@@ -224,7 +280,8 @@ def whole_number(text: str, *, option: str) -> int:
     Raises
     ------
     InvalidInputError
-        If ``text`` does not describe a whole number, or if the number has more than a thousand digits.
+        If ``text`` does not describe a whole number, or if the number has more than a thousand
+        digits.
 
     Examples
     --------
@@ -236,10 +293,13 @@ def whole_number(text: str, *, option: str) -> int:
     text = text.strip()
     base, _, power = text.partition("^")
     written = re.fullmatch(r"\d+(\.\d+)?([eE]\+?\d{1,4})?|\d+\^\d{1,4}", text, flags=re.ASCII)
-    if written and (len(base) - 1) * int(power or 1) < _DIGITS:  # before a power of too many digits is computed
+    if (
+        written and (len(base) - 1) * int(power or 1) < _DIGITS
+    ):  # before a power of too many digits is computed
         value = Fraction(base) ** int(power or 1)
         if value.denominator == 1 and value < 10**_DIGITS:
             return int(value)
     raise InvalidInputError(
-        f"{option}: expected a whole number of at most {_DIGITS} digits, such as 1000, 1e100 or 10^100, got {text[:80]!r}"
+        f"{option}: expected a whole number of at most {_DIGITS} digits, such as 1000, 1e100 or"
+        f" 10^100, got {text[:80]!r}"
     )

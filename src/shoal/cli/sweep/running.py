@@ -13,7 +13,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import cell, check_folder, print_drawn, print_json, print_table, quiet, say, visible, warnings_said
+from shoal.cli.output import (
+    cell,
+    check_folder,
+    print_drawn,
+    print_json,
+    print_table,
+    quiet,
+    say,
+    visible,
+    warnings_said,
+)
 from shoal.cli.sweep.results import StoreFile, check_table
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
@@ -27,32 +37,59 @@ RUN_EXAMPLE = "Example: shoal sweep run sweep.toml --store results.sqlite"
 STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
 
 _EVERY = 2.0  # seconds between two updates of --watch
-_APART, _SLOW = 4.0, 60.0  # seconds between two lines of progress, with and without a new tenth of the trials
+_APART, _SLOW = (
+    4.0,
+    60.0,
+)  # seconds between two lines of progress, with and without a new tenth of the trials
 
 
 def run(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="TOML file that describes the sweep.")],
+    spec: Annotated[
+        Path, typer.Argument(metavar="SPEC", help="TOML file that describes the sweep.")
+    ],
     store: Annotated[
         Path,
-        typer.Option("--store", metavar="FILE", help="Store: file for the results. Shoal creates the file if it does not exist."),
+        typer.Option(
+            "--store",
+            metavar="FILE",
+            help="Store: file for the results. Shoal creates the file if it does not exist.",
+        ),
     ],
     workers: options.Processes = None,
     dask: Annotated[
         str | None,
-        typer.Option("--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT."),
+        typer.Option(
+            "--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT."
+        ),
     ] = None,
     trials: Annotated[
-        int | None, typer.Option("--trials", help="Number of trials at each point, in place of the number in the file.")
+        int | None,
+        typer.Option(
+            "--trials", help="Number of trials at each point, in place of the number in the file."
+        ),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed of the sweep, in place of the seed in the file.")] = None,
-    extend: Annotated[bool, typer.Option("--extend", help="Add trials or points to a sweep that is already in the store.")] = False,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", help="Seed of the sweep, in place of the seed in the file."),
+    ] = None,
+    extend: Annotated[
+        bool,
+        typer.Option(
+            "--extend", help="Add trials or points to a sweep that is already in the store."
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="File for a table of the results, written at the end: .csv or .parquet."),
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="File for a table of the results, written at the end: .csv or .parquet.",
+        ),
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Run the trials of a sweep that its store does not yet contain. To continue a stopped sweep, repeat the same command.
+    """Run the trials of a sweep that its store does not yet contain. To continue a stopped sweep,
+    repeat the same command.
 
     The exit code is 1 if at least one trial failed.
     """
@@ -60,7 +97,9 @@ def run(
     from shoal.lab.versions import MixedVersionsWarning
 
     sweep = Sweep.load(spec)
-    changes: dict[str, Any] = {name: value for name, value in (("trials", trials), ("seed", seed)) if value is not None}
+    changes: dict[str, Any] = {
+        name: value for name, value in (("trials", trials), ("seed", seed)) if value is not None
+    }
     sweep = replace(sweep, **changes)
     if out is not None:
         check_table(out)
@@ -69,20 +108,30 @@ def run(
 
         prepare(sweep)
     with live(sweep.name) as tell, warnings_said(MixedVersionsWarning):
-        status = run_sweep(sweep, store, workers=workers, dask=dask, extend=extend, on_progress=tell)
+        status = run_sweep(
+            sweep, store, workers=workers, dask=dask, extend=extend, on_progress=tell
+        )
     written = None
     with Store(store) as opened:
         if out is not None:
-            from shoal.lab.storage.export import export
+            from shoal.lab.exchange import export
 
             export(opened, sweep.name, out)
             written = out
         failed = opened.failures(sweep.name, limit=3)
     if json_:
-        print_json(_described(status) | {"store": str(store), "out": None if written is None else str(written)})
+        print_json(
+            _described(status)
+            | {
+                "store": str(store),
+                "out": None if written is None else str(written),
+            }
+        )
     else:
         rows = [*_rows(status), ("store", str(store))]
-        print_table([*rows, *([("written", str(written))] if written else [])], title=f"sweep {sweep.name}")
+        print_table(
+            [*rows, *([("written", str(written))] if written else [])], title=f"sweep {sweep.name}"
+        )
     if status.failures:
         for values, trial, number, error in failed:
             where = "".join(f"{name} = {value}, " for name, value in values.items())
@@ -93,10 +142,12 @@ def run(
 
 @contextmanager
 def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
-    """Show the progress of a sweep on stderr while the ``with`` block runs: finished trials, rate, remaining time and failures.
+    """Show the progress of a sweep on stderr while the ``with`` block runs: finished trials, rate,
+    remaining time and failures.
 
-    On a terminal, the progress is one line that changes. Elsewhere, the function prints a line after every tenth of the trials (but
-    at most one line in four seconds), and also after a minute without a line.
+    On a terminal, the progress is one line that changes. Elsewhere, the function prints a line
+    after every tenth of the trials (but at most one line in four seconds), and also after a minute
+    without a line.
     """
     if sys.stderr is None:
         yield None
@@ -109,14 +160,24 @@ def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
     from rich.progress import Progress as Bar
 
     columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[pace]}"),
-        TimeElapsedColumn(), TextColumn("{task.fields[trouble]}", style="red"),
-    )  # fmt: skip
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[pace]}"),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[trouble]}", style="red"),
+    )
     with Bar(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(name, total=None, pace="starting workers", trouble="")
 
         def tell(progress: SweepProgress) -> None:
-            bar.update(task, total=progress.total, completed=progress.done, trouble=_trouble(progress), pace=_pace_of(progress))
+            bar.update(
+                task,
+                total=progress.total,
+                completed=progress.done,
+                trouble=_trouble(progress),
+                pace=_pace_of(progress),
+            )
 
         yield tell
 
@@ -130,7 +191,11 @@ def _lines(name: str) -> Callable[[SweepProgress], None]:
         reached, now = 10 * progress.done // max(1, progress.total), time.monotonic()
         if progress.seconds and now - last >= (_APART if reached > tenths else _SLOW):
             tenths, last = reached, now
-            parts = (f"{progress.done} of {progress.total} trials", _pace_of(progress), _trouble(progress))
+            parts = (
+                f"{progress.done} of {progress.total} trials",
+                _pace_of(progress),
+                _trouble(progress),
+            )
             say(f"sweep {name}: {', '.join(filter(None, parts))}")
 
     return tell
@@ -142,7 +207,9 @@ def _trouble(progress: SweepProgress) -> str:
 
 
 def _pace_of(progress: SweepProgress) -> str:
-    return _pace(progress.rate, (progress.total - progress.done) / progress.rate if progress.rate else None)
+    return _pace(
+        progress.rate, (progress.total - progress.done) / progress.rate if progress.rate else None
+    )
 
 
 def _pace(rate: float, left: float | None) -> str:
@@ -153,14 +220,25 @@ def _pace(rate: float, left: float | None) -> str:
 
 def _duration(seconds: float) -> str:
     whole = round(seconds)
-    return f"{whole} s" if whole < 120 else f"{whole // 60} min" if whole < 7200 else f"{whole / 3600:.1f} h"
+    return (
+        f"{whole} s"
+        if whole < 120
+        else f"{whole // 60} min"
+        if whole < 7200
+        else f"{whole / 3600:.1f} h"
+    )
 
 
 def _described(status: SweepStatus) -> dict[str, Any]:
     from shoal.lab.versions import parsed
 
     wrote = [parsed(text) | {"rows": count} for text, count in status.versions.items()]
-    more = {"complete": status.complete, "left": status.left, "versions": wrote, "other_versions": bool(_provenance(status))}
+    more = {
+        "complete": status.complete,
+        "left": status.left,
+        "versions": wrote,
+        "other_versions": bool(_provenance(status)),
+    }
     return asdict(status) | more
 
 
@@ -171,7 +249,13 @@ def _provenance(status: SweepStatus) -> str:
 
 
 def _rows(status: SweepStatus) -> list[tuple[str, str]]:
-    state = "complete" if status.complete else "running" if status.running else "stopped: the same command continues"
+    state = (
+        "complete"
+        if status.complete
+        else "running"
+        if status.running
+        else "stopped: the same command continues"
+    )
     rows = [
         ("done", f"{status.done} of {status.total} trials at {status.points} points"),
         ("state", state),
@@ -187,16 +271,28 @@ def _rows(status: SweepStatus) -> list[tuple[str, str]]:
 
 def status(
     store: StoreFile,
-    watch: Annotated[bool, typer.Option("--watch", help="Repeat the output every two seconds until no sweep is running.")] = False,
+    watch: Annotated[
+        bool,
+        typer.Option(
+            "--watch", help="Repeat the output every two seconds until no sweep is running."
+        ),
+    ] = False,
     seed: options.UnusedSeed = 0,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")
+    ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show the progress of the sweeps in a store. The command status works even while another process runs the sweeps."""
+    """Show the progress of the sweeps in a store. The command status works even while another
+    process runs the sweeps.
+    """
     from shoal.lab import Store
 
     if watch and json_:
-        raise InvalidInputError("--watch: expected no --json beside this option, because --json prints only one object, got both")
+        raise InvalidInputError(
+            "--watch: expected no --json beside this option, because --json prints only one object,"
+            " got both"
+        )
     if out is not None:
         check_folder(out.parent)
     with Store(store) as opened:
@@ -220,7 +316,11 @@ def _table(found: list[SweepStatus]) -> Table:
 
     table = Table(box=None, pad_edge=False)
     for column in ("sweep", "done", "of", "failures", "state", "pace"):
-        table.add_column(column, justify="right" if column in {"done", "of", "failures"} else "left", header_style="bold")
+        table.add_column(
+            column,
+            justify="right" if column in {"done", "of", "failures"} else "left",
+            header_style="bold",
+        )
     for one in found:
         state = "complete" if one.complete else "running" if one.running else "stopped"
         pace = _pace(one.rate, one.left) if one.rate and not one.complete else ""

@@ -8,11 +8,14 @@ from numpy.typing import NDArray
 from shoal.jit.entry import in_place_kernel
 
 
-def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[np.int32], int]:
-    """Label the connected components of the free cells. Return the labels of all cells and the number of components.
+def connected_parts(
+    free: NDArray[np.bool_], *, corners: bool = False
+) -> tuple[NDArray[np.int32], int]:
+    """Label the connected components of the free cells. Return the labels of all cells and the
+    number of components.
 
-    The result equals the result of `scipy.ndimage.label`. The function does not use SciPy, because the import of `scipy.ndimage`
-    takes longer than a whole command of Shoal should take.
+    The result equals the result of `scipy.ndimage.label`. The function does not use SciPy, because
+    the import of `scipy.ndimage` takes longer than a whole command of Shoal should take.
 
     Parameters
     ----------
@@ -24,7 +27,8 @@ def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[
     Returns
     -------
     labels : ndarray of int32, the shape of ``free``
-        Component labels 1, 2, ... in row-major order of the first cell of each component. Obstacles have the label 0.
+        Component labels 1, 2, ... in row-major order of the first cell of each component. Obstacles
+        have the label 0.
     number : int
         Number of components.
 
@@ -44,10 +48,12 @@ def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[
 
 @in_place_kernel
 def label_parts(free, offsets, labels, stack):
-    """Label the connected components of the free cells with 1, 2, 3 and so on. Return the number of components.
+    """Label the connected components of the free cells with 1, 2, 3 and so on. Return the number of
+    components.
 
-    The labels have the order of the first cells of the components. All entries of ``labels`` must be 0. The array ``stack`` must
-    have space for all free cells. No cell at the border of the grid may be free.
+    The labels have the order of the first cells of the components. All entries of ``labels`` must
+    be 0. The array ``stack`` must have space for all free cells. No cell at the border of the grid
+    may be free.
     """
     parts = 0
     for first in range(free.shape[0]):

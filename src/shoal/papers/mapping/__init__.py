@@ -1,1 +1,3 @@
-"""Papers M and D (mapping and coverage with a particle swarm): reproduction of their figures and theorems."""
+"""Papers M and D (mapping and coverage with a particle swarm): reproduction of their figures and
+theorems.
+"""

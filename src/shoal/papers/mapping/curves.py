@@ -1,4 +1,6 @@
-"""Paper M: "Mapping and coverage with a particle swarm controlled by uniform inputs" (2017), figures 7 to 11."""
+"""Paper M: "Mapping and coverage with a particle swarm controlled by uniform inputs" (2017),
+figures 7 to 11.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from shoal.lab.statistics import Estimate
-from shoal.lab.storage.store import Store
-from shoal.lab.summaries import Row, summarise
-from shoal.lab.sweeps.sweep import Sweep, digest_of
+from shoal.lab.statistics import Estimate, Row, summarise
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep, digest_of
 from shoal.papers.claims import Claim, claim, curve_claim, mean_ratio, order_claim, ratio
 from shoal.papers.recipe import (
     NO_DATA,
@@ -28,7 +29,7 @@ from shoal.papers.recipe import (
     trials_of,
 )
 from shoal.swarm import SwarmProblem
-from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.files import open_map
 from shoal.swarm.run import run
 from shoal.views.drawing.curves import Curve, Labels, Published, frontier_curves, mean_curves
 
@@ -39,15 +40,28 @@ MAPS = {
 }
 LINE_FILE, POINTS = "line-full-coverage-m5000.csv", "complex.csv"
 SUBSET_FILE = "closest-frontier-subset-coverage-complex.csv"
-MEANS = {"random-moves": 1683, "elect-particle": 578, "closest-frontier": 215}  # printed in the caption of Fig. 8
+MEANS = {
+    "random-moves": 1683,
+    "elect-particle": 578,
+    "closest-frontier": 215,
+}  # printed in the caption of Fig. 8
 POLICIES = tuple(MEANS)
 GREEDY: dict[str, Any] = {"kind": "swarm", "policy": "closest-frontier"}
 PLACEMENTS = ("flood-fill", "region-fill", "uniform")
-TASKS = {"mapping": "mapping", "coverage": "coverage", "subset-coverage": "subset coverage, 10 % of the cells"}
+TASKS = {
+    "mapping": "mapping",
+    "coverage": "coverage",
+    "subset-coverage": "subset coverage, 10 % of the cells",
+}
 FIFTH = "subset coverage, 20 % of the cells"
 WITHIN = 0.15  # relative to the published mean
-TIES = "the tie rule of closest-frontier is not fully published, and others move its means by up to 30 %"
-OTHER_MAP = "the picture of the paper's complex map is not published; this is another one of its kind"
+TIES = (
+    "the tie rule of closest-frontier is not fully published, and others move its means by up to"
+    " 30 %"
+)
+OTHER_MAP = (
+    "the picture of the paper's complex map is not published; this is another one of its kind"
+)
 
 
 def _slug(name: str) -> str:
@@ -56,42 +70,76 @@ def _slug(name: str) -> str:
     return f"{plain}-{digest_of(name)[:6]}"
 
 
-def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = None, **axes: Any) -> Sweep:
+def _on_complex(
+    name: str, settings: Settings, fixed: dict[str, Any] | None = None, **axes: Any
+) -> Sweep:
     """Return a sweep over numbers of particles on the map that paper M calls complex.
 
     All other axes of the sweep are paired: along these axes, the k-th trials have equal seeds.
     """
     chosen = settings.complex
-    problem, axes = {**GREEDY, "map": chosen, **(fixed or {})}, axes | {"particles": counts_of(open_map(chosen).n_free)}
+    problem, axes = (
+        {**GREEDY, "map": chosen, **(fixed or {})},
+        axes | {"particles": counts_of(open_map(chosen).n_free)},
+    )
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
-    return Sweep(name=f"{name}.{_slug(chosen)}", problem=problem, axes=axes, trials=trials, seed=settings.seed, paired=paired)
+    return Sweep(
+        name=f"{name}.{_slug(chosen)}",
+        problem=problem,
+        axes=axes,
+        trials=trials,
+        seed=settings.seed,
+        paired=paired,
+    )
 
 
 def _note_of(settings: Settings) -> str:
     """Return a remark about the map that replaces the unpublished complex map of paper M."""
-    return f"map {settings.complex}: {OTHER_MAP}" if settings.map is None else f"map {settings.map}, given by the user"
+    return (
+        f"map {settings.complex}: {OTHER_MAP}"
+        if settings.map is None
+        else f"map {settings.map}, given by the user"
+    )
 
 
 def _unlike(settings: Settings) -> str:
-    """Return why numbers for the complex map are not comparable. For a map of the same size as paper M's map, the text is empty."""
+    """Return why numbers for the complex map are not comparable. For a map of the same size as
+    paper M's map, the text is empty.
+    """
     workspace = open_map(settings.complex)
     alike = sorted(workspace.shape) == [112, 132] and workspace.n_free == 5000
-    return "" if alike else "another map: the paper's has 5000 free cells in 132 by 112 and is not published"
+    return (
+        ""
+        if alike
+        else "another map: the paper's has 5000 free cells in 132 by 112 and is not published"
+    )
 
 
-def _complex_claims(label: str, rows: list[Row], known: Published, settings: Settings) -> list[Claim]:
+def _complex_claims(
+    label: str, rows: list[Row], known: Published, settings: Settings
+) -> list[Claim]:
     """Return the claims for numbers that paper M prints for its complex map.
 
-    If a printed number lies between two simulated numbers of particles, the function interpolates Shoal's values.
+    If a printed number lies between two simulated numbers of particles, the function interpolates
+    Shoal's values.
     """
     curve, unlike = curve_of(label, rows, "particles"), _unlike(settings)
     claims = []
     for n, mean in zip(known.x.tolist(), known.mean.tolist(), strict=True):
         if curve.x.min() <= n <= curve.x.max():
-            ours, low, high = (near(curve.x, values, n) for values in (curve.mean, curve.low, curve.high))
+            ours, low, high = (
+                near(curve.x, values, n) for values in (curve.mean, curve.low, curve.high)
+            )
             allowed = ((1 - WITHIN) * mean, (1 + WITHIN) * mean)
             claims.append(
-                claim(f"{label}, mean moves, n = {n:g}", f"{mean:g}", (ours, low, high), within=allowed, why=TIES, unlike=unlike)
+                claim(
+                    f"{label}, mean moves, n = {n:g}",
+                    f"{mean:g}",
+                    (ours, low, high),
+                    within=allowed,
+                    why=TIES,
+                    unlike=unlike,
+                )
             )
     return claims
 
@@ -99,7 +147,9 @@ def _complex_claims(label: str, rows: list[Row], known: Published, settings: Set
 def _estimates(rows: list[Row], **values: Any) -> dict[int, Estimate]:
     """Return the estimates of all rows with the given axis values, by number of particles."""
     kept = [row for row in rows if all(row.values[name] == value for name, value in values.items())]
-    return {row.values.get("particles", 0): row.estimate for row in kept if row.estimate is not None}
+    return {
+        row.values.get("particles", 0): row.estimate for row in kept if row.estimate is not None
+    }
 
 
 # Fig. 7: four maps, and one dimension
@@ -108,22 +158,36 @@ def _estimates(rows: list[Row], **values: Any) -> dict[int, Estimate]:
 def _fig7_sweeps(settings: Settings) -> list[Sweep]:
     trials = settings.of(100, 40)
     axes = {"map": [*MAPS], "particles": counts_of(5000)}
-    published = Sweep(name="m-fig7.published-maps", problem=GREEDY, axes=axes, trials=trials, seed=settings.seed)
+    published = Sweep(
+        name="m-fig7.published-maps", problem=GREEDY, axes=axes, trials=trials, seed=settings.seed
+    )
     line = {"kind": "line", "cells": 5000, "placements": 20}
-    one = Sweep(name="m-fig7.one-dimension", problem=line, axes={"particles": counts_of(5000)}, trials=trials, seed=settings.seed)
+    one = Sweep(
+        name="m-fig7.one-dimension",
+        problem=line,
+        axes={"particles": counts_of(5000)},
+        trials=trials,
+        seed=settings.seed,
+    )
     return [published, _on_complex("m-fig7", settings), one]
 
 
 def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     maps, other, one = (
-        summarise(store, sweep.name, measure) for sweep, measure in zip(sweeps, ("moves", "moves", "coverage"), strict=True)
+        summarise(store, sweep.name, measure)
+        for sweep, measure in zip(sweeps, ("moves", "moves", "coverage"), strict=True)
     )
     known = published_curve(POINTS, points=True, task="mapping", policy="closest-frontier")
     curves = [curve_of(f"complex: {settings.complex}", other, "particles", published=known)]
     curves += [
-        curve_of(label, maps, "particles", published=published_curve(file), map=name) for name, (label, file) in MAPS.items()
+        curve_of(label, maps, "particles", published=published_curve(file), map=name)
+        for name, (label, file) in MAPS.items()
     ]
-    curves.append(curve_of("one dimension, 5000 cells", one, "particles", published=published_curve(LINE_FILE)))
+    curves.append(
+        curve_of(
+            "one dimension, 5000 cells", one, "particles", published=published_curve(LINE_FILE)
+        )
+    )
     claims = [
         curve_claim(
             label,
@@ -137,16 +201,28 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     ]
     claims.append(
         curve_claim(
-            "one dimension, full coverage", one, published_curve(LINE_FILE), trials=2000, margin=0.01, why="nothing is left open"
+            "one dimension, full coverage",
+            one,
+            published_curve(LINE_FILE),
+            trials=2000,
+            margin=0.01,
+            why="nothing is left open",
         )
     )
     claims += _complex_claims("complex", other, known, settings)
     sentence = (
-        "The published curve of one dimension lies above ours, as it takes gaps as differences of positions; the curve of the "
-        f"H-tree is of ten trials a point. Complex: {_note_of(settings)}."
+        "The published curve of one dimension lies above ours, as it takes gaps as differences of"
+        " positions; the curve of the H-tree is of ten trials a point. Complex:"
+        f" {_note_of(settings)}."
     )
-    labels = Labels("Mapping by closest-frontier", "particles", "mean moves", note=_note_of(settings))
-    shown = (compared(curves), table_of("complex map", other, shown=False), table_of("published maps", maps, shown=False))
+    labels = Labels(
+        "Mapping by closest-frontier", "particles", "mean moves", note=_note_of(settings)
+    )
+    shown = (
+        compared(curves),
+        table_of("complex map", other, shown=False),
+        table_of("published maps", maps, shown=False),
+    )
     return Outcome(mean_curves(curves, labels), tuple(claims), sentence, shown)
 
 
@@ -177,7 +253,10 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             seeds.setdefault(trial["policy"], []).append(trial["seed"])
     groups, lines = {}, []
     for policy in POLICIES:  # a row's seed replays its episode
-        episodes = [run(SwarmProblem(workspace, policy=policy, particles=particles), seed=seed) for seed in seeds[policy]]
+        episodes = [
+            run(SwarmProblem(workspace, policy=policy, particles=particles), seed=seed)
+            for seed in seeds[policy]
+        ]
         groups[policy] = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
         lines += [[policy, k, *_thinned(curve)] for k, curve in enumerate(groups[policy])]
     rows = summarise(store, sweep.name, "moves")
@@ -185,28 +264,52 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     unlike = _unlike(settings)
     claims = [
         claim(
-            f"mean moves of {name}", printed, mean, within=((1 - WITHIN) * printed, (1 + WITHIN) * printed), why=TIES, unlike=unlike
+            f"mean moves of {name}",
+            printed,
+            mean,
+            within=((1 - WITHIN) * printed, (1 + WITHIN) * printed),
+            why=TIES,
+            unlike=unlike,
         )
         for (name, printed), mean in zip(MEANS.items(), (random, elect, closest), strict=True)
     ]
     claims += [
-        claim("elect-particle by closest-frontier", "on average twice", ratio(elect, closest), within=(1.5, 2.5), unlike=unlike),
-        claim("random moves by closest-frontier", "ten times", ratio(random, closest), within=(9, 11), unlike=unlike),
+        claim(
+            "elect-particle by closest-frontier",
+            "on average twice",
+            ratio(elect, closest),
+            within=(1.5, 2.5),
+            unlike=unlike,
+        ),
+        claim(
+            "random moves by closest-frontier",
+            "ten times",
+            ratio(random, closest),
+            within=(9, 11),
+            unlike=unlike,
+        ),
         claim("elect-particle by closest-frontier", "more", ratio(elect, closest), within=(1, inf)),
         claim("random moves by elect-particle", "more", ratio(random, elect), within=(1, inf)),
     ]
     sentence = (
-        f"The text's two and ten times do not fit its own means, of which the ratios are {578 / 215:.1f} and {1683 / 215:.1f}. "
-        f"{capital(_note_of(settings))}."
+        "The text's two and ten times do not fit its own means, of which the ratios are"
+        f" {578 / 215:.1f} and {1683 / 215:.1f}. {capital(_note_of(settings))}."
     )
-    data = Table("frontier cells by move, every k-th", ["policy", "trial", "every", "frontier cells"], lines, shown=False)
+    data = Table(
+        "frontier cells by move, every k-th",
+        ["policy", "trial", "every", "frontier cells"],
+        lines,
+        shown=False,
+    )
     figure = frontier_curves(
         groups,
         title=f"{particles} particles on {settings.complex}",
         printed=MEANS,
         note=f"{_note_of(settings)}; {NO_DATA} but the three means",
     )
-    return Outcome(figure, tuple(claims), sentence, (table_of("moves until no frontier is left", rows), data))
+    return Outcome(
+        figure, tuple(claims), sentence, (table_of("moves until no frontier is left", rows), data)
+    )
 
 
 def _thinned(curve: Any, most: int = 200) -> tuple[int, str]:
@@ -216,13 +319,23 @@ def _thinned(curve: Any, most: int = 200) -> tuple[int, str]:
 
 def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     rows = summarise(store, sweeps[0].name, "moves")
-    known = {name: published_curve(POINTS, points=True, task="mapping", policy=name) for name in POLICIES}
-    curves = [curve_of(name, rows, "particles", published=known[name], policy=name) for name in POLICIES]
+    known = {
+        name: published_curve(POINTS, points=True, task="mapping", policy=name) for name in POLICIES
+    }
+    curves = [
+        curve_of(name, rows, "particles", published=known[name], policy=name) for name in POLICIES
+    ]
     random, elect, closest = (_estimates(rows, policy=policy) for policy in POLICIES)
-    most = [n for n in random if 0.8 * max(random) <= n < max(random)]  # with a particle in every cell, all tasks are equal
+    most = [
+        n for n in random if 0.8 * max(random) <= n < max(random)
+    ]  # with a particle in every cell, all tasks are equal
     claims = [
-        order_claim("closest-frontier needs fewer than elect-particle", "both are beaten", closest, elect),
-        order_claim("closest-frontier needs fewer than random moves", "both are beaten", closest, random),
+        order_claim(
+            "closest-frontier needs fewer than elect-particle", "both are beaten", closest, elect
+        ),
+        order_claim(
+            "closest-frontier needs fewer than random moves", "both are beaten", closest, random
+        ),
         order_claim(
             "random moves need fewer than elect-particle, n from 80 % of the cells",
             "slightly better for large n",
@@ -230,10 +343,16 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         ),
     ]
     for name in POLICIES:
-        claims += _complex_claims(name, [row for row in rows if row.values["policy"] == name], known[name], settings)
-    labels = Labels("Mapping by three policies", "particles", "mean moves", "published", _note_of(settings))
+        claims += _complex_claims(
+            name, [row for row in rows if row.values["policy"] == name], known[name], settings
+        )
+    labels = Labels(
+        "Mapping by three policies", "particles", "mean moves", "published", _note_of(settings)
+    )
     tables = (compared(curves), table_of("all points", rows, shown=False))
-    return Outcome(mean_curves(curves, labels), tuple(claims), f"{capital(_note_of(settings))}.", tables)
+    return Outcome(
+        mean_curves(curves, labels), tuple(claims), f"{capital(_note_of(settings))}.", tables
+    )
 
 
 def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -241,10 +360,14 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     for row in more:
         row.values["task"] = FIFTH
     rows = own + more
-    known = {task: published_curve(POINTS, points=True, task=task, policy="closest-frontier") for task in TASKS}
+    known = {
+        task: published_curve(POINTS, points=True, task=task, policy="closest-frontier")
+        for task in TASKS
+    }
     known["subset-coverage"] = published_curve(SUBSET_FILE)
     curves = [
-        curve_of(label, rows, "particles", published=known.get(task), task=task) for task, label in (TASKS | {FIFTH: FIFTH}).items()
+        curve_of(label, rows, "particles", published=known.get(task), task=task)
+        for task, label in (TASKS | {FIFTH: FIFTH}).items()
     ]
     mapping, covering, subset = (_estimates(rows, task=task) for task in TASKS)
     claims = [
@@ -252,7 +375,9 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         order_claim("coverage needs fewer moves than mapping", "easier", covering, mapping),
     ]
     if max(covering) == open_map(settings.complex).n_free:
-        claims.append(claim("coverage with a particle in every cell", "1", covering[max(covering)].mean))
+        claims.append(
+            claim("coverage with a particle in every cell", "1", covering[max(covering)].mean)
+        )
     at = np.isin(known["subset-coverage"].x, known["coverage"].x)
     part = Published(known["subset-coverage"].x[at], known["subset-coverage"].mean[at])
     for task, label, points in (
@@ -261,32 +386,59 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         ("subset-coverage", "a tenth of the cells, as in the text", part),
         (FIFTH, "a fifth of the cells", part),
     ):
-        claims += _complex_claims(label, [row for row in rows if row.values["task"] == task], points, settings)
+        claims += _complex_claims(
+            label, [row for row in rows if row.values["task"] == task], points, settings
+        )
     sentence = (
-        "The published curve of subset coverage lies above that of a tenth of the cells; see the errata. "
-        f"{capital(_note_of(settings))}."
+        "The published curve of subset coverage lies above that of a tenth of the cells; see the"
+        f" errata. {capital(_note_of(settings))}."
     )
-    labels = Labels("Mapping, coverage, subset coverage", "particles", "mean moves", "published", _note_of(settings))
+    labels = Labels(
+        "Mapping, coverage, subset coverage",
+        "particles",
+        "mean moves",
+        "published",
+        _note_of(settings),
+    )
     figure = mean_curves([_positive(curve) for curve in curves], labels)
-    return Outcome(figure, tuple(claims), sentence, (compared(curves), table_of("all points", rows, shown=False)))
+    return Outcome(
+        figure,
+        tuple(claims),
+        sentence,
+        (compared(curves), table_of("all points", rows, shown=False)),
+    )
 
 
 def _positive(curve: Curve) -> Curve:
     """Return a curve without the means that a logarithmic axis cannot show."""
     kept = curve.mean > 0
-    return Curve(curve.label, curve.x[kept], curve.mean[kept], np.maximum(curve.low[kept], 0.05), curve.high[kept], curve.published)
+    return Curve(
+        curve.label,
+        curve.x[kept],
+        curve.mean[kept],
+        np.maximum(curve.low[kept], 0.05),
+        curve.high[kept],
+        curve.published,
+    )
 
 
 def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     rows = summarise(store, sweeps[0].name, "moves")
     known = published_curve(POINTS, points=True, task="mapping", policy="closest-frontier")
     curves = [
-        curve_of(name, rows, "particles", published=known if name == "uniform" else None, placement=name) for name in PLACEMENTS
+        curve_of(
+            name, rows, "particles", published=known if name == "uniform" else None, placement=name
+        )
+        for name in PLACEMENTS
     ]
     flood, region, uniform = (_estimates(rows, placement=name) for name in PLACEMENTS)
-    counts = [n for n in flood if n < max(flood)]  # with a particle in every cell, all tasks are equal
+    counts = [
+        n for n in flood if n < max(flood)
+    ]  # with a particle in every cell, all tasks are equal
     claims = [
-        order_claim("uniform placement needs fewer moves than flood fill", "many fewer", uniform, flood),
+        order_claim(
+            "uniform placement needs fewer moves than flood fill", "many fewer", uniform, flood
+        ),
         claim(
             "flood fill by region fill, mean of the ratios over n",
             "overlap",
@@ -294,7 +446,12 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             within=(0.85, 1.15),
             why="curves within 15 % of each other overlap in the paper's drawing",
         ),
-        *_complex_claims("uniform", [row for row in rows if row.values["placement"] == "uniform"], known, settings),
+        *_complex_claims(
+            "uniform",
+            [row for row in rows if row.values["placement"] == "uniform"],
+            known,
+            settings,
+        ),
     ]
     labels = Labels(
         "Mapping from three placements",
@@ -304,21 +461,40 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         f"{_note_of(settings)}; for the other two {NO_DATA}",
     )
     tables = (compared(curves), table_of("all points", rows, shown=False))
-    return Outcome(mean_curves(curves, labels), tuple(claims), f"{capital(_note_of(settings))}.", tables)
+    return Outcome(
+        mean_curves(curves, labels), tuple(claims), f"{capital(_note_of(settings))}.", tables
+    )
 
 
 def _fig10_sweeps(settings: Settings) -> list[Sweep]:
     fifth = {"task": "coverage", "subset": 0.2}
-    return [_on_complex("m-fig10", settings, task=[*TASKS]), _on_complex("m-fig10.fifth", settings, fifth)]
+    return [
+        _on_complex("m-fig10", settings, task=[*TASKS]),
+        _on_complex("m-fig10.fifth", settings, fifth),
+    ]
 
 
 RECIPES = tuple(
-    Recipe(f"m-fig{number}", f"paper M, Fig. {number}", title, sweeps, view, on_map=True, also=f"D, Fig. {also}")
+    Recipe(
+        f"m-fig{number}",
+        f"paper M, Fig. {number}",
+        title,
+        sweeps,
+        view,
+        on_map=True,
+        also=f"D, Fig. {also}",
+    )
     for number, title, sweeps, view, also in (
         (7, "Mapping four maps by closest-frontier", _fig7_sweeps, _fig7, 5),
         (8, "Frontier cells by move", _fig8_sweeps, _fig8, 9),
         (9, "Three policies", lambda s: [_on_complex("m-fig9", s, policy=[*POLICIES])], _fig9, 6),
         (10, "Mapping, coverage and subset coverage", _fig10_sweeps, _fig10, 7),
-        (11, "Three placements", lambda s: [_on_complex("m-fig11", s, placement=[*PLACEMENTS])], _fig11, 8),
+        (
+            11,
+            "Three placements",
+            lambda s: [_on_complex("m-fig11", s, placement=[*PLACEMENTS])],
+            _fig11,
+            8,
+        ),
     )
 )

@@ -12,13 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.lab.storage.store import Store
-from shoal.lab.summaries import summarise
-from shoal.lab.sweeps.sweep import Sweep
+from shoal.lab.statistics import summarise
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
 from shoal.papers.claims import claim, exponent, ratio
-from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, function_sweep, measuring, table_of, trials_of
+from shoal.papers.recipe import (
+    NO_DATA,
+    Outcome,
+    Recipe,
+    Settings,
+    Table,
+    function_sweep,
+    measuring,
+    table_of,
+    trials_of,
+)
 from shoal.swarm import SwarmEpisode, SwarmProblem
-from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.files import open_map
 from shoal.swarm.run import run
 from shoal.views.drawing.curves import Curve, Labels, Published, draw_curves, mean_curves
 from shoal.views.swarm.figures import map_panels
@@ -32,7 +42,8 @@ STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 def square_below(n: int) -> tuple[NDArray[np.bool_], Cells]:
     """Return the map of figure 3 of paper M, and start cells of particles that fill its corridor.
 
-    The map consists of a square of n by n cells and a corridor of n cells above the right end of the square.
+    The map consists of a square of n by n cells and a corridor of n cells above the right end of
+    the square.
     """
     free = np.zeros((2 * n, n), dtype=np.bool_)
     free[n:], free[:, -1] = True, True
@@ -40,7 +51,8 @@ def square_below(n: int) -> tuple[NDArray[np.bool_], Cells]:
 
 
 def two_arms(k: int) -> tuple[NDArray[np.bool_], Cells]:
-    """Return the map of figure 4 of paper M (two corridors of k cells from one corner), and the start cells of two particles.
+    """Return the map of figure 4 of paper M (two corridors of k cells from one corner), and the
+    start cells of two particles.
 
     One particle starts in the corner, and one particle starts at the end of a corridor.
     """
@@ -55,7 +67,8 @@ def _moves(ground: NDArray[np.bool_], start: Cells, policy: str, task: str) -> i
 
 @measuring("greedy", "together")
 def square_moves(*, seed: int, n: int) -> dict[str, int]:
-    """Return how many moves the policy closest-frontier and a fixed plan need to explore the map of figure 3.
+    """Return how many moves the policy closest-frontier and a fixed plan need to explore the map of
+    figure 3.
 
     The fixed plan drives all particles into the square at once.
     """
@@ -69,21 +82,29 @@ def square_moves(*, seed: int, n: int) -> dict[str, int]:
 
 @measuring("greedy", "depth_first", "greedy_mapping", "depth_first_mapping")
 def arm_moves(*, seed: int, k: int) -> dict[str, int]:
-    """Return the numbers of moves that two policies need on the map of figure 4, for coverage and for mapping.
+    """Return the numbers of moves that two policies need on the map of figure 4, for coverage and
+    for mapping.
 
-    The two policies are closest-frontier with both particles, and depth-first search with particle 2 alone.
+    The two policies are closest-frontier with both particles, and depth-first search with particle
+    2 alone.
     """
     ground, start = two_arms(k)
     return {
         f"{name}{suffix}": _moves(ground, cells, policy, task)
         for task, suffix in (("coverage", ""), ("mapping", "_mapping"))
-        for name, policy, cells in (("greedy", "closest-frontier", start), ("depth_first", "depth-first", start[1:]))
+        for name, policy, cells in (
+            ("greedy", "closest-frontier", start),
+            ("depth_first", "depth-first", start[1:]),
+        )
     }
 
 
 @measuring("searches", "cells_looked_at", "free_cells", "moves")
-def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - the name of a problem's field
-    """Return how many breadth-first searches, expanded cells and moves the policy closest-frontier needs with one particle."""
+# noqa: A002 - the name of a problem's field
+def search_work(*, seed: int, map: str) -> dict[str, int]:
+    """Return how many breadth-first searches, expanded cells and moves the policy closest-frontier
+    needs with one particle.
+    """
     free = np.pad(open_map(map).free, 1)
     cell: tuple[int, ...] = tuple(np.random.default_rng(seed).choice(np.argwhere(free)).tolist())
     known: dict[tuple[int, ...], bool] = {cell: True}
@@ -103,7 +124,12 @@ def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - the n
                     before[there] = here
                     queue.append(there)
         if found is None:
-            return {"searches": searches, "cells_looked_at": looked, "free_cells": int(free.sum()), "moves": moves}
+            return {
+                "searches": searches,
+                "cells_looked_at": looked,
+                "free_cells": int(free.sum()),
+                "moves": moves,
+            }
         searches += 1
         here, there = found
         known[there] = bool(free[there])
@@ -118,7 +144,15 @@ def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - the n
 
 def _fig1_sweeps(settings: Settings) -> list[Sweep]:
     problem = {"kind": "swarm", "map": GROUND, "policy": "closest-frontier"}
-    return [Sweep(name="m-fig1", problem=problem, axes={"particles": [*PRINTED]}, trials=settings.of(100, 20), seed=settings.seed)]
+    return [
+        Sweep(
+            name="m-fig1",
+            problem=problem,
+            axes={"particles": [*PRINTED]},
+            trials=settings.of(100, 20),
+            seed=settings.seed,
+        )
+    ]
 
 
 def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -141,8 +175,13 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         )
     )
     seeds = {trial["particles"]: trial["seed"] for trial in reversed(trials_of(store, sweeps[0]))}
-    episodes = [run(SwarmProblem(GROUND, policy="closest-frontier", particles=n), seed=seed) for n, seed in sorted(seeds.items())]
-    shown = [(episode, moves) for episode in episodes for moves in (0, episode.moves // 4, episode.moves)]
+    episodes = [
+        run(SwarmProblem(GROUND, policy="closest-frontier", particles=n), seed=seed)
+        for n, seed in sorted(seeds.items())
+    ]
+    shown = [
+        (episode, moves) for episode in episodes for moves in (0, episode.moves // 4, episode.moves)
+    ]
     return Outcome(
         map_panels(shown, columns=3),
         tuple(claims),
@@ -155,17 +194,33 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 # Figs. 3 and 4
 
 
-def _scaled(store: Store, sweep: Sweep, axis: str) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], Table]:
-    """Return, for a sweep without random numbers, the values of ``axis``, the values of each measure, and a table of all values."""
+def _scaled(
+    store: Store, sweep: Sweep, axis: str
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], Table]:
+    """Return, for a sweep without random numbers, the values of ``axis``, the values of each
+    measure, and a table of all values.
+    """
     trials = trials_of(store, sweep)
     columns = [axis, *sweep.measures]
     table = np.array([[trial[name] for name in columns] for trial in trials], dtype=np.float64)
     values = dict(zip(sweep.measures, table[:, 1:].T, strict=True))
-    return table[:, 0], values, Table("moves", [name.replace("_", " ") for name in columns], table.astype(int).tolist())
+    return (
+        table[:, 0],
+        values,
+        Table("moves", [name.replace("_", " ") for name in columns], table.astype(int).tolist()),
+    )
 
 
 def _fig3_sweeps(settings: Settings) -> list[Sweep]:
-    return [function_sweep("m-fig3", square_moves, {"n": [4, 8, 16, 32, 64] + [128, 256] * (not settings.quick)}, 1, settings)]
+    return [
+        function_sweep(
+            "m-fig3",
+            square_moves,
+            {"n": [4, 8, 16, 32, 64] + [128, 256] * (not settings.quick)},
+            1,
+            settings,
+        )
+    ]
 
 
 def _fig3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -173,8 +228,20 @@ def _fig3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     # the last n is twice the previous one
     powers = {name: float(np.log2(values[-1] / values[-2])) for name, values in found.items()}
     claims = (
-        claim("closest-frontier: exponent of n, from the last doubling", "2", powers["greedy"], within=(1.8, 2.2), why="Ω(n²)"),
-        claim("all particles at once: exponent of n", "1", powers["together"], within=(0.8, 1.2), why="O(n)"),
+        claim(
+            "closest-frontier: exponent of n, from the last doubling",
+            "2",
+            powers["greedy"],
+            within=(1.8, 2.2),
+            why="Ω(n²)",
+        ),
+        claim(
+            "all particles at once: exponent of n",
+            "1",
+            powers["together"],
+            within=(0.8, 1.2),
+            why="O(n)",
+        ),
         claim(
             "closest-frontier: least moves by n²",
             "Ω(n²)",
@@ -190,22 +257,42 @@ def _fig3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         [0, 20, 60, 120],
         n,
         {"closest-frontier": found["greedy"], "all particles at once": found["together"]},
-        Labels("The instance of Fig. 3", "side n", "moves", note="the paper draws the instance, and states Ω(n²) and O(n)"),
+        Labels(
+            "The instance of Fig. 3",
+            "side n",
+            "moves",
+            note="the paper draws the instance, and states Ω(n²) and O(n)",
+        ),
         claims,
-        "The corridor and ties are ours, as the paper only draws the idea. The lead particle goes left before the others come.",
+        "The corridor and ties are ours, as the paper only draws the idea. The lead particle goes"
+        " left before the others come.",
         table,
     )
 
 
 def _fig4_sweeps(settings: Settings) -> list[Sweep]:
-    return [function_sweep("m-fig4", arm_moves, {"k": [5, 10, 20, 50, 100, 200] + [400, 800] * (not settings.quick)}, 1, settings)]
+    return [
+        function_sweep(
+            "m-fig4",
+            arm_moves,
+            {"k": [5, 10, 20, 50, 100, 200] + [400, 800] * (not settings.quick)},
+            1,
+            settings,
+        )
+    ]
 
 
 def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     k, found, table = _scaled(store, sweeps[0], "k")
-    shares = [found[f"greedy{suffix}"] / found[f"depth_first{suffix}"] for suffix in ("", "_mapping")]
+    shares = [
+        found[f"greedy{suffix}"] / found[f"depth_first{suffix}"] for suffix in ("", "_mapping")
+    ]
     claims = (
-        claim(f"moves to visit all cells, by those of depth-first search, k = {k[-1]:g}", "1.5", float(shares[0][-1])),
+        claim(
+            f"moves to visit all cells, by those of depth-first search, k = {k[-1]:g}",
+            "1.5",
+            float(shares[0][-1]),
+        ),
         claim(
             "the same if walls are to be found, too",
             "1.5",
@@ -227,7 +314,8 @@ def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             note="the paper draws the instance, and states 1.5",
         ),
         claims,
-        "Particle 1 first goes to particle 2 and back; particle 2 alone goes through both arms. Walls are found faster by two.",
+        "Particle 1 first goes to particle 2 and back; particle 2 alone goes through both arms."
+        " Walls are found faster by two.",
         table,
         level=1.5,
     )
@@ -245,9 +333,14 @@ def _with_map(
     *,
     level: float | None = None,
 ) -> Outcome:
-    """Return the outcome for a map instance. The figure shows pictures of a small instance above a chart of the moves."""
+    """Return the outcome for a map instance. The figure shows pictures of a small instance above a
+    chart of the moves.
+    """
     printed = None if level is None else Published(x, np.full(len(x), level))
-    lines = [Curve(name, x, values, values, values, None if k else printed) for k, (name, values) in enumerate(curves.items())]
+    lines = [
+        Curve(name, x, values, values, values, None if k else printed)
+        for k, (name, values) in enumerate(curves.items())
+    ]
     figure = map_panels(
         [(episode, moves) for moves in moments],
         columns=len(moments),
@@ -258,7 +351,12 @@ def _with_map(
 
 # Theorem 3
 
-KINDS = {"line": "line:{}", "rectangle": "rectangle:{}x{}", "H-tree": "htree:{}", "vessels": "vessels:{}"}
+KINDS = {
+    "line": "line:{}",
+    "rectangle": "rectangle:{}x{}",
+    "H-tree": "htree:{}",
+    "vessels": "vessels:{}",
+}
 
 
 def _theorem3_sweeps(settings: Settings) -> list[Sweep]:
@@ -272,17 +370,33 @@ def _theorem3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     found: dict[str, list[tuple[int, int, int]]] = {}
     for trial in trials_of(store, sweeps[0]):
         kind = trial["map"].partition(":")[0]
-        found.setdefault(kind, []).append((trial["free_cells"], trial["cells_looked_at"], trial["searches"]))
+        found.setdefault(kind, []).append(
+            (trial["free_cells"], trial["cells_looked_at"], trial["searches"])
+        )
     claims, curves = [], []
     for kind, trials in found.items():
         m, looked, _ = np.array(trials, dtype=np.float64).T
         claims.append(
-            claim(f"{kind}: exponent of m in the cells looked at", "2 at most", exponent(m, looked), within=(0, 2), why="O(m²)")
+            claim(
+                f"{kind}: exponent of m in the cells looked at",
+                "2 at most",
+                exponent(m, looked),
+                within=(0, 2),
+                why="O(m²)",
+            )
         )
         sizes = np.unique(m)
         of_size = [looked[m == size] for size in sizes]
         mean = np.array([values.mean() for values in of_size])
-        curves.append(Curve(kind, sizes, mean, np.array([v.min() for v in of_size]), np.array([v.max() for v in of_size])))
+        curves.append(
+            Curve(
+                kind,
+                sizes,
+                mean,
+                np.array([v.min() for v in of_size]),
+                np.array([v.max() for v in of_size]),
+            )
+        )
     every = np.array([trial for trials in found.values() for trial in trials], dtype=np.float64)
     claims.append(
         claim(
@@ -305,14 +419,29 @@ def _theorem3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     return Outcome(
         mean_curves(curves, labels, log_x=True),
         tuple(claims),
-        "Counted by a plain breadth-first search, which looks at each cell once. The order holds with up to 3 m + 1 searches, too.",
+        "Counted by a plain breadth-first search, which looks at each cell once. The order holds"
+        " with up to 3 m + 1 searches, too.",
         (table,),
     )
 
 
 RECIPES = (
-    Recipe("m-fig1", "paper M, Fig. 1", "Mapping with 4 and with 300 particles", _fig1_sweeps, _fig1),
+    Recipe(
+        "m-fig1", "paper M, Fig. 1", "Mapping with 4 and with 300 particles", _fig1_sweeps, _fig1
+    ),
     Recipe("m-fig3", "paper M, Fig. 3", "An instance of Ω(n²) moves", _fig3_sweeps, _fig3),
-    Recipe("m-fig4", "paper M, Fig. 4", "An instance worse than depth-first search", _fig4_sweeps, _fig4),
-    Recipe("m-theorem3", "paper M, theorem 3", "The work of closest-frontier", _theorem3_sweeps, _theorem3),
+    Recipe(
+        "m-fig4",
+        "paper M, Fig. 4",
+        "An instance worse than depth-first search",
+        _fig4_sweeps,
+        _fig4,
+    ),
+    Recipe(
+        "m-theorem3",
+        "paper M, theorem 3",
+        "The work of closest-frontier",
+        _theorem3_sweeps,
+        _theorem3,
+    ),
 )

@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.lab.storage.store import Store
-from shoal.lab.summaries import summarise
-from shoal.lab.sweeps.sweep import Sweep
+from shoal.lab.statistics import summarise
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
 from shoal.papers.claims import Claim, claim
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, ends
 from shoal.swarm.theory.one_dimension import Line, LineSample, sample
-from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, least_simultaneous_ratio, worst_of_both
+from shoal.swarm.theory.scan_schedules import (
+    Hyperexponential,
+    Powers,
+    least_simultaneous_ratio,
+    worst_of_both,
+)
 from shoal.views.swarm.theory import gap_distributions, move_distributions, simultaneous_ratios
 
 PLACED = 1_000_000  # number of trials of the paper's Monte Carlo
@@ -35,21 +40,36 @@ def _against(what: str, printed: float, exact: float, drawn: Any, *, digits: int
     """Return the claim that an exact mean equals the mean of the paper's Monte Carlo simulation."""
     error = 0.5 * 10.0**-digits + 1.96 * float(np.std(drawn)) / PLACED**0.5
     return claim(
-        what, f"{printed:g}", exact, within=(printed - error, printed + error), why="rounding and errors of a million trials"
+        what,
+        f"{printed:g}",
+        exact,
+        within=(printed - error, printed + error),
+        why="rounding and errors of a million trials",
     )
 
 
-def _tables(store: Store, sweep: Sweep, exact: dict[str, float], drawn: LineSample, *, of: str) -> tuple[Table, Table]:
-    """Return a table of Shoal's sampled means beside the exact means, and a table of the number of samples for each value."""
+def _tables(
+    store: Store, sweep: Sweep, exact: dict[str, float], drawn: LineSample, *, of: str
+) -> tuple[Table, Table]:
+    """Return a table of Shoal's sampled means beside the exact means, and a table of the number of
+    samples for each value.
+    """
     means, counted = [], []
     for name, value in exact.items():
         (row,) = summarise(store, sweep.name, name)
         assert row.estimate is not None  # the sweep is complete
         means.append(
-            [name.replace("_", " "), round(row.estimate.mean, 3), "{:.3f} to {:.3f}".format(*ends(row.estimate)), round(value, 3)]
+            [
+                name.replace("_", " "),
+                round(row.estimate.mean, 3),
+                "{:.3f} to {:.3f}".format(*ends(row.estimate)),
+                round(value, 3),
+            ]
         )
         values, times = np.unique(getattr(drawn, name), return_counts=True)
-        counted += [[name, int(value), int(count)] for value, count in zip(values, times, strict=True)]
+        counted += [
+            [name, int(value), int(count)] for value, count in zip(values, times, strict=True)
+        ]
     return (
         Table("means of the sweep", ["", "drawn", "95 % interval", "exact"], means),
         Table(f"placements by {of}", ["quantity", of, "placements"], counted, shown=False),
@@ -66,29 +86,51 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         _against("mean largest gap", 273.9, largest, drawn.largest_gap, digits=1),
     )
     sentence = (
-        f"The largest gap is {largest:.1f} empty cells; as a difference of positions, one too many between particles, it is "
-        f"{largest + 1:.1f}, which the printed number fits."
+        f"The largest gap is {largest:.1f} empty cells; as a difference of positions, one too many"
+        f" between particles, it is {largest + 1:.1f}, which the printed number fits."
     )
-    exact = {"first": first, "last": first, "largest_gap": largest, "spread": float(line.spread_distribution.mean)}
+    exact = {
+        "first": first,
+        "last": first,
+        "largest_gap": largest,
+        "spread": float(line.spread_distribution.mean),
+    }
     tables = _tables(store, sweeps[0], exact, drawn, of="value")
-    return Outcome(gap_distributions(line, drawn), claims, sentence, tables, f"{NO_DATA} but means in the text")
+    return Outcome(
+        gap_distributions(line, drawn), claims, sentence, tables, f"{NO_DATA} but means in the text"
+    )
 
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     line = Line(1000, 100)
     drawn = _sampled(line, settings)
-    both, full, printed = float(line.boundary.exact), float(line.coverage.exact), float(line.coverage.printed)
+    both, full, printed = (
+        float(line.boundary.exact),
+        float(line.coverage.exact),
+        float(line.coverage.printed),
+    )
     claims = (
         _against("mean moves to both ends, n = 100", 29.8, both, drawn.boundary, digits=1),
         _against(
-            "the same for n = 10, as the caption has it", 29.8, float(Line(1000, 10).boundary.exact), drawn.boundary, digits=1
+            "the same for n = 10, as the caption has it",
+            29.8,
+            float(Line(1000, 10).boundary.exact),
+            drawn.boundary,
+            digits=1,
         ),
         _against("mean moves of full coverage, n = 100", 60.7, full, drawn.coverage, digits=1),
-        claim("full coverage by both ends", "about twice", full / both, within=(1.5, 2.5), why="2 when rounded"),
+        claim(
+            "full coverage by both ends",
+            "about twice",
+            full / both,
+            within=(1.5, 2.5),
+            why="2 when rounded",
+        ),
     )
     sentence = (
-        f"The data are of n = 100. The printed formula for full coverage gives {printed:.2f}, as it overcounts, and with gaps as "
-        f"differences of positions {float(line.published_coverage):.2f}, which the printed number fits."
+        f"The data are of n = 100. The printed formula for full coverage gives {printed:.2f}, as it"
+        " overcounts, and with gaps as differences of positions"
+        f" {float(line.published_coverage):.2f}, which the printed number fits."
     )
     exact = {"boundary": both, "coverage": full, "printed_coverage": printed}
     tables = _tables(store, sweeps[0], exact, drawn, of="moves")
@@ -97,12 +139,14 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
-    """Return three ratios for each distance D = 10^k with k in ``decades``; float64, shape (3, number of decades).
+    """Return three ratios for each distance D = 10^k with k in ``decades``; float64, shape (3,
+    number of decades).
 
-    The move ratio of a scan schedule is its number of moves divided by the smallest possible number of moves. The scan ratio is its
-    number of scans divided by the smallest possible number of scans. The first returned ratio is max(move ratio, scan ratio) of the
-    schedule i^i, in the worst case of all distances of the wall up to D. The second returned ratio is the smallest possible value
-    of this maximum over all schedules. The third returned ratio is log D / log log D.
+    The move ratio of a scan schedule is its number of moves divided by the smallest possible number
+    of moves. The scan ratio is its number of scans divided by the smallest possible number of
+    scans. The first returned ratio is max(move ratio, scan ratio) of the schedule i^i, in the worst
+    case of all distances of the wall up to D. The second returned ratio is the smallest possible
+    value of this maximum over all schedules. The third returned ratio is log D / log log D.
     """
     powers = [10**k for k in decades]
     ours = [float(worst_of_both(Hyperexponential(), distance)) for distance in powers]
@@ -154,13 +198,27 @@ def _theorem1(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcom
         [f"10^{k}", *(round(float(value), 3) for value in (a, b, a / b, a / g, b / g))]
         for k, a, b, g in zip(decades, ours, best, growth, strict=True)
     ]
-    columns = ["D", "i^i", "least of any schedule", "quotient", "i^i by log D / log log D", "least by log D / log log D"]
+    columns = [
+        "D",
+        "i^i",
+        "least of any schedule",
+        "quotient",
+        "i^i by log D / log log D",
+        "least by log D / log log D",
+    ]
     sentence = (
-        "The larger of both ratios, moves to D + 1 and scans to 2, in the worst case up to D, from exact integers. That doubling "
-        "takes up to 3 scans more than printed, that at the start among them, changes no order."
+        "The larger of both ratios, moves to D + 1 and scans to 2, in the worst case up to D, from"
+        " exact integers. That doubling takes up to 3 scans more than printed, that at the start"
+        " among them, changes no order."
     )
     table = Table("larger of both ratios", columns, rows)
-    return Outcome(simultaneous_ratios(decades, ours, best, growth), claims, sentence, (table,), "the paper has no figure of it")
+    return Outcome(
+        simultaneous_ratios(decades, ours, best, growth),
+        claims,
+        sentence,
+        (table,),
+        "the paper has no figure of it",
+    )
 
 
 RECIPES = (
@@ -172,6 +230,19 @@ RECIPES = (
         _fig5,
         also="D, Fig. 3",
     ),
-    Recipe("m-fig6", "paper M, Fig. 6", "Moves on a line", lambda s: _line_sweep("m-fig6", 100, s), _fig6, also="D, Fig. 4"),
-    Recipe("m-theorem1", "paper M, theorem 1", "Scans and moves of the schedule i^i", lambda _: [], _theorem1),
+    Recipe(
+        "m-fig6",
+        "paper M, Fig. 6",
+        "Moves on a line",
+        lambda s: _line_sweep("m-fig6", 100, s),
+        _fig6,
+        also="D, Fig. 4",
+    ),
+    Recipe(
+        "m-theorem1",
+        "paper M, theorem 1",
+        "Scans and moves of the schedule i^i",
+        lambda _: [],
+        _theorem1,
+    ),
 )

@@ -1,4 +1,6 @@
-"""Paper H: strips, spirals and random walks, to which the paper compares its search method, and the curve Hilbert II."""
+"""Paper H: strips, spirals and random walks, to which the paper compares its search method, and the
+curve Hilbert II.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,21 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.lab.storage.store import Store
-from shoal.lab.summaries import summarise
-from shoal.lab.sweeps.sweep import Sweep
+from shoal.lab.statistics import summarise
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
 from shoal.papers.claims import claim, ratio
-from shoal.papers.recipe import Outcome, Recipe, Settings, Table, curve_of, function_sweep, measuring, table_of, trials_of
+from shoal.papers.recipe import (
+    Outcome,
+    Recipe,
+    Settings,
+    Table,
+    curve_of,
+    function_sweep,
+    measuring,
+    table_of,
+    trials_of,
+)
 from shoal.search import Tour, make_tour
 from shoal.views.drawing.charts import BLUE, INK, ORANGE, padded_figure, set_title
 from shoal.views.drawing.curves import Labels, mean_curves
@@ -23,7 +35,8 @@ STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)])
 
 
 def curve_time(starts: NDArray[np.int64]) -> float:
-    """Return the time that robots need to search all cells along a closed curve, in units of the time for one cell.
+    """Return the time that robots need to search all cells along a closed curve, in units of the
+    time for one cell.
 
     The time is the largest distance along the curve from one robot to the next robot.
     """
@@ -32,27 +45,39 @@ def curve_time(starts: NDArray[np.int64]) -> float:
 
 
 def strip_time(starts: NDArray[np.int64]) -> float:
-    """Return the time that robots need to move to the left ends of equal strips and to search the strips (paper H, figure 1).
+    """Return the time that robots need to move to the left ends of equal strips and to search the
+    strips (paper H, figure 1).
 
-    The unit is the time for one cell. The robots get their strips in the order of their start rows. A robot searches a strip of
-    several rows back and forth. If the number of rows is not a multiple of the number of strips, some strips are one row wider than
-    the others.
+    The unit is the time for one cell. The robots get their strips in the order of their start rows.
+    A robot searches a strip of several rows back and forth. If the number of rows is not a multiple
+    of the number of strips, some strips are one row wider than the others.
     """
     ends = np.linspace(0, SIDE, len(starts) + 1).round().astype(int)
     robots = starts[np.argsort(starts[:, 0], kind="stable")]
-    times = [row_0 + column for row_0, column in zip(np.abs(robots[:, 0] - ends[:-1]), robots[:, 1], strict=True)]
-    return float(max(time + (high - low) * SIDE - 1 for time, low, high in zip(times, ends, ends[1:], strict=False) if high > low))
+    times = [
+        row_0 + column
+        for row_0, column in zip(np.abs(robots[:, 0] - ends[:-1]), robots[:, 1], strict=True)
+    ]
+    return float(
+        max(
+            time + (high - low) * SIDE - 1
+            for time, low, high in zip(times, ends, ends[1:], strict=False)
+            if high > low
+        )
+    )
 
 
 def spiral_time(starts: NDArray[np.int64]) -> float:
     """Return the time until robots that spiral outwards from their starts have searched all cells.
 
-    The unit is the time for one cell. Each robot moves on its own square spiral, independently of the other robots. Where its
-    spiral leaves the region, a robot moves along the border.
+    The unit is the time for one cell. Each robot moves on its own square spiral, independently of
+    the other robots. Where its spiral leaves the region, a robot moves along the border.
     """
     first = np.full((SIDE, SIDE), np.inf)
     legs = np.repeat(np.arange(1, 2 * SIDE + 1), 2)
-    offsets = np.concatenate([[(0, 0)], np.cumsum(np.repeat(STEPS[np.arange(len(legs)) % 4], legs, axis=0), axis=0)])
+    offsets = np.concatenate(
+        [[(0, 0)], np.cumsum(np.repeat(STEPS[np.arange(len(legs)) % 4], legs, axis=0), axis=0)]
+    )
     for start in starts:
         cells = start + offsets
         cells = cells[((cells >= 0) & (cells < SIDE)).all(axis=1)]
@@ -66,9 +91,9 @@ def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
 
     A step out of the region leaves a robot in place.
 
-    The function simulates an unbounded walk and folds it at the border. In each coordinate, the folding makes i and 2 n - 1 - i the
-    same cell of a region with n cells on each side. The folded walk has the same distribution as a walk that stays in place at the
-    border.
+    The function simulates an unbounded walk and folds it at the border. In each coordinate, the
+    folding makes i and 2 n - 1 - i the same cell of a region with n cells on each side. The folded
+    walk has the same distribution as a walk that stays in place at the border.
     """
     first, begun, ahead = np.full(SIDE**2, np.inf), 0, starts.copy()
     while not np.isfinite(first).all():
@@ -86,8 +111,8 @@ def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
 def search_time(*, seed: int, way: str, robots: int) -> dict[str, float]:
     """Return the time that robots from random start cells need to search all cells.
 
-    The result ``time`` is in units of the time for one cell, and ``share`` is in percent of the time that one robot needs along a
-    closed curve.
+    The result ``time`` is in units of the time for one cell, and ``share`` is in percent of the
+    time that one robot needs along a closed curve.
     """
     rng = np.random.default_rng(seed)
     starts = rng.integers(SIDE, size=(robots, 2))
@@ -99,48 +124,108 @@ def search_time(*, seed: int, way: str, robots: int) -> dict[str, float]:
 
 
 def _sweeps(settings: Settings) -> list[Sweep]:
-    return [function_sweep("h-baselines", search_time, {"way": [*WAYS], "robots": [*ROBOTS]}, settings.of(200, 20), settings)]
+    return [
+        function_sweep(
+            "h-baselines",
+            search_time,
+            {"way": [*WAYS], "robots": [*ROBOTS]},
+            settings.of(200, 20),
+            settings,
+        )
+    ]
 
 
 def _baselines(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     rows, trials = summarise(store, sweeps[0].name, "share"), trials_of(store, sweeps[0])
     curve, strips, spiral, walk = (
-        next(row.estimate for row in rows if row.values == {"way": way, "robots": 20} and row.estimate) for way in WAYS
+        next(
+            row.estimate
+            for row in rows
+            if row.values == {"way": way, "robots": 20} and row.estimate
+        )
+        for way in WAYS
     )
-    alone = {way: np.array([trial["share"] for trial in trials if trial["way"] == way and trial["robots"] == 1]) for way in WAYS}
-    pairs = np.array([trial["share"] for trial in trials if trial["way"] == "spiral" and trial["robots"] == 2])
-    slowest, of_bound = float(alone["spiral"].max()), (strips.mean / 5, strips.low / 5, strips.high / 5)  # the bound is 5 %
+    alone = {
+        way: np.array(
+            [trial["share"] for trial in trials if trial["way"] == way and trial["robots"] == 1]
+        )
+        for way in WAYS
+    }
+    pairs = np.array(
+        [trial["share"] for trial in trials if trial["way"] == "spiral" and trial["robots"] == 2]
+    )
+    slowest, of_bound = (
+        float(alone["spiral"].max()),
+        (strips.mean / 5, strips.low / 5, strips.high / 5),
+    )  # the bound is 5 %
     claims = (
-        claim("strips: time of 20 robots by 1/m", "1, and the way there", of_bound, within=(1, 2), why="no longer than the search"),
         claim(
-            "spirals: slowest two robots by the fastest one", "not necessarily faster", float(pairs.max() / alone["spiral"].min()),
-            within=(1, inf), why="some two are no faster than some one",
+            "strips: time of 20 robots by 1/m",
+            "1, and the way there",
+            of_bound,
+            within=(1, 2),
+            why="no longer than the search",
         ),
         claim(
-            "spiral of one robot: slowest, % of the cells", "finite time", slowest, within=(0, 400),
+            "spirals: slowest two robots by the fastest one",
+            "not necessarily faster",
+            float(pairs.max() / alone["spiral"].min()),
+            within=(1, inf),
+            why="some two are no faster than some one",
+        ),
+        claim(
+            "spiral of one robot: slowest, % of the cells",
+            "finite time",
+            slowest,
+            within=(0, 400),
             why="a spiral over four times the region holds it from any start",
         ),
         claim(
-            "random walk of one robot: fastest, % of the cells", "even worse, no finite time", float(alone["random walk"].min()),
-            within=(slowest, inf), why="slower than the slowest spiral",
+            "random walk of one robot: fastest, % of the cells",
+            "even worse, no finite time",
+            float(alone["random walk"].min()),
+            within=(slowest, inf),
+            why="slower than the slowest spiral",
         ),
-        claim("random walk by spiral, 20 robots", "even worse", ratio(walk, spiral), within=(1, inf)),
-        claim("spiral by the curve, 20 robots", "the curve is faster", ratio(spiral, curve), within=(1, inf)),
-    )  # fmt: skip
-    sentence = (
-        f"20 robots take {strips.mean:.0f} % by strips and {curve.mean:.0f} % by the curve from random starts: the way to strips "
-        "costs less time than arcs of unequal length. What strips lack is robustness: a dead robot's strip stays unsearched."
+        claim(
+            "random walk by spiral, 20 robots", "even worse", ratio(walk, spiral), within=(1, inf)
+        ),
+        claim(
+            "spiral by the curve, 20 robots",
+            "the curve is faster",
+            ratio(spiral, curve),
+            within=(1, inf),
+        ),
     )
-    note = f"{SIDE} by {SIDE} cells; curve: Moore's, robots stay where they are. The paper prints no numbers of these ways"
-    labels = Labels("Ways to search a square from random starts", "robots m", "time to search all, % of the cells", note=note)
+    sentence = (
+        f"20 robots take {strips.mean:.0f} % by strips and {curve.mean:.0f} % by the curve from"
+        " random starts: the way to strips costs less time than arcs of unequal length. What"
+        " strips lack is robustness: a dead robot's strip stays unsearched."
+    )
+    note = (
+        f"{SIDE} by {SIDE} cells; curve: Moore's, robots stay where they are. The paper prints no"
+        " numbers of these ways"
+    )
+    labels = Labels(
+        "Ways to search a square from random starts",
+        "robots m",
+        "time to search all, % of the cells",
+        note=note,
+    )
     curves = [curve_of(way, rows, "robots", way=way) for way in WAYS]
-    return Outcome(mean_curves(curves, labels, log_x=True), claims, sentence, (table_of("time as % of the cells", rows),))
+    return Outcome(
+        mean_curves(curves, labels, log_x=True),
+        claims,
+        sentence,
+        (table_of("time as % of the cells", rows),),
+    )
 
 
 def hilbert_ii(order: int) -> Tour:
     """Return the curve Hilbert II (Peano's curve) as a tour, closed by an edge.
 
-    The curve consists of S-shaped pieces of nine cells, and fills a square with a side of 3^order cells.
+    The curve consists of S-shaped pieces of nine cells, and fills a square with a side of 3^order
+    cells.
     """
     cells = np.zeros((1, 2), dtype=np.int64)
     for k in range(order):
@@ -157,7 +242,10 @@ def hilbert_ii(order: int) -> Tour:
 
 def _curves(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     powers, orders = ((5, 6), (3, 4)) if settings.quick else ((5, 6, 7, 8), (3, 4, 5))
-    tours = {name: [make_tour(name.lower(), (2**k, 2**k)) for k in (3, *powers)] for name in ("Hilbert", "Moore", "Comb")}
+    tours = {
+        name: [make_tour(name.lower(), (2**k, 2**k)) for k in (3, *powers)]
+        for name in ("Hilbert", "Moore", "Comb")
+    }
     tours["Hilbert II"] = [hilbert_ii(order) for order in (2, *orders)]
     metrics = {name: [tour.metrics() for tour in found] for name, found in tours.items()}
     last = {name: found[-1] for name, found in metrics.items()}
@@ -165,9 +253,25 @@ def _curves(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
     fewer = last["Hilbert II"].turns_per_cell / last["Hilbert"].turns_per_cell
     claims = (
         claim("turns a cell: Hilbert II by Hilbert", "fewer: a candidate", fewer, within=(0, 1)),
-        claim("Hilbert: closing edge, sides", "a long straight path", edges["Hilbert"], within=(0.9, 1.1), why="about a side"),
-        claim("Moore: closing edge, cells", "1: others have adjacent ends", last["Moore"].closing_edge, within=(1, 1)),
-        claim("Hilbert II: closing edge, sides", "not said", edges["Hilbert II"], unlike="the paper says nothing of its ends"),
+        claim(
+            "Hilbert: closing edge, sides",
+            "a long straight path",
+            edges["Hilbert"],
+            within=(0.9, 1.1),
+            why="about a side",
+        ),
+        claim(
+            "Moore: closing edge, cells",
+            "1: others have adjacent ends",
+            last["Moore"].closing_edge,
+            within=(1, 1),
+        ),
+        claim(
+            "Hilbert II: closing edge, sides",
+            "not said",
+            edges["Hilbert II"],
+            unlike="the paper says nothing of its ends",
+        ),
     )
     figure = padded_figure(10.4, 3.2)
     for axes, (name, (tour, *_)) in zip(figure.subplots(1, 4), tours.items(), strict=True):
@@ -184,14 +288,32 @@ def _curves(_store: Store, _sweeps: list[Sweep], settings: Settings) -> Outcome:
         for tour, one in zip(found, metrics[name], strict=True)
     ]
     sentence = (
-        "Hilbert II has fewer turns, but its ends lie at opposite corners, so that it has the longest closing edge. Turns "
-        "are those of the largest curves."
+        "Hilbert II has fewer turns, but its ends lie at opposite corners, so that it has the"
+        " longest closing edge. Turns are those of the largest curves."
     )
     table = Table("curves", ["curve", "cells a side", "turns a cell", "closing edge"], rows)
-    return Outcome(figure, claims, sentence, (table,), "dashed: the closing edge; the paper names Hilbert II and draws none")
+    return Outcome(
+        figure,
+        claims,
+        sentence,
+        (table,),
+        "dashed: the closing edge; the paper names Hilbert II and draws none",
+    )
 
 
 RECIPES = (
-    Recipe("h-baselines", "paper H, section Geographic Search", "Strips, spirals and random walks", _sweeps, _baselines),
-    Recipe("h-curves", "paper H, section Further Research", "Hilbert II and other curves", lambda _: [], _curves),
+    Recipe(
+        "h-baselines",
+        "paper H, section Geographic Search",
+        "Strips, spirals and random walks",
+        _sweeps,
+        _baselines,
+    ),
+    Recipe(
+        "h-curves",
+        "paper H, section Further Research",
+        "Hilbert II and other curves",
+        lambda _: [],
+        _curves,
+    ),
 )

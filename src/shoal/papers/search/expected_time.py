@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.lab.storage.store import Store
-from shoal.lab.summaries import summarise
-from shoal.lab.sweeps.sweep import Sweep
+from shoal.lab.statistics import summarise
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
 from shoal.papers.claims import claim
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, capital, curve_of
-from shoal.search.allocation.expected_time import stay_share
+from shoal.search.allocation.costs import stay_share
 from shoal.views.drawing.curves import Curve, Labels, Published, mean_curves
 
 ROBOTS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 50)
@@ -26,7 +26,15 @@ def _fig5_sweeps(settings: Settings) -> list[Sweep]:
         "allocation": "stay",
         "simulate": False,
     }
-    return [Sweep(name="h-fig5", problem=problem, axes={"robots": [*ROBOTS]}, trials=settings.of(400, 60), seed=settings.seed)]
+    return [
+        Sweep(
+            name="h-fig5",
+            problem=problem,
+            axes={"robots": [*ROBOTS]},
+            trials=settings.of(400, 60),
+            seed=settings.seed,
+        )
+    ]
 
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -52,14 +60,23 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         ["robots", "ours", "95 % interval", "H_m/m", "bound 1/m"],
         [
             [m, round(mean, 2), f"{low:.2f} to {high:.2f}", round(expected, 2), round(bound, 2)]
-            for m, mean, low, high, expected, bound in zip(ROBOTS, share.mean, share.low, share.high, theory, least, strict=True)
+            for m, mean, low, high, expected, bound in zip(
+                ROBOTS, share.mean, share.low, share.high, theory, least, strict=True
+            )
         ],
     )
-    there, beyond = (np.array([share.mean[k], share.low[k], share.high[k]]) * ROBOTS[k] for k in (at, last))
+    there, beyond = (
+        np.array([share.mean[k], share.low[k], share.high[k]]) * ROBOTS[k] for k in (at, last)
+    )
     half = np.hypot(*((high - low) / 2 / mean for mean, low, high in (there, beyond)))
     growth = float(beyond[0] / there[0])
     claims = (
-        claim("% of one robot's time with 20 robots", "below 20", (share.mean[at], share.low[at], share.high[at]), within=(0, 20)),
+        claim(
+            "% of one robot's time with 20 robots",
+            "below 20",
+            (share.mean[at], share.low[at], share.high[at]),
+            within=(0, 20),
+        ),
         claim(
             "m T_E with 50 robots by that with 20",
             "1: reciprocal",
@@ -69,8 +86,8 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         ),
     )
     sentence = (
-        f"Ours are within {100 * np.max(np.abs(share.mean / theory - 1)):.1f} % of H_m/m, so m T_E grows as ln m does. "
-        f"{capital(NO_DATA)} but the words about 20 robots."
+        f"Ours are within {100 * np.max(np.abs(share.mean / theory - 1)):.1f} % of H_m/m, so m T_E"
+        f" grows as ln m does. {capital(NO_DATA)} but the words about 20 robots."
     )
     labels = Labels(
         "Searching from random starts",
@@ -83,4 +100,12 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     return Outcome(figure, claims, sentence, (table,))
 
 
-RECIPES = (Recipe("h-fig5", "paper H, Fig. 5", "Expected time of a search by the number of robots", _fig5_sweeps, _fig5),)
+RECIPES = (
+    Recipe(
+        "h-fig5",
+        "paper H, Fig. 5",
+        "Expected time of a search by the number of robots",
+        _fig5_sweeps,
+        _fig5,
+    ),
+)

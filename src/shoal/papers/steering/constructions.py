@@ -1,4 +1,6 @@
-"""Paper W, figures 5 to 7: construction of the set of position differences that two moves reach on a square, polygon and disk."""
+"""Paper W, figures 5 to 7: construction of the set of position differences that two moves reach on
+a square, polygon and disk.
+"""
 
 from __future__ import annotations
 
@@ -9,37 +11,61 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from shapely import Polygon
 
-from shoal.lab.storage.store import Store
-from shoal.lab.sweeps.sweep import Sweep
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
 from shoal.papers.claims import Claim, claim
-from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, function_sweep, measuring, trials_of, trials_table
-from shoal.steering import ContactWorld, ConvexWorkspace, disk, open_workspace, polygon, reached_in_two_moves
-from shoal.steering.delta_space.two_moves import two_move_pieces
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.papers.recipe import (
+    NO_DATA,
+    Outcome,
+    Recipe,
+    Settings,
+    Table,
+    function_sweep,
+    measuring,
+    trials_of,
+    trials_table,
+)
+from shoal.steering import (
+    ContactWorld,
+    ConvexWorkspace,
+    disk,
+    open_workspace,
+    polygon,
+    reached_in_two_moves,
+)
+from shoal.steering.delta_space import two_move_pieces
+from shoal.steering.workspaces.convex import Points
 from shoal.views.drawing.charts import GREEN, INK, MUTED, ORANGE, padded_figure, set_title
-from shoal.views.steering.axes import PARTICLES, arrow_between, draw_workspace
+from shoal.views.steering.figures import PARTICLES, arrow_between, draw_workspace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FIVE = polygon([(0, 0), (1, 0), (1.15, 0.6), (0.5, 1.05), (-0.1, 0.55)])
 STARTS: dict[str, tuple[ConvexWorkspace, Points]] = {
-    "square": (open_workspace("square"), np.array([(0.35, 0.6), (0.6, 0.3)])),  # type: ignore[dict-item]  # it is convex
+    # it is convex
+    "square": (open_workspace("square"), np.array([(0.35, 0.6), (0.6, 0.3)])),  # type: ignore[dict-item]
     "five sides": (FIVE, np.array([(0.3, 0.65), (0.6, 0.35)])),
     "disk": (disk(), np.array([(-0.2, 0.0), (0.2, 0.0)])),
 }
 PER_TRIAL = 60
 
 
-def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: np.random.Generator) -> tuple[Points, Points]:
-    """Return a random wall point that a particle can touch in the first move, and both particles' positions at this contact."""
+def first_contact(
+    workspace: ConvexWorkspace, state: Points, toucher: int, rng: np.random.Generator
+) -> tuple[Points, Points]:
+    """Return a random wall point that a particle can touch in the first move, and both particles'
+    positions at this contact.
+    """
     while True:
         if workspace.round:
             angle = rng.uniform(0, 2 * pi)
             contact = workspace.center + workspace.radius * np.array([np.cos(angle), np.sin(angle)])
         else:
             side, share = rng.integers(len(workspace.vertices)), rng.uniform()
-            contact = (1 - share) * workspace.vertices[side] + share * workspace.vertices[(side + 1) % len(workspace.vertices)]
+            contact = (1 - share) * workspace.vertices[side] + share * workspace.vertices[
+                (side + 1) % len(workspace.vertices)
+            ]
         after = state + contact - state[toucher]
         if workspace.contains(after[1 - toucher]):
             return contact, after
@@ -47,13 +73,15 @@ def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: 
 
 @measuring("played", "outside", "widest")
 def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
-    """Simulate random pairs of moves: a first move to a wall, and a second move along the wall or into the wall.
+    """Simulate random pairs of moves: a first move to a wall, and a second move along the wall or
+    into the wall.
 
-    The function returns the number of simulated pairs of moves (``played``), and how many of the pairs end outside the computed set
-    of position differences (``outside``).
+    The function returns the number of simulated pairs of moves (``played``), and how many of the
+    pairs end outside the computed set of position differences (``outside``).
 
-    The result ``widest`` is the largest angle, in radians, between a contact direction and the initial direction from particle 2 to
-    particle 1. A contact direction points from the centre of the workspace to a contact of particle 1.
+    The result ``widest`` is the largest angle, in radians, between a contact direction and the
+    initial direction from particle 2 to particle 1. A contact direction points from the centre of
+    the workspace to a contact of particle 1.
     """
     rng, (place, start) = np.random.default_rng(seed), STARTS[workspace]
     world, before = ContactWorld(place), start[1] - start[0]
@@ -71,24 +99,41 @@ def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
         played += 1
         outside += reached_in_two_moves(place, before, end[1] - end[0]) is None
         if toucher == 0:
-            turn = np.angle(np.exp(1j * (np.arctan2(*(contact - place.center)[::-1]) - np.arctan2(*-before[::-1]))))
+            turn = np.angle(
+                np.exp(
+                    1j * (np.arctan2(*(contact - place.center)[::-1]) - np.arctan2(*-before[::-1]))
+                )
+            )
             widest = max(widest, abs(float(turn)))
     return {"played": played, "outside": outside, "widest": widest}
 
 
 def _sweeps(name: str, workspace: str) -> Callable[[Settings], list[Sweep]]:
-    return lambda settings: [function_sweep(name, two_move_outcomes, {"workspace": [workspace]}, settings.of(50, 5), settings)]
+    return lambda settings: [
+        function_sweep(
+            name, two_move_outcomes, {"workspace": [workspace]}, settings.of(50, 5), settings
+        )
+    ]
 
 
 def _played(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
-    """Return the claim that no random pair of moves leaves the computed set, the largest angle ``widest``, and all trials."""
+    """Return the claim that no random pair of moves leaves the computed set, the largest angle
+    ``widest``, and all trials.
+    """
     trials = trials_of(store, sweep)
     played, outside = (sum(trial[name] for trial in trials) for name in ("played", "outside"))
     found = claim(
-        f"share of {played:g} random pairs of moves that end outside of the set", "0", outside / played, within=(0, 0),
+        f"share of {played:g} random pairs of moves that end outside of the set",
+        "0",
+        outside / played,
+        within=(0, 0),
         why="the set is that of all pairs; one outside refutes it",
-    )  # fmt: skip
-    return found, max(trial["widest"] for trial in trials), trials_table(trials, ["trial", "played", "outside"])
+    )
+    return (
+        found,
+        max(trial["widest"] for trial in trials),
+        trials_table(trials, ["trial", "played", "outside"]),
+    )
 
 
 def _pieces(place: ConvexWorkspace, start: Points) -> list[Polygon]:
@@ -111,8 +156,12 @@ def _draw_pair(axes: Axes, place: ConvexWorkspace, start: Points, title: str) ->
     set_title(axes, title)
 
 
-def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, wall: int, title: str) -> None:
-    """Draw the possible contacts of particle 2 with a wall, and for one contact the possible positions of particle 1."""
+def _draw_crossing(
+    axes: Axes, place: ConvexWorkspace, start: Points, wall: int, title: str
+) -> None:
+    """Draw the possible contacts of particle 2 with a wall, and for one contact the possible
+    positions of particle 1.
+    """
     _draw_pair(axes, place, start, title)
     normal, corner = place.normals[wall], place.vertices[wall]
     along = place.vertices[(wall + 1) % len(place.vertices)] - corner
@@ -126,7 +175,13 @@ def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, wall: int,
     axes.plot(*room[[0, -1]].T, color=GREEN, lw=5, solid_capstyle="butt", zorder=4)
     contact = room[len(room) // 2]
     for particle in (0, 1):
-        arrow_between(axes, start[particle], start[particle] + contact - start[1], PARTICLES[particle], order=4)
+        arrow_between(
+            axes,
+            start[particle],
+            start[particle] + contact - start[1],
+            PARTICLES[particle],
+            order=4,
+        )
     assert heights.max() >= depth  # the other particle is inside
 
 
@@ -144,11 +199,19 @@ def _below(place: ConvexWorkspace, corner: Points, normal: Points, depth: float)
 
 
 def _draw_space(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
-    """Draw the position differences that two moves reach: one pale area for each pair of a wall and a touching particle."""
+    """Draw the position differences that two moves reach: one pale area for each pair of a wall and
+    a touching particle.
+    """
     draw_workspace(axes, place.differences)
     axes.set_axis_off()
     for piece in two_move_pieces(place, start[1] - start[0]):
-        axes.fill(*piece.T, facecolor="#9ecae1" if place.round else "#4292c6", alpha=1 if place.round else 0.25, lw=0, zorder=1)
+        axes.fill(
+            *piece.T,
+            facecolor="#9ecae1" if place.round else "#4292c6",
+            alpha=1 if place.round else 0.25,
+            lw=0,
+            zorder=1,
+        )
         if not place.round:
             axes.fill(*piece.T, facecolor="none", edgecolor="#2171b5", lw=0.8, zorder=2)
     axes.plot(*(start[1] - start[0]), "s", color=INK, ms=7, zorder=4)
@@ -160,7 +223,9 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     played, _, table = _played(store, sweeps[0])
     pieces = _pieces(place, start)
     claims = (
-        claim("sets of two moves, one for each wall and toucher that can be used", "4", len(pieces)),
+        claim(
+            "sets of two moves, one for each wall and toucher that can be used", "4", len(pieces)
+        ),
         claim(
             "different ones in the Δ configuration space",
             "2: those of opposite walls are equivalent",
@@ -174,7 +239,13 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     _draw_crossing(left, place, start, 0, "particle 2 touches below")
     _draw_crossing(middle, place, start, 1, "particle 2 touches at the right")
     _draw_space(right, place, start, "all sets of two moves")
-    return Outcome(figure, claims, "Green: where the toucher can be; grey: where the other can go then.", (table,), NO_DATA)
+    return Outcome(
+        figure,
+        claims,
+        "Green: where the toucher can be; grey: where the other can go then.",
+        (table,),
+        NO_DATA,
+    )
 
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -182,7 +253,12 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     played, _, table = _played(store, sweeps[0])
     pieces = _pieces(place, start)
     claims = (
-        claim("sets of two moves of five sides", "5", len(pieces), why="a side that no particle can reach first has none"),
+        claim(
+            "sets of two moves of five sides",
+            "5",
+            len(pieces),
+            why="a side that no particle can reach first has none",
+        ),
         played,
     )
     figure = padded_figure(10.2, 3.8)
@@ -190,10 +266,19 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     _draw_pair(left, place, start, "start")
     for k, corner in enumerate(place.vertices):
         outward = corner - place.vertices.mean(axis=0)
-        left.text(*(corner + 0.09 * outward / np.hypot(*outward)), f"p{k + 1}", ha="center", va="center", color=MUTED)
+        left.text(
+            *(corner + 0.09 * outward / np.hypot(*outward)),
+            f"p{k + 1}",
+            ha="center",
+            va="center",
+            color=MUTED,
+        )
     _draw_crossing(middle, place, start, 0, "particle 2 touches p1 p2")
     _draw_space(right, place, start, "union over all sides")
-    sentence = "The steps are those of the corrected algorithm 2; that as printed shares at most two thirds with this set (errata)."
+    sentence = (
+        "The steps are those of the corrected algorithm 2; that as printed shares at most two"
+        " thirds with this set (errata)."
+    )
     return Outcome(figure, claims, sentence, (table,), NO_DATA)
 
 
@@ -226,7 +311,9 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     _draw_pair(left, place, start, "first contacts")
     for turn, colour in zip((pi, 0.0), PARTICLES, strict=False):
         arc = np.linspace(turn - half, turn + half, 90)
-        left.plot(r * np.cos(arc), r * np.sin(arc), color=colour, lw=5, solid_capstyle="butt", zorder=4)
+        left.plot(
+            r * np.cos(arc), r * np.sin(arc), color=colour, lw=5, solid_capstyle="butt", zorder=4
+        )
     _draw_pair(middle, place, start, "where particle 2 can go")
     _draw_space(right, place, start, "set of two moves")
     for angle, gamma, colour in zip(angles, gammas, (ORANGE, GREEN), strict=True):
@@ -236,12 +323,33 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         middle.fill(*points.T, color=colour, alpha=0.3, lw=0, zorder=1)
         middle.plot(*contact, "o", color=colour, ms=7, zorder=5)
         right.fill(*(points - contact).T, color=colour, alpha=0.45, lw=0, zorder=3)
-    sentence = "Circles are contacts of particle 1; the piece of the disk that particle 2 can reach from each has its colour."
+    sentence = (
+        "Circles are contacts of particle 1; the piece of the disk that particle 2 can reach from"
+        " each has its colour."
+    )
     return Outcome(figure, claims, sentence, (table,), NO_DATA)
 
 
 RECIPES: tuple[Any, ...] = (
-    Recipe("w-fig5", "paper W, Fig. 5", "What two moves reach in a square", _sweeps("w-fig5", "square"), _fig5),
-    Recipe("w-fig6", "paper W, Fig. 6", "What two moves reach in a polygon", _sweeps("w-fig6", "five sides"), _fig6),
-    Recipe("w-fig7", "paper W, Fig. 7", "What two moves reach on a disk", _sweeps("w-fig7", "disk"), _fig7),
+    Recipe(
+        "w-fig5",
+        "paper W, Fig. 5",
+        "What two moves reach in a square",
+        _sweeps("w-fig5", "square"),
+        _fig5,
+    ),
+    Recipe(
+        "w-fig6",
+        "paper W, Fig. 6",
+        "What two moves reach in a polygon",
+        _sweeps("w-fig6", "five sides"),
+        _fig6,
+    ),
+    Recipe(
+        "w-fig7",
+        "paper W, Fig. 7",
+        "What two moves reach on a disk",
+        _sweeps("w-fig7", "disk"),
+        _fig7,
+    ),
 )

@@ -1,22 +1,306 @@
-"""Division of a tour among robots. All robots know the start cells of all robots, and therefore compute equal allocations."""
+"""Allocation: which part of the tour each robot searches."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.core.registry import configured
-from shoal.search.allocation.allocators import ALLOCATORS, Indices
-from shoal.search.allocation.arcs import Arc, numbers_of, way_to, work_time
-from shoal.search.allocation.tour_cost import Floats, TourCost
-from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoints
-from shoal.search.cells.footprint import check_widths
+from shoal.core.registry import Registry, configured
+from shoal.search.allocation.costs import Floats, TourCost
+from shoal.search.allocation.viewpoints import gain_of, select_viewpoints
+from shoal.search.cells.grid import check_widths
+from shoal.search.kernels import shares
 from shoal.search.kernels.shares import Team
+from shoal.search.tours.masks import arc_bits, runs, turned
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Consecutive cells of the tour that a robot searches in order.
+
+    Parameters
+    ----------
+    first : int
+        Tour index of the cell that the robot searches first.
+    count : int
+        Number of cells in the arc.
+    step : int
+        Direction of the search: 1 for forwards along the tour, -1 for backwards.
+    """
+
+    first: int
+    count: int
+    step: int = 1
+
+    def bits(self, n: int) -> int:
+        """Return the bitset of the arc's cells, for a tour of n cells."""
+        return arc_bits(
+            (self.first if self.step > 0 else self.first - self.count + 1) % n, self.count, n
+        )
+
+    def stretches(self, wanted: int, n: int) -> list[tuple[int, int]]:
+        """Return the sections of the arc whose cells are in the bitset ``wanted``, on a tour of n
+        cells.
+
+        A section is a pair: the tour index of the cell that the robot searches first, and the
+        number of cells. The sections are in the order of the search.
+
+        Examples
+        --------
+        >>> Arc(3, 4, -1).stretches(0b001101, 8)
+        [(3, 2), (0, 1)]
+        """
+        low = self.first if self.step > 0 else self.first - self.count + 1
+        found = list(runs(self.bits(n) & wanted, low, n))
+        return (
+            found
+            if self.step > 0
+            else [((first + count - 1) % n, count) for first, count in reversed(found)]
+        )
+
+    def next_of(self, wanted: int, n: int) -> int | None:
+        """Return the tour index of the arc's first cell that is in the bitset ``wanted``, for a
+        tour of n cells.
+
+        The first cell is the cell that the robot searches first. The result is None if no cell of
+        the arc is in the bitset.
+
+        Examples
+        --------
+        >>> Arc(3, 4, -1).next_of(0b100101, 8)
+        2
+        """
+        if self.step > 0:
+            here = turned(wanted, self.first, n) & ((1 << self.count) - 1)
+            return ((here & -here).bit_length() - 1 + self.first) % n if here else None
+        low = self.first - self.count + 1
+        here = turned(wanted, low, n) & ((1 << self.count) - 1)
+        return (here.bit_length() - 1 + low) % n if here else None
+
+
+def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
+    """Return the straight distance, in cell sides, from the position ``place`` to the cell
+    ``first``.
+
+    If a cell ``start`` is given, the function also computes the length of the path around walls
+    from ``start`` to ``first``. The result is the larger of this length and the straight distance.
+    """
+    straight = float(np.linalg.norm(tour_cost.points[first] - place))
+    return (
+        straight
+        if start is None or start == first
+        else max(straight, tour_cost.length(start, first))
+    )
+
+
+def work_time(
+    tour_cost: TourCost, arcs: Sequence[Arc], place: Floats, start: int | None = None
+) -> float:
+    """Return the cost, in cells, of searching arcs one after another, for a robot at the position
+    ``place``.
+
+    The cost contains the path to the first arc, as computed by `way_to`.
+    """
+    total, n = 0.0, len(tour_cost)
+    here: int | None = None
+    for arc in arcs:
+        first = arc.first % n
+        total += (
+            way_to(tour_cost, first, place, start) if here is None else tour_cost.way(here, first)
+        )
+        total += tour_cost.search_cost(arc.first, arc.count, arc.step)
+        here = (arc.first + arc.step * (arc.count - 1)) % n
+    return total
+
+
+def numbers_of(arcs: Sequence[Arc], n: int) -> NDArray[np.int64]:
+    """Return the cells of arcs in the order of the search, as indices on a tour of n cells; int64,
+    shape (k,).
+    """
+    found = [(arc.first + arc.step * np.arange(arc.count)) % n for arc in arcs]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+
+
+Indices = NDArray[np.int64]
+_HALVINGS = 40
+_STRIDES = 96  # maximum number of first borders that are tried
+# maximum number of trials: a cut of the tour into equal arcs, and a rotation of the robots
+_TRIALS = 8_000
+_CANDIDATES = 12  # number of trials whose borders are improved
+
+
+Allocator = Callable[[TourCost, Team], list[list[Arc]]]
+ALLOCATORS: Registry[Allocator] = Registry("allocation", functions=True)
+
+
+@ALLOCATORS.register("stay")
+def stay(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
+    """Assign to each robot the cells from its own start to the cell before the next
+    robot's start.
+    """
+    gaps = np.diff(np.append(team.starts, team.starts[0] + len(tour_cost)))
+    return [[Arc(int(first), int(count))] for first, count in zip(team.starts, gaps, strict=True)]
+
+
+@ALLOCATORS.register("common-shift")
+def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
+    """Let each robot move at most a distance D along the tour, and then search at most G cells.
+
+    The limits D and G are equal for all robots. The allocator minimizes D + G, and ignores that
+    robots may differ in speed.
+    """
+    starts = team.starts
+    n, m = len(tour_cost), len(starts)
+    at = tour_cost.ahead[np.concatenate([starts, starts + n])]
+    ways = np.array(
+        [(at[k : k + m] - at[:m]).max() for k in range(1, m)]
+    )  # the largest sum of k consecutive gaps
+    share = tour_cost.whole / m
+    counts = np.arange(1, m)
+
+    def gap(shift: float) -> float:
+        return max(share, float(((ways - 2 * shift) / counts).max())) if m > 1 else tour_cost.whole
+
+    low, high = 0.0, tour_cost.whole
+    for _ in range(100):  # D + G is convex in D
+        one, other = low + (high - low) / 3, high - (high - low) / 3
+        low, high = (low, other) if one + gap(one) <= other + gap(other) else (one, high)
+    shift, span = low, gap(low)
+    # The farthest borders that the limits allow: s + D, and G after the previous border.
+    rounds = np.concatenate([at[:m] - tour_cost.whole, at]) + shift
+    fronts = np.minimum.accumulate(rounds - span * np.arange(3 * m)) + span * np.arange(3 * m)
+    borders = (
+        np.searchsorted(tour_cost.ahead, fronts[m : 2 * m] + tour_cost.whole + 1e-6, side="right")
+        - 1
+    )
+    return _arcs_between(np.append(borders, borders[0] + n))
+
+
+@ALLOCATORS.register("individual-shift")
+def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
+    """Let each robot move along the tour before it searches, by a distance chosen for this robot.
+
+    The allocator minimizes the time until the last robot finishes.
+    """
+    return _arcs_between(_bisected(False, tour_cost, team))
+
+
+@ALLOCATORS.register("two-way")
+def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
+    """Let each robot search cells behind its start and cells ahead of its start, in whichever order
+    is cheaper.
+    """
+    n = len(tour_cost)
+    borders = _bisected(True, tour_cost, team)
+    found = []
+    for start, low, high in zip(team.starts + n, borders[:-1], borders[1:], strict=True):
+        if not low <= start < high:
+            found.append([Arc(int(low % n), int(high - low))])
+            continue
+        back = [
+            Arc(int(start % n), int(start - low + 1), -1),
+            Arc(int((start + 1) % n), int(high - start - 1)),
+        ]
+        forth = [
+            Arc(int(start % n), int(high - start)),
+            Arc(int((start - 1) % n), int(start - low), -1),
+        ]
+        place = tour_cost.points[start % n]
+        found.append(
+            min(
+                back,
+                forth,
+                key=lambda work: work_time(tour_cost, [one for one in work if one.count], place),
+            )
+        )
+    return found
+
+
+@ALLOCATORS.register("hop")
+def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
+    """Let each robot move straight to an arc of the tour, and search this arc.
+
+    A robot that is far from its arc gets a shorter arc. Along the tour, the robots' arcs have the
+    same order as the robots' starts.
+    """
+    n, m = len(tour_cost), len(team.starts)
+    rows = min(4 * _STRIDES, max(8, _TRIALS // m))
+    firsts = (
+        np.unique(np.linspace(0, min(n, int(2 * n / m)) - 1, rows).astype(np.int64))
+        if m > 1
+        else team.starts
+    )
+    latest = np.empty((len(firsts), m))
+    shares.hop_costs(tour_cost.arrays, team, firsts, latest)
+    best, borders, chosen = np.inf, np.arange(m + 1), 0
+    for number in np.argsort(latest, axis=None, kind="stable")[:_CANDIDATES]:
+        row, turn = np.unravel_index(int(number), latest.shape)
+        low, high = n / float(_powers(team).sum()), float(min(latest[row, turn], best)) + 1.0
+        trial = np.empty(m + 1, dtype=np.int64)
+        while best == np.inf:  # with fewer cells than robots, an equal arc is shorter than a cell
+            if shares.hop_pass(tour_cost.arrays, team, high, firsts[row], turn, trial):
+                best, borders, chosen = high, np.minimum(trial, firsts[row] + n), int(turn)
+            high *= 2
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            done = shares.hop_pass(tour_cost.arrays, team, middle, firsts[row], turn, trial)
+            if done and middle < best:
+                best, borders, chosen = middle, np.minimum(trial, firsts[row] + n), int(turn)
+            low, high = (low, middle) if done else (middle, high)
+            if high - low < 1e-3:
+                break
+    arcs = _arcs_between(borders)
+    return [arcs[(robot - chosen) % m] for robot in range(m)]
+
+
+def _arcs_between(borders: Indices) -> list[list[Arc]]:
+    n = int(borders[-1] - borders[0])
+    return [[Arc(int(low % n), int(high - low))] for low, high in pairwise(borders)]
+
+
+def _powers(team: Team) -> Floats:
+    """Return the search rate of each robot: its speed times the gain from its footprint width."""
+    return team.rates * team.gains
+
+
+def _passed(two_ways: bool, tour_cost: TourCost, team: Team, time: float, borders: Indices) -> bool:
+    reach = min(len(tour_cost), int(time * _powers(team)[0]) + 1)
+    return bool(
+        shares.best_start(
+            two_ways, tour_cost.arrays, team, time, max(1, reach // _STRIDES), borders
+        )
+    )
+
+
+def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
+    """Return the first cell of each robot's part, followed by the end of the last part; int64,
+    shape (m + 1,).
+
+    The parts minimize the time until the last robot finishes, which the function finds by
+    bisection. The numbers of cells continue beyond N - 1 after each round of the tour.
+    """
+    n, starts = len(tour_cost), team.starts
+    best = np.append(starts, starts[0] + n) + n  # the borders that the allocator ``stay`` chooses
+    gaps = np.diff(tour_cost.ahead[best]) / _powers(team)
+    low, high = n / float(_powers(team).sum()), float(gaps.max())
+    trial = np.empty(len(starts) + 1, dtype=np.int64)
+    for _ in range(_HALVINGS):
+        if high - low < 1e-3:
+            break
+        middle = (low + high) / 2
+        if _passed(two_ways, tour_cost, team, middle, trial):
+            best, high = np.minimum(trial, trial[0] + n), middle
+        else:
+            low = middle
+    return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,16 +312,19 @@ class Allocation:
     allocator : str
         Name of the allocator that divided the tour.
     arcs : tuple of tuple of Arc
-        Arcs of the tour for each robot, in the order in which the robot searches them. A robot may have no arcs.
+        Arcs of the tour for each robot, in the order in which the robot searches them. A robot may
+        have no arcs.
     times : ndarray of float64, shape (m,)
-        Completion time of each robot, including its path to its first cell. The unit of time is the time in which a robot of speed
-        1 searches one cell.
+        Completion time of each robot, including its path to its first cell. The unit of time is the
+        time in which a robot of speed 1 searches one cell.
     lower_bound : float
-        Lower bound on the completion time of any allocation: the number of necessary cell visits divided by the sum of all search
-        rates. The search rate of a robot is its speed times its footprint width in cells.
+        Lower bound on the completion time of any allocation: the number of necessary cell visits
+        divided by the sum of all search rates. The search rate of a robot is its speed times its
+        footprint width in cells.
     work : tuple of tuple of Arc
-        All arcs that each robot searches, in the order of the search. If several robots must search each cell, a robot first
-        searches its own arcs. Then the robot searches the arcs of the next robots along the tour.
+        All arcs that each robot searches, in the order of the search. If several robots must search
+        each cell, a robot first searches its own arcs. Then the robot searches the arcs of the next
+        robots along the tour.
     """
 
     allocator: str
@@ -67,21 +354,25 @@ def allocate(
     ----------
     tour_cost : TourCost
     starts : array_like of int, shape (m,)
-        Tour index of each robot's start cell, for at least one robot. Several robots may start in the same cell.
+        Tour index of each robot's start cell, for at least one robot. Several robots may start in
+        the same cell.
     allocator : str
-        "stay": each robot searches the cells from its start to the next robot's start (paper H). "common-shift": each robot first
-        moves along the tour, and the upper limit of the distance is equal for all robots. "individual-shift": each robot first
-        moves along the tour, by a distance chosen for this robot. "two-way": each robot searches cells behind its start and cells
-        ahead of its start. "hop": each robot moves straight to the first cell of its arc. A text of the form ``module:attribute``
-        names a function with the same arguments as the functions in `shoal.search.allocation.allocators`.
+        "stay": each robot searches the cells from its start to the next robot's start (paper H).
+        "common-shift": each robot first moves along the tour, and the upper limit of the distance
+        is equal for all robots. "individual-shift": each robot first moves along the tour, by a
+        distance chosen for this robot. "two-way": each robot searches cells behind its start and
+        cells ahead of its start. "hop": each robot moves straight to the first cell of its arc. A
+        text of the form ``module:attribute`` names a function with the same arguments as the
+        functions in `shoal.search.allocation.allocate`.
     rates : array_like of float, shape (m,), optional
         Speed of each robot, for motion and search alike. By default, all robots have the speed 1.
     places : array_like of float, shape (m, d), optional
-        Positions of the robots in cell sides, as in `TourCost.points`. By default, each robot is at the viewpoint of its start
-        cell.
+        Positions of the robots in cell sides, as in `TourCost.points`. By default, each robot is at
+        the viewpoint of its start cell.
     widths : array_like of int, shape (m,), optional
-        Footprint width of each robot, as an odd number of cells. By default, all footprints are one cell wide. A robot with
-        a wide footprint gets about `gain_of` times as many cells as an equally fast robot with a footprint of one cell.
+        Footprint width of each robot, as an odd number of cells. By default, all footprints are one
+        cell wide. A robot with a wide footprint gets about `gain_of` times as many cells as an
+        equally fast robot with a footprint of one cell.
 
     Raises
     ------
@@ -90,8 +381,8 @@ def allocate(
 
     Notes
     -----
-    The allocator "stay" follows page 5 of paper H. All allocators except "stay" answer an open question of paper H: how much time
-    does "slightly more initial configuration movement" save?
+    The allocator "stay" follows page 5 of paper H. All allocators except "stay" answer an open
+    question of paper H: how much time does "slightly more initial configuration movement" save?
 
     Examples
     --------
@@ -113,7 +404,9 @@ def allocate(
             for work, place, start, width in zip(arcs, at, numbers, wide, strict=True)
         ]
     )
-    return Allocation(allocator, arcs, times / speeds, tour_cost.least / float((speeds * wide).sum()), arcs)
+    return Allocation(
+        allocator, arcs, times / speeds, tour_cost.least / float((speeds * wide).sum()), arcs
+    )
 
 
 def arcs_of(
@@ -123,7 +416,9 @@ def arcs_of(
     return _shared(tour_cost, allocator, *_team(tour_cost, starts, rates, None, widths))
 
 
-def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> tuple[tuple[Arc, ...], ...]:
+def _shared(
+    tour_cost: TourCost, allocator: str, team: Team, order: Indices
+) -> tuple[tuple[Arc, ...], ...]:
     share = configured(ALLOCATORS, allocator)
     arcs: list[tuple[Arc, ...]] = [()] * len(order)
     try:
@@ -133,34 +428,63 @@ def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> 
         if ":" not in allocator:
             raise
         what = f"{type(error).__name__}: {shortened(str(error))}"
-        raise InvalidInputError(f"allocation {allocator}: expected arcs for each of {len(order)} robots, got {what}") from error
+        raise InvalidInputError(
+            f"allocation {allocator}: expected arcs for each of {len(order)} robots, got {what}"
+        ) from error
     return tuple(arcs)
 
 
 def _team(
-    tour_cost: TourCost, starts: ArrayLike, rates: ArrayLike | None, places: ArrayLike | None, widths: ArrayLike | None
+    tour_cost: TourCost,
+    starts: ArrayLike,
+    rates: ArrayLike | None,
+    places: ArrayLike | None,
+    widths: ArrayLike | None,
 ) -> tuple[Team, Indices]:
-    """Check the robots. Return the robots in the order of their start cells, and the given index of each of these robots."""
+    """Check the robots. Return the robots in the order of their start cells, and the given index of
+    each of these robots.
+    """
     n = len(tour_cost)
     first = np.asarray(starts)
-    if first.ndim != 1 or not len(first) or first.dtype.kind not in "iu" or (first < 0).any() or (first >= n).any():
-        raise InvalidInputError(f"starts: expected one or more numbers of cells from 0 to {n - 1}, got {first.tolist()!r:.200}")
+    if (
+        first.ndim != 1
+        or not len(first)
+        or first.dtype.kind not in "iu"
+        or (first < 0).any()
+        or (first >= n).any()
+    ):
+        raise InvalidInputError(
+            f"starts: expected one or more numbers of cells from 0 to {n - 1}, got"
+            f" {first.tolist()!r:.200}"
+        )
     first = first.astype(np.int64)
     speeds = np.ones(len(first)) if rates is None else np.asarray(rates, dtype=np.float64)
     if speeds.shape != first.shape or not (np.isfinite(speeds) & (speeds > 0)).all():
-        raise InvalidInputError(f"rates: expected {len(first)} speeds above 0, got {speeds.tolist()!r:.200}")
+        raise InvalidInputError(
+            f"rates: expected {len(first)} speeds above 0, got {speeds.tolist()!r:.200}"
+        )
     at = tour_cost.points[first] if places is None else np.asarray(places, dtype=np.float64)
     if at.shape != (len(first), tour_cost.points.shape[1]):
-        raise InvalidInputError(f"places: expected shape ({len(first)}, {tour_cost.points.shape[1]}), got {at.shape}")
+        raise InvalidInputError(
+            f"places: expected shape ({len(first)}, {tour_cost.points.shape[1]}), got {at.shape}"
+        )
     wide = np.ones(len(first), dtype=np.int64) if widths is None else np.asarray(widths)
     check_widths(wide, len(first))
-    order = np.argsort(first, kind="stable")  # if several robots start in a cell, ``stay`` gives cells only to the last one
+    order = np.argsort(
+        first, kind="stable"
+    )  # if several robots start in a cell, ``stay`` gives cells only to the last one
     gains = np.array([gain_of(tour_cost, int(width)) for width in wide])
-    return Team(first[order], speeds[order], at[order], gains[order], tour_cost.far(first[order])), order
+    return (
+        Team(first[order], speeds[order], at[order], gains[order], tour_cost.far(first[order])),
+        order,
+    )
 
 
-def time_of(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int) -> float:
-    """Return the cost, in cells, of the path to the first arc and of the search of all arcs, with a footprint of ``width`` cells.
+def time_of(
+    tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int
+) -> float:
+    """Return the cost, in cells, of the path to the first arc and of the search of all arcs, with a
+    footprint of ``width`` cells.
 
     The arguments ``place`` and ``start`` have the same meaning as in `way_to`.
     """
@@ -169,3 +493,107 @@ def time_of(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int 
     cells = numbers_of(work, len(tour_cost))
     stops, cost = select_viewpoints(tour_cost, width, cells)
     return cost + way_to(tour_cost, int(stops[0]), place, start)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The part of a tour that one robot searches: its arcs, and the bitset of the cells in these
+    arcs.
+
+    The attribute ``first`` is the first cell of the part along the tour. If a robot has no arcs,
+    ``first`` is its start cell.
+    """
+
+    robot: int
+    first: int
+    arcs: tuple[Arc, ...]
+    bits: int
+
+
+@lru_cache(maxsize=256)
+def partition(
+    tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int, float, int], ...]
+) -> tuple[Part, ...]:
+    """Return the parts of all robots, sorted by the first cell of each part on the tour.
+
+    Parameters
+    ----------
+    tour_cost : TourCost
+    allocator : str
+        Name of the allocator, as in `allocate`.
+    robots : tuple of (number, start, rate, width)
+        The robots, sorted by number so that all robots compute equal partitions. The start is the
+        tour index of a robot's start cell, the rate is the robot's speed, and the width is the
+        width of the robot's footprint in cells.
+    """
+    n = len(tour_cost)
+    _, starts, rates, widths = zip(*robots, strict=True)
+    parts = []
+    for (number, start, *_), arcs in zip(
+        robots, arcs_of(tour_cost, allocator, starts, rates, widths), strict=True
+    ):
+        bits, lows = 0, []
+        for arc in arcs:
+            bits |= arc.bits(n)
+        # Two arcs of a robot meet at its start. The part begins with the run of cells that no other
+        # cell of the part precedes.
+        lows = [first for first, _ in runs(bits, start, n) if not bits >> ((first - 1) % n) & 1]
+        first = lows[0] if lows else start
+        parts.append((first, bool(bits), number, Part(number, first, arcs, bits)))
+    return tuple(part for *_, part in sorted(parts, key=lambda entry: entry[:3]))
+
+
+def in_passes(
+    tour_cost: TourCost,
+    allocation: Allocation,
+    robots: tuple[tuple[int, int, float, int], ...],
+    places: Floats,
+    count: int,
+) -> Allocation:
+    """Return an allocation in which ``count`` different robots search each cell.
+
+    After its own part, each robot also searches the parts of the next ``count`` - 1 robots along
+    the tour.
+
+    Parameters
+    ----------
+    tour_cost : TourCost
+    allocation : Allocation
+        The allocation in which one robot searches each cell.
+    robots : tuple of (number, start, rate, width)
+        The robots as in `partition`, numbered from 1.
+    places : ndarray of float64, shape (m, d)
+        Positions of the robots in cell sides, as in `TourCost.points`.
+    count : int
+        Number of different robots that search each cell.
+    """
+    parts = partition(tour_cost, allocation.allocator, robots)
+    work = {
+        part.robot: tuple(arc for k in range(count) for arc in (parts[k:] + parts[:k])[index].arcs)
+        for index, part in enumerate(parts)
+    }
+    times = [
+        time_of(tour_cost, work[number], place, start, width) / rate
+        for (number, start, rate, width), place in zip(robots, places, strict=True)
+    ]
+    bound = count * allocation.lower_bound
+    return replace(
+        allocation,
+        times=np.array(times),
+        lower_bound=bound,
+        work=tuple(work[number] for number, *_ in robots),
+    )
+
+
+def cost_of_all(tour_cost: TourCost, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
+    """Return the cost, in cells, of searching all cells of the bitset ``wanted`` in tour order,
+    starting from the cell ``here``.
+
+    The parameters ``fresh`` and ``closed`` have the same meaning as in `TourCost.way`.
+    """
+    total, n = 0.0, len(tour_cost)
+    for first, count in runs(wanted, here, n):
+        total += tour_cost.way(here, first, fresh=fresh, closed=closed)
+        total += tour_cost.search_cost(first, count)
+        here, fresh = (first + count - 1) % n, False
+    return total

@@ -1,1 +1,3 @@
-"""The cells of a region: grid, viewpoints, footprints, portals between cells, and paths and distances between cells."""
+"""The cells of a region: grid, viewpoints, footprints, portals between cells, and paths and
+distances between cells.
+"""

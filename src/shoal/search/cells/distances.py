@@ -1,4 +1,6 @@
-"""Distances between cells, along short paths inside a region or along steps between neighbouring cells around obstacles."""
+"""Distances between cells, along short paths inside a region or along steps between neighbouring
+cells around obstacles.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.search.cells.routing import RegionPaths, length_of
-from shoal.search.cells.visibility_graph import inside, pulled
+from shoal.search.cells.routing import RegionPaths
+from shoal.search.cells.visibility_graph import inside, length_of, pulled
 from shoal.search.tours import Tour
-from shoal.search.tours.bitset import array_to_bits, bits_to_array, bitset_of
+from shoal.search.tours.masks import array_to_bits, bits_to_array, bitset_of
 
 _KEPT = 1 << 22  # maximum number of cached distances
 _DIAGONAL = float(np.sqrt(2))
@@ -25,16 +27,21 @@ class Distances(Protocol):
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots move only from a cell to a neighbouring cell, and discover obstacles on their way."""
+        """Whether robots move only from a cell to a neighbouring cell, and discover obstacles on
+        their way.
+        """
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length, in cell sides, of the path between two cells given as tour indices; infinity if no path exists.
+        """Return the length, in cell sides, of the path between two cells given as tour indices;
+        infinity if no path exists.
 
         The argument ``closed`` is a bitset of cells that the path must not enter.
         """
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances from a cell to all cells, in cell sides; float64, shape (N,), all values finite."""
+        """Return approximate distances from a cell to all cells, in cell sides; float64, shape
+        (N,), all values finite.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +53,8 @@ class CellPlane:
     position : ndarray of int64, shape (H, W)
         Tour index of each cell, and -1 for positions without a cell.
     doors_east, doors_south : ndarray of bool, shapes (H, W - 1) and (H - 1, W), optional
-        Whether a robot can move from each cell to the next cell of the row, and from each cell to the cell below it. By default, a
-        robot can move between any two neighbouring cells.
+        Whether a robot can move from each cell to the next cell of the row, and from each cell to
+        the cell below it. By default, a robot can move between any two neighbouring cells.
     size : float
         Length of a step to a neighbouring cell, in sides of the smallest cells of all layers.
     """
@@ -58,7 +65,8 @@ class CellPlane:
     size: float = 1.0
 
     def edges(self, open_: NDArray[np.bool_]) -> tuple[list[Any], list[Any], list[Any]]:
-        """Return the steps between open cells as three lists of arrays: first cells, second cells, and lengths in cell sides.
+        """Return the steps between open cells as three lists of arrays: first cells, second cells,
+        and lengths in cell sides.
 
         The array ``open_`` of shape (N,) tells for each tour index whether the cell is open.
         """
@@ -69,9 +77,26 @@ class CellPlane:
         south = south if self.doors_south is None else south & self.doors_south
         # Steps across a corner need both cells beside the corner.
         across = east[:-1] & east[1:] & south[:, :-1] & south[:, 1:]
-        rows = [position[:, :-1][east], position[:-1][south], position[:-1, :-1][across], position[:-1, 1:][across]]
-        cols = [position[:, 1:][east], position[1:][south], position[1:, 1:][across], position[1:, :-1][across]]
-        return rows, cols, [np.full(len(some), self.size * (_DIAGONAL if k > 1 else 1.0)) for k, some in enumerate(rows)]
+        rows = [
+            position[:, :-1][east],
+            position[:-1][south],
+            position[:-1, :-1][across],
+            position[:-1, 1:][across],
+        ]
+        cols = [
+            position[:, 1:][east],
+            position[1:][south],
+            position[1:, 1:][across],
+            position[1:, :-1][across],
+        ]
+        return (
+            rows,
+            cols,
+            [
+                np.full(len(some), self.size * (_DIAGONAL if k > 1 else 1.0))
+                for k, some in enumerate(rows)
+            ],
+        )
 
 
 class CellDistances:
@@ -84,13 +109,15 @@ class CellDistances:
     tour : Tour
         The tour of a plane region, or the tour through several layers.
     planes : sequence of CellPlane, optional
-        The cells and steps of each layer. By default, steps and climbs connect all neighbouring cells of the tour's grid.
+        The cells and steps of each layer. By default, steps and climbs connect all neighbouring
+        cells of the tour's grid.
     climbs : tuple of array_like, optional
-        Climbs between layers, as three arrays: tour index of the first cell, tour index of the second cell, and length in cell
-        sides.
+        Climbs between layers, as three arrays: tour index of the first cell, tour index of the
+        second cell, and length in cell sides.
     steps : array_like of float64, shape (N,), optional
-        Length in cell sides of the path from each cell of the tour to the next cell. Robots use such a path only if no sequence of
-        steps and climbs between neighbouring cells connects the two cells.
+        Length in cell sides of the path from each cell of the tour to the next cell. Robots use
+        such a path only if no sequence of steps and climbs between neighbouring cells connects the
+        two cells.
 
     Examples
     --------
@@ -114,11 +141,15 @@ class CellDistances:
     ) -> None:
         position = tour.position
         if position.ndim == 3 and not planes:  # climbs are as long as steps
-            planes, both = [CellPlane(layer) for layer in position], (position[:-1] >= 0) & (position[1:] >= 0)
+            planes, both = (
+                [CellPlane(layer) for layer in position],
+                (position[:-1] >= 0) & (position[1:] >= 0),
+            )
             climbs = position[:-1][both], position[1:][both], np.ones(int(both.sum()))
         self._n, self._planes = len(tour), tuple(planes) or (CellPlane(position),)
         self._climbs = tuple(
-            np.asarray(column, dtype=kind) for column, kind in zip(climbs, (np.int64, np.int64, float), strict=True)
+            np.asarray(column, dtype=kind)
+            for column, kind in zip(climbs, (np.int64, np.int64, float), strict=True)
         )
         self._cells = tour.cells
         self._links: dict[tuple[int, int], float] = {}
@@ -133,7 +164,9 @@ class CellDistances:
         self._parts = lru_cache(maxsize=kept)(self._components)
 
     def _join(self, steps: NDArray[np.float64]) -> None:
-        """Connect consecutive cells of the tour by paths of the lengths ``steps`` if no other path connects them."""
+        """Connect consecutive cells of the tour by paths of the lengths ``steps`` if no other path
+        connects them.
+        """
         labels = self._labels(0)
         for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
@@ -141,14 +174,20 @@ class CellDistances:
         self._remember()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in ("_found", "_graph", "_parts")}
+        return {
+            name: value
+            for name, value in self.__dict__.items()
+            if name not in ("_found", "_graph", "_parts")
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._remember()
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the shortest path between two cells, in cell sides; infinity if no path exists."""
+        """Return the length of the shortest path between two cells, in cell sides; infinity if no
+        path exists.
+        """
         return float(self._found(here, closed)[0][cell])
 
     def lengths(self, here: int) -> NDArray[np.float64]:
@@ -159,7 +198,8 @@ class CellDistances:
         return np.minimum(self._found(here, 0)[0], float(self._n))
 
     def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
-        """Return the cells of the shortest path from the cell ``here`` to the cell ``cell``, as tour indices.
+        """Return the cells of the shortest path from the cell ``here`` to the cell ``cell``, as
+        tour indices.
 
         The result contains ``cell`` but not ``here``. If no path exists, the result is empty.
         """
@@ -173,25 +213,40 @@ class CellDistances:
         return tuple(reversed(way))
 
     def beside(self, one: int, other: int) -> tuple[int, ...]:
-        """Return the two cells beside a diagonal step, which must be open for this step. For any other step, return no cells."""
-        (*layer, row, col), (*to_layer, to_row, to_col) = self._cells[one].tolist(), self._cells[other].tolist()
+        """Return the two cells beside a diagonal step, which must be open for this step. For any
+        other step, return no cells.
+        """
+        (*layer, row, col), (*to_layer, to_row, to_col) = (
+            self._cells[one].tolist(),
+            self._cells[other].tolist(),
+        )
         if layer != to_layer or row == to_row or col == to_col or (one, other) in self._links:
             return ()
         position = self._planes[layer[0] if layer else 0].position
         return int(position[row, to_col]), int(position[to_row, col])
 
     def crossed(self, here: int, through: tuple[int, ...]) -> int:
-        """Return the bitset of cells that must be open for a path: the cells on the path, and the cells beside diagonal steps."""
-        return bitset_of(cell for one, other in pairwise((here, *through)) for cell in (other, *self.beside(one, other)))
+        """Return the bitset of cells that must be open for a path: the cells on the path, and the
+        cells beside diagonal steps.
+        """
+        return bitset_of(
+            cell
+            for one, other in pairwise((here, *through))
+            for cell in (other, *self.beside(one, other))
+        )
 
     def reach(self, cell: int, closed: int = 0) -> int:
-        """Return the bitset of cells that a robot can reach from a cell, always including this cell itself."""
+        """Return the bitset of cells that a robot can reach from a cell, always including this cell
+        itself.
+        """
         return self._parts(closed & ~(1 << cell))[cell]
 
     def _search(self, here: int, closed: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         from scipy.sparse.csgraph import dijkstra
 
-        return tuple(dijkstra(self._graph(closed & ~(1 << here)), indices=here, return_predecessors=True))
+        return tuple(
+            dijkstra(self._graph(closed & ~(1 << here)), indices=here, return_predecessors=True)
+        )
 
     def _components(self, closed: int) -> list[int]:
         labels = self._labels(closed)
@@ -205,7 +260,9 @@ class CellDistances:
         return np.asarray(connected_components(self._graph(closed), directed=False)[1])
 
     def _open_graph(self, closed: int) -> Any:
-        """Return the graph of open cells as a sparse matrix, with the length of each step and climb between neighbours."""
+        """Return the graph of open cells as a sparse matrix, with the length of each step and climb
+        between neighbours.
+        """
         from scipy.sparse import coo_array
 
         open_ = ~bits_to_array(closed, self._n)
@@ -213,21 +270,29 @@ class CellDistances:
         free = open_[self._climbs[0]] & open_[self._climbs[1]]
         found.append(([self._climbs[0][free]], [self._climbs[1][free]], [self._climbs[2][free]]))
         rows, cols, lengths = ([part for one in found for part in one[k]] for k in range(3))
-        links = [(*ends, away) for ends, away in self._links.items() if not any(closed >> end & 1 for end in ends)]
+        links = [
+            (*ends, away)
+            for ends, away in self._links.items()
+            if not any(closed >> end & 1 for end in ends)
+        ]
         for some, values in zip((rows, cols, lengths), zip(*links, strict=True), strict=False):
             some.append(np.array(values))
         one, other, away = np.concatenate(rows), np.concatenate(cols), np.concatenate(lengths)
         # SciPy's graph search before 1.15 takes no other indices.
-        ends = (np.concatenate([one, other]).astype(np.int32), np.concatenate([other, one]).astype(np.int32))
+        ends = (
+            np.concatenate([one, other]).astype(np.int32),
+            np.concatenate([other, one]).astype(np.int32),
+        )
         return coo_array((np.concatenate([away, away]), ends), shape=(self._n, self._n)).tocsr()
 
 
 class RegionDistances:
     """Distances between the viewpoints of cells, along paths inside a region.
 
-    If the straight line between two viewpoints leaves the region, the distance is the length of a shortened path from cell to cell.
-    A robot follows the path of `RegionPaths.leg`, which is never longer than the distance of `RegionDistances`. In a ring-shaped
-    region, the robot's path is up to 5 % shorter than the distance of `RegionDistances`.
+    If the straight line between two viewpoints leaves the region, the distance is the length of a
+    shortened path from cell to cell. A robot follows the path of `RegionPaths.leg`, which is never
+    longer than the distance of `RegionDistances`. In a ring-shaped region, the robot's path is up
+    to 5 % shorter than the distance of `RegionDistances`.
 
     Parameters
     ----------
@@ -261,14 +326,17 @@ class RegionDistances:
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return approximate distances from the cell ``here`` to all cells, in cell sides.
 
-        Each distance is the straight distance plus the detour around walls. The detour is the length of the path from cell to cell,
-        minus the length that this path would have without walls.
+        Each distance is the straight distance plus the detour around walls. The detour is the
+        length of the path from cell to cell, minus the length that this path would have without
+        walls.
         """
         straight = np.hypot(*(self._places - self._places[here]).T) / self._size
         rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T
         free = np.maximum(rows, cols) + (_DIAGONAL - 1) * np.minimum(rows, cols)
         found = self._cells.lengths(here)
-        return np.asarray(straight + np.where(found < len(found), np.maximum(found - free, 0.0), 0.0))
+        return np.asarray(
+            straight + np.where(found < len(found), np.maximum(found - free, 0.0), 0.0)
+        )
 
     def _measure(self, here: int, cell: int) -> float:
         region, ends = self._paths.grid.region, self._places[[here, cell]]
@@ -277,12 +345,18 @@ class RegionDistances:
         through = (here, *self._cells.cells(here, cell))
         if len(through) == 1:  # in another part of the region
             return self._paths.legs(ends).length
-        way = np.concatenate([self._places[[here]], *(self._step(*pair) for pair in pairwise(through))])
+        way = np.concatenate(
+            [self._places[[here]], *(self._step(*pair) for pair in pairwise(through))]
+        )
         return length_of(pulled(region, pulled(region, way)[::-1]))
 
     def _step(self, here: int, cell: int) -> NDArray[np.float64]:
-        """Return the points of the path from a cell to a neighbouring cell, without the first point of the path."""
+        """Return the points of the path from a cell to a neighbouring cell, without the first point
+        of the path.
+        """
         points = self._steps.get((here, cell))
         if points is None:
-            points = self._steps[here, cell] = self._paths.legs(self._places[[here, cell]]).points[1:]
+            points = self._steps[here, cell] = self._paths.legs(self._places[[here, cell]]).points[
+                1:
+            ]
         return points

@@ -1,9 +1,14 @@
-"""Routing: short paths inside a region, from one point of the region to another."""
+"""Routing: short paths inside a region, through portals between its cells, and across gaps between
+its parts.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,17 +16,269 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.grid import CellGrid, cells_of
-from shoal.search.cells.portal_graph import PortalGraph
-from shoal.search.cells.transits import Transits
-from shoal.search.cells.visibility_graph import VisibilityGraph, inside, leg_lengths, length_of, merge_collinear, pulled
-from shoal.search.regions.margin import without_margin
-from shoal.search.regions.outline_checks import Points, text_of
+from shoal.search.cells.visibility_graph import (
+    VisibilityGraph,
+    inside,
+    leg_lengths,
+    length_of,
+    merge_collinear,
+    pulled,
+)
+from shoal.search.regions.margin import coarse, grown, without_margin
+from shoal.search.regions.outline import Points, check_plane_points, text_of
+from shoal.search.regions.region import SearchRegion, polygons_in
 
-_MARGINS = (1.0, 4.0, 16.0)  # distance from a leg, in cells, within which corners are considered: initial, growth factor, maximum
+
+class PortalGraph:
+    """The pieces of a grid's cells, connected by portals.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    """
+
+    def __init__(self, grid: CellGrid) -> None:
+        self.grid = grid
+        self._n = len(grid.clipped.pieces)
+
+    def through(self, start: Points, end: Points) -> Points | None:
+        """Return the start, the portal midpoints and the end of a path through the fewest pieces;
+        float64, shape (k, 2).
+
+        If rounding errors have closed a portal so that no path exists, the result is None.
+        """
+        from scipy.sparse.csgraph import breadth_first_order
+
+        first, last = self._piece(start), self._piece(end)
+        _, came = breadth_first_order(self._graph, first, directed=False)
+        way = [last]
+        while way[-1] != first:
+            if came[way[-1]] < 0:
+                return None
+            way.append(int(came[way[-1]]))
+        way.reverse()
+        return np.vstack([start, *(self._gate(*pair) for pair in pairwise(way)), end])
+
+    @cached_property
+    def _numbers(self) -> NDArray[np.int64]:
+        """Number of the piece or whole cell of each node, as in `shoal.search.cells.grid.Portals`,
+        in increasing order.
+        """
+        return np.concatenate(
+            [np.arange(self._n), self._n + np.flatnonzero(self.grid.clipped.whole)]
+        )
+
+    @cached_property
+    def _graph(self) -> Any:
+        from scipy.sparse import coo_array
+
+        whole = self.grid.clipped.whole
+        flat = self._n + np.arange(whole.size).reshape(whole.shape)
+        right, down = whole[:, :-1] & whole[:, 1:], whole[:-1] & whole[1:]
+        pairs = np.concatenate(
+            [
+                self.grid.portals.pairs,
+                np.stack([flat[:, :-1][right], flat[:, 1:][right]], axis=1),
+                np.stack([flat[:-1][down], flat[1:][down]], axis=1),
+            ]
+        )
+        ends = np.searchsorted(self._numbers, pairs)
+        return coo_array(
+            (np.ones(len(ends)), tuple(ends.T)), shape=(len(self._numbers),) * 2
+        ).tocsr()
+
+    @cached_property
+    def _gates(self) -> dict[tuple[int, int], Points]:
+        """Midpoint of the widest portal between each pair of connected nodes, in metres."""
+        portals = self.grid.portals
+        order = np.argsort(portals.widths, kind="stable")  # widest last
+        nodes = np.sort(np.searchsorted(self._numbers, portals.pairs[order]), axis=1)
+        return {
+            (one, other): portals.middles[k]
+            for (one, other), k in zip(nodes.tolist(), order.tolist(), strict=True)
+        }
+
+    def _gate(self, one: int, other: int) -> Points:
+        known = self._gates.get((min(one, other), max(one, other)))
+        if known is not None:
+            return known
+        rows, cols = np.divmod(self._numbers[[one, other]] - self._n, self.grid.shape[1])
+        return self.grid.lattice.to_region(self.grid.lattice.centers(rows, cols).mean(axis=0))
+
+    def _piece(self, point: Points) -> int:
+        """Return the node whose piece or whole cell is nearest to a point."""
+        import shapely
+
+        clipped, lattice = self.grid.clipped, self.grid.lattice
+        there = lattice.from_region(point)
+        col, row = (there - [lattice.left, lattice.top]) * [1, -1] / lattice.size
+        near = np.flatnonzero(
+            (np.abs(clipped.rows + 0.5 - row) <= 1.5) & (np.abs(clipped.cols + 0.5 - col) <= 1.5)
+        )
+        r, c = np.clip([int(row), int(col)], 0, np.array(lattice.shape) - 1)
+        if clipped.whole[r, c]:
+            return int(np.searchsorted(self._numbers, self._n + r * lattice.shape[1] + c))
+        numbers = near if len(near) else np.arange(self._n)
+        return int(
+            numbers[np.argmin(shapely.distance(clipped.pieces[numbers], shapely.points(there)))]
+        )
+
+
+Ways = Callable[[Points, Points], Points]
+
+# how far paths may lead around the region and the launch points, relative to the longer side of
+# their bounds
+_ROOM = 1.0
+
+
+class Transits:
+    """The shortest paths between points inside a region and points outside it.
+
+    All paths keep the region's margin from no-go zones and holes. A path may cross a hole that
+    contains a launch or landing point.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    points : array_like of float, shape (n, 2)
+        Launch points in metres, where vehicles also land without ``landing``.
+    landing : array_like of float, shape (m, 2), optional
+        Landing points in metres.
+
+    Raises
+    ------
+    InvalidInputError
+        If a point lies in a no-go zone, or is closer to a no-go zone than the margin.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> ring = open_region("ring:50x40")
+    >>> Transits(ring, [(-60.0, 0.0)]).way((-60.0, 0.0), (-45.0, 0.0)).tolist()
+    [[-60.0, 0.0], [-45.0, 0.0]]
+    """
+
+    def __init__(
+        self, region: SearchRegion, points: ArrayLike, landing: ArrayLike | None = None
+    ) -> None:
+        import shapely
+
+        launches = check_plane_points(points, what="launch points")
+        landings = (
+            np.zeros((0, 2))
+            if landing is None
+            else check_plane_points(landing, what="landing points")
+        )
+        places = np.vstack([launches, landings])
+        holes = [
+            shapely.Polygon(hole)
+            for part in shapely.get_parts(region.outline)
+            for hole in part.interiors
+        ]
+        there = shapely.multipoints(places)
+        # No path to a place or to a part of the region inside a hole avoids the hole.
+        crossed = [
+            hole.intersects(there) or hole.intersection(region.outline).area > 0 for hole in holes
+        ]
+        barred = shapely.union_all(
+            [
+                region.barred,
+                *(hole for hole, open_ in zip(holes, crossed, strict=True) if not open_),
+            ]
+        )
+        low, high = np.array(region.outline.union(there).bounds).reshape(2, 2)
+        room = _ROOM * float((high - low).max()) + 2 * region.margin
+        around = shapely.box(*(low - room), *(high + room))
+        space = polygons_in(
+            shapely.union_all(
+                [
+                    around.difference(grown(barred, region.margin, pointed=region.pointed)),
+                    region.free,
+                ]
+            )
+        )
+        bends = polygons_in(around.difference(coarse(barred, region.margin)))
+        self._space = replace(region, area=space, free=space, outline=space, bends=bends)
+        for number in np.flatnonzero(~self._space.contains(places)).tolist():
+            name, place = "launch" if number < len(launches) else "land", places[number]
+            raise InvalidInputError(
+                f"{name}: expected places outside of no-go zones and holes{region.margin_text}, got"
+                f" {text_of(place)} m"
+            )
+
+    @cached_property
+    def _corners(self) -> VisibilityGraph:
+        return VisibilityGraph(self._space)
+
+    def way(self, start: ArrayLike, end: ArrayLike) -> Points:
+        """Return the shortest path from one point to another, in metres; float64, shape (k, 2), k
+        >= 2.
+
+        Raises
+        ------
+        InvalidInputError
+            If no-go zones or holes block all paths.
+        """
+        ends = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])
+        if inside(self._space, ends[:1], ends[1:])[0]:
+            return ends
+        found = self._corners.shortest(ends[0], ends[1], np.arange(len(self._corners.corners)))
+        if found is None:
+            places = f"{text_of(ends[0])} m to {text_of(ends[1])} m"
+            raise InvalidInputError(
+                f"launch: expected a path from {places} around no-go zones, got none"
+            )
+        return found
+
+
+class WaysOut:
+    """Distances from launch points outside a region to the cells of the region, in cell sides.
+
+    Parameters
+    ----------
+    way : callable
+        Function that returns the path from a launch point to a point of the region, such as
+        `Transits.way`.
+    launches : mapping of int to ndarray of float64, shape (2,)
+        For the number of each robot that starts outside the region (counted from 1), the robot's
+        launch point in metres.
+    stops : ndarray of float64, shape (N, 2) or (N, 3)
+        Viewpoint of each cell in metres, in the order of the tour. The third coordinate is the
+        altitude, scaled so that a climb is as long as a horizontal path of the same duration. The
+        class assumes that all launch points have the altitude of the lowest viewpoint.
+    size : float
+        Side of a cell in metres.
+    """
+
+    def __init__(
+        self, way: Ways, launches: Mapping[int, Points], stops: Points, size: float
+    ) -> None:
+        self._way, self._launches, self._stops, self._size = way, launches, stops, size
+        self._known: dict[tuple[float, ...], float] = {}
+
+    def __contains__(self, number: int) -> bool:
+        return number in self._launches
+
+    def length(self, number: int, cell: int) -> float:
+        """Return the length, in cell sides, of the path and the climb from a robot's launch point
+        to a cell.
+        """
+        launch = self._launches[number]
+        key = (*launch.tolist(), cell)
+        if key not in self._known:
+            stop = self._stops[cell]
+            up = float((stop[2:] - self._stops[:, 2:].min(axis=0)).sum())
+            self._known[key] = (length_of(self._way(launch, stop[:2])) + up) / self._size
+        return self._known[key]
+
+
+_MARGINS = (
+    1.0,
+    4.0,
+    16.0,
+)  # distance from a leg, in cells, within which corners are considered: initial, growth factor, maximum
 _MOST_CORNERS = 1000
 _HAIR = 1e-9  # relative to a cell: rounding error
-
-__all__ = ["RegionPaths", "Route", "leg_lengths", "length_of", "merge_collinear"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +288,8 @@ class Route:
     Parameters
     ----------
     points : ndarray of float64, shape (k, 2) or (k, 3)
-        Points of the path in metres east and north, with altitudes if the search has several layers. The path is straight between
-        two consecutive points.
+        Points of the path in metres east and north, with altitudes if the search has several
+        layers. The path is straight between two consecutive points.
     stops : ndarray of int64, shape (n,)
         Index of each stop in ``points``.
     transit : ndarray of bool, shape (k - 1,)
@@ -49,9 +306,11 @@ class Route:
         return length_of(self.points)
 
     def long_legs(self, size: float) -> NDArray[np.bool_]:
-        """Return, for each leg, whether it leads outside the region or belongs to a long path; bool, shape (k - 1,).
+        """Return, for each leg, whether it leads outside the region or belongs to a long path;
+        bool, shape (k - 1,).
 
-        A path between two stops is long if it is longer than 1.6 times ``size``, the side of a cell in metres.
+        A path between two stops is long if it is longer than 1.6 times ``size``, the side of a cell
+        in metres.
         """
         between = np.searchsorted(self.stops, np.arange(1, len(self.points)), side="left")
         far = np.concatenate([[0.0], np.cumsum(leg_lengths(self.points))])
@@ -59,21 +318,24 @@ class Route:
         return np.asarray(stops[between] > 1.6 * size) | self.transit
 
     def waypoints(self) -> Points:
-        """Return both ends of the path and all points at which the path bends, in metres; float64, shape (m, 2) or (m, 3)."""
+        """Return both ends of the path and all points at which the path bends, in metres; float64,
+        shape (m, 2) or (m, 3).
+        """
         return merge_collinear(self.points)
 
 
 class RegionPaths:
     """Short paths inside the region of a `CellGrid`.
 
-    Because of rounding errors, a path may leave the region by up to `shoal.search.regions.region.TOUCH` metres.
+    Because of rounding errors, a path may leave the region by up to
+    `shoal.search.regions.region.TOUCH` metres.
 
     Parameters
     ----------
     grid : CellGrid
     transit : bool
-        Whether a path may lead from one part of the region to another part, around no-go zones and holes. Only flying vehicles can
-        leave the region between its parts.
+        Whether a path may lead from one part of the region to another part, around no-go zones and
+        holes. Only flying vehicles can leave the region between its parts.
 
     Examples
     --------
@@ -91,14 +353,16 @@ class RegionPaths:
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another, in metres; float64, shape (k, 2), k >= 2.
 
-        If the straight line between the points stays inside the region, the path is this line. If the straight line leaves the
-        region, the path is the shortest path around nearby corners. With more than 1000 nearby corners, the path is a shortened
-        path from cell to cell, and rarely much longer than the shortest path.
+        If the straight line between the points stays inside the region, the path is this line. If
+        the straight line leaves the region, the path is the shortest path around nearby corners.
+        With more than 1000 nearby corners, the path is a shortened path from cell to cell, and
+        rarely much longer than the shortest path.
 
         Raises
         ------
         InvalidInputError
-            If a point is outside the region, or if the points are in different parts of the region and ``transit`` is false.
+            If a point is outside the region, or if the points are in different parts of the region
+            and ``transit`` is false.
         """
         return self.legs([np.asarray(start), np.asarray(end)]).points
 
@@ -113,7 +377,8 @@ class RegionPaths:
         Raises
         ------
         InvalidInputError
-            If a stop is outside the region, or if consecutive stops are in different parts of the region and ``transit`` is false.
+            If a stop is outside the region, or if consecutive stops are in different parts of the
+            region and ``transit`` is false.
         """
         points = self.grid.region.check_inside(stops, what="stops")
         return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
@@ -129,48 +394,75 @@ class RegionPaths:
         Raises
         ------
         InvalidInputError
-            If a cell contains no part of the region, or if consecutive cells are in different parts of the region and ``transit``
-            is false.
+            If a cell contains no part of the region, or if consecutive cells are in different parts
+            of the region and ``transit`` is false.
         """
         grid = self.grid
         index = grid.ordinals(np.asarray(cells).reshape(-1, 2))
         counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
         begins = np.cumsum(counts) - counts
         within = np.arange(int(counts.sum())) - np.repeat(begins, counts)
-        within = np.where(np.repeat(self._backwards(index), counts), np.repeat(counts, counts) - 1 - within, within)
+        within = np.where(
+            np.repeat(self._backwards(index), counts),
+            np.repeat(counts, counts) - 1 - within,
+            within,
+        )
         visit = within + np.repeat(grid.viewpoint_starts[index], counts)
-        # A leg between the centres of neighbouring whole cells stays inside the region, unless the margin is wide.
+        # A leg between the centres of neighbouring whole cells stays inside the region, unless the
+        # margin is wide.
         array = grid.cells[index]
         plain = self._centered[index]
         close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
         known = np.zeros(max(0, len(visit) - 1), dtype=np.bool_)
-        known[begins[1:] - 1] = plain[:-1] & plain[1:] & close & (grid.region.margin <= grid.size / 2) & (not grid.region.barriers)
+        known[begins[1:] - 1] = (
+            plain[:-1]
+            & plain[1:]
+            & close
+            & (grid.region.margin <= grid.size / 2)
+            & (not grid.region.barriers)
+        )
         return self._joined(grid.viewpoints[visit], known)
 
     @cached_property
     def _centered(self) -> NDArray[np.bool_]:
-        """For each cell of `CellGrid.cells`, whether it lies entirely inside the region and its only viewpoint is its centre."""
+        """For each cell of `CellGrid.cells`, whether it lies entirely inside the region and its
+        only viewpoint is its centre.
+        """
         grid = self.grid
-        away = np.abs(grid.waypoints() - grid.lattice.to_region(grid.lattice.centers(*grid.cells.T))).max(axis=1)
+        away = np.abs(
+            grid.waypoints() - grid.lattice.to_region(grid.lattice.centers(*grid.cells.T))
+        ).max(axis=1)
         single = np.diff(grid.viewpoint_starts) == 1
-        return np.asarray(grid.clipped.whole[tuple(grid.cells.T)] & single & (away < _HAIR * grid.size))
+        return np.asarray(
+            grid.clipped.whole[tuple(grid.cells.T)] & single & (away < _HAIR * grid.size)
+        )
 
     def _backwards(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return, for each cell, whether a vehicle visits the cell's viewpoints in reverse order.
 
-        If the first viewpoint of one cell is the last viewpoint of the next cell, the order is reverse in these two cells.
+        If the first viewpoint of one cell is the last viewpoint of the next cell, the order is
+        reverse in these two cells.
         """
         grid = self.grid
-        first, last = grid.viewpoints[grid.viewpoint_starts[index]], grid.viewpoints[grid.viewpoint_starts[index + 1] - 1]
+        first, last = (
+            grid.viewpoints[grid.viewpoint_starts[index]],
+            grid.viewpoints[grid.viewpoint_starts[index + 1] - 1],
+        )
         many = (grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]) > 1
-        joined = many[:-1] & many[1:] & (np.abs(first[:-1] - last[1:]).max(axis=1, initial=0.0) < _HAIR * grid.size)
+        joined = (
+            many[:-1]
+            & many[1:]
+            & (np.abs(first[:-1] - last[1:]).max(axis=1, initial=0.0) < _HAIR * grid.size)
+        )
         back = np.zeros(len(index), dtype=np.bool_)
         back[:-1] |= joined
         back[1:] |= joined
         return back
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
-        """Return the path through the stops. The array ``known`` tells for each leg whether the leg is known to be straight."""
+        """Return the path through the stops. The array ``known`` tells for each leg whether the leg
+        is known to be straight.
+        """
         good = known.copy()
         asked = np.flatnonzero(~known)
         good[asked] = inside(self.grid.region, stops[asked], stops[asked + 1])
@@ -188,16 +480,17 @@ class RegionPaths:
         return Route(points, places, transit)
 
     def _way(self, start: Points, end: Points) -> tuple[Points, bool]:
-        """Return a path between two points whose straight connection leaves the region, and whether it is a transit.
+        """Return a path between two points whose straight connection leaves the region, and whether
+        it is a transit.
 
         The path stays inside the region, unless the points lie in different parts of the region.
         """
         if self._part(start) != self._part(end):
             if not self.transit:
                 raise InvalidInputError(
-                    f"path: expected two places in one part of the region {self.grid.region.name!r}, "
-                    f"got {text_of(start)} and {text_of(end)} in different parts; use --transit if vehicles may "
-                    "leave the region"
+                    "path: expected two places in one part of the region"
+                    f" {self.grid.region.name!r}, got {text_of(start)} and {text_of(end)} in"
+                    " different parts; use --transit if vehicles may leave the region"
                 )
             return self._transits.way(start, end), True
         near = self._near(start, end)
@@ -208,15 +501,19 @@ class RegionPaths:
         return Transits(self.grid.region, np.zeros((0, 2)))
 
     def _near(self, start: Points, end: Points) -> Points | None:
-        """Return the shortest path around the corners near the straight line from ``start`` to ``end``.
+        """Return the shortest path around the corners near the straight line from ``start`` to
+        ``end``.
 
-        If too many corners are near the straight line, the result is the best path found so far, or None.
+        If too many corners are near the straight line, the result is the best path found so far, or
+        None.
         """
         best: Points | None = None
         straight, most = float(np.hypot(*(end - start))), _MARGINS[-1] * self.grid.size
         room = _MARGINS[0] * self.grid.size
         while True:
-            candidates = self._corners.within(np.minimum(start, end) - room, np.maximum(start, end) + room)
+            candidates = self._corners.within(
+                np.minimum(start, end) - room, np.maximum(start, end) + room
+            )
             if len(candidates) > _MOST_CORNERS:
                 return best
             found = self._corners.shortest(start, end, candidates)
@@ -235,10 +532,16 @@ class RegionPaths:
         import shapely
 
         parts = self.grid.region.parts
-        return int(np.argmin(shapely.distance(np.array(parts, dtype=object), shapely.points(point)))) if len(parts) > 1 else 0
+        return (
+            int(np.argmin(shapely.distance(np.array(parts, dtype=object), shapely.points(point))))
+            if len(parts) > 1
+            else 0
+        )
 
     def _far(self, start: Points, end: Points) -> Points:
-        """Return a shortened path through portals, or the shortest path around corners if rounding errors have closed a portal."""
+        """Return a shortened path through portals, or the shortest path around corners if rounding
+        errors have closed a portal.
+        """
         region = self.grid.region
         stops = self._portal_graph.through(start, end)
         if stops is None:
@@ -252,14 +555,18 @@ class RegionPaths:
         return way
 
     def _within_pieces(self, stops: Points) -> Points:
-        """Return the path through the midpoints of portals. Between two portals, the path stays in one piece of a cell."""
+        """Return the path through the midpoints of portals. Between two portals, the path stays in
+        one piece of a cell.
+        """
         straight = inside(self.grid.region, stops[:-1], stops[1:])
         legs = [stops[:1]]
         for k, free in enumerate(straight.tolist()):
             leg = stops[k : k + 2]
             if not free:
                 middle, room = leg.mean(axis=0), 1.01 * self.grid.size
-                leg = self._by_corners(leg[0], leg[1], self._corners.within(middle - room, middle + room))
+                leg = self._by_corners(
+                    leg[0], leg[1], self._corners.within(middle - room, middle + room)
+                )
             legs.append(leg[1:])
         return np.concatenate(legs)
 
@@ -267,7 +574,8 @@ class RegionPaths:
         found = self._corners.shortest(start, end, candidates)
         if found is None:
             raise InvalidInputError(
-                f"path: expected a passage from {text_of(start)} to {text_of(end)}, got a passage narrower than the rounding error"
+                f"path: expected a passage from {text_of(start)} to {text_of(end)}, got a passage"
+                " narrower than the rounding error"
             )
         return found
 
@@ -285,4 +593,6 @@ class RegionPaths:
         region = self.grid.region
         if not region.restricted:
             return PortalGraph(self.grid)
-        return PortalGraph(cells_of(without_margin(replace(region, outline=region.free)), self.grid.size))
+        return PortalGraph(
+            cells_of(without_margin(replace(region, outline=region.free)), self.grid.size)
+        )

@@ -1,4 +1,6 @@
-"""The flight of a vehicle from its home along a path and back home, with turns and terrain following."""
+"""The flight of a vehicle from its home along a path and back home, with turns and terrain
+following.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +16,34 @@ import numpy as np
 from shoal.core.checks import check_choice, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.flight.dubins import dubins_way
-from shoal.search.flight.merging import lengthened
-from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, limited_climbs, profile_of
-from shoal.search.flight.timing import Trajectory, climbs_apart, leg_seconds, trajectory, whole_way
-from shoal.search.flight.turning import NEAR, Costs, KnownCurves, room_beside, turned_way
+from shoal.search.flight.dubins import NEAR, Costs, KnownCurves, dubins_way, room_beside, turned_way
+from shoal.search.flight.terrain import (
+    Floats,
+    Profile,
+    Terrain,
+    followed,
+    limited_climbs,
+    profile_of,
+)
+from shoal.search.flight.timing import (
+    Trajectory,
+    climbs_apart,
+    leg_seconds,
+    lengthened,
+    trajectory,
+    whole_way,
+)
 from shoal.search.flight.vehicle import Vehicle
-from shoal.search.regions.outline_checks import Points, text_of
+from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import LocalFrame
 
 FRAMES = ("home", "sea", "ground")
 """Reference surfaces of altitudes."""
 
 ENDINGS = ("return", "land", "loiter")
-"""Endings of a flight: a return by the autopilot, a landing, or a stay in the air, in which a fixed wing flies circles."""
+"""Endings of a flight: a return by the autopilot, a landing, or a stay in the air, in which a fixed
+wing flies circles.
+"""
 
 TERRAIN_ERROR = 2.0  # metres
 _WIDER = 1.01  # factor for wider turns than necessary, because coordinates in files are rounded
@@ -35,7 +51,8 @@ _DIRECTIONS = 12  # number of directions among which those of a take-off and a l
 _TOUCHING = 0.9  # upper part of a climb or an approach; the rest may be near the ground
 _SAFE = 40.0  # metres: height at which a fixed wing may turn after take-off
 _HAIR = 0.01  # metres
-_TOUCH = 0.004  # metres by which a merged leg may enter a blocked area; below the rounding of coordinates in files
+# metres by which a merged leg may enter a blocked area; below the rounding of coordinates in files
+_TOUCH = 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +114,13 @@ class Flight:
         check_choice(self.ending, what="ending", choices=ENDINGS)
         check_number(self.terrain_error, what="terrain_error", least=0.01)
         if check_number(self.rate, what="rate", above=0) != 1.0:
-            self.vehicle.replaced(cruise_speed=self.vehicle.cruise * self.rate)  # refuses a wind that is too strong for the vehicle
+            self.vehicle.replaced(
+                cruise_speed=self.vehicle.cruise * self.rate
+            )  # refuses a wind that is too strong for the vehicle
         if self.altitude_frame == "ground" and self.flies and self.terrain is None:
-            raise InvalidInputError("altitude_frame: expected home or sea without a terrain file, got ground")
+            raise InvalidInputError(
+                "altitude_frame: expected home or sea without a terrain file, got ground"
+            )
 
     @cached_property
     def _known(self) -> KnownCurves:
@@ -125,36 +146,47 @@ class Flight:
 
     @property
     def glides(self) -> bool:
-        """Whether the vehicle is a fixed wing that descends to its landing point along the last leg."""
+        """Whether the vehicle is a fixed wing that descends to its landing point along the last
+        leg.
+        """
         return bool(self.vehicle.radius) and self.ending == "land"
 
     @cached_property
     def elevation(self) -> float | None:
-        """Height of the vehicle's home above sea level in metres, or None without terrain heights."""
-        return None if self.terrain is None else float(self.terrain.at(self.home[None], self.frame)[0])
+        """Height of the vehicle's home above sea level in metres, or None without
+        terrain heights.
+        """
+        return (
+            None if self.terrain is None else float(self.terrain.at(self.home[None], self.frame)[0])
+        )
 
     def waypoints(self, way: Points) -> Floats:
-        """Return the waypoints of a path as metres east, north, and above home; float64, shape (m, 3).
+        """Return the waypoints of a path as metres east, north, and above home; float64, shape (m,
+        3).
 
-        The coordinates are rounded as in mission files. The home is not a waypoint. If waypoints follow the terrain, the points
-        above home and landing point are waypoints. A fixed wing's first waypoint is the end of its straight climb after take-off.
+        The coordinates are rounded as in mission files. The home is not a waypoint. If waypoints
+        follow the terrain, the points above home and landing point are waypoints. A fixed wing's
+        first waypoint is the end of its straight climb after take-off.
 
         Parameters
         ----------
         way : ndarray of float64, shape (k, 2) or (k, 3)
-            Points of the path in metres, without home. The third column holds altitudes. A path without a third column has the
-            vehicle's altitude.
+            Points of the path in metres, without home. The third column holds altitudes. A path
+            without a third column has the vehicle's altitude.
 
         Raises
         ------
         InvalidInputError
-            If the path meets the ground, or if the vehicle has no space for a turn, a circle or its approach.
+            If the path meets the ground, or if the vehicle has no space for a turn, a circle or its
+            approach.
         """
         found = self._exact_waypoints(way)
         return np.column_stack([self._written(found[:, :2]), found[:, 2]])
 
     def _written(self, points: Points) -> Points:
-        """Return points rounded as in a mission file. Rounding changes directions of short legs, and can add or remove turns."""
+        """Return points rounded as in a mission file. Rounding changes directions of short legs,
+        and can add or remove turns.
+        """
         return points if self.frame is None else self.frame.written(points)
 
     def _exact_waypoints(self, way: Points) -> Floats:
@@ -167,13 +199,17 @@ class Flight:
         if self.terrain is None:
             return self._level(whole[1:-1], ups[1:-1])
         borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
-        over = np.concatenate([self._at(whole[begin:end], float(ups[begin])) for begin, end in pairwise(borders)])
+        over = np.concatenate(
+            [self._at(whole[begin:end], float(ups[begin])) for begin, end in pairwise(borders)]
+        )
         return over if self._follows else over[1:-1]
 
     def lengthened(self, way: Points) -> Points:
-        """Return a path without legs that are shorter than the acceptance radius of the vehicle, where this is possible.
+        """Return a path without legs that are shorter than the acceptance radius of the vehicle,
+        where this is possible.
 
-        Both ends of the path stay. Fixed wings fly curves instead, and a path of narrow rows (see ``link``) keeps its rows.
+        Both ends of the path stay. Fixed wings fly curves instead, and a path of narrow rows (see
+        ``link``) keeps its rows.
         """
         least = min(_WIDER * (self.vehicle.acceptance_radius or 0.0) + _HAIR, self.link / 4)
         legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
@@ -196,7 +232,9 @@ class Flight:
         """The blocked areas and the free area, each with a small tolerance for rounding errors."""
         import shapely
 
-        blocked = None if self.blocked is None or self.blocked.is_empty else self.blocked.buffer(-_TOUCH)
+        blocked = (
+            None if self.blocked is None or self.blocked.is_empty else self.blocked.buffer(-_TOUCH)
+        )
         free = None if self.free is None else self.free.buffer(_TOUCH)
         shapely.prepare([shape for shape in (blocked, free) if shape is not None])
         return blocked, free
@@ -207,54 +245,90 @@ class Flight:
         return self.flies and self.terrain is not None and self.altitude_frame == "ground"
 
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
-        """Return the waypoints of a fixed wing's path, with turns, and with circles for changes of altitude."""
+        """Return the waypoints of a fixed wing's path, with turns, and with circles for changes of
+        altitude.
+        """
         base = float(self.elevation or 0.0) if self.altitude_frame == "sea" else 0.0
         if self.glides:
             descent = self._approach(whole[-2], ups[-1] - base)
-            before = whole[:-1] if self._passes(whole[-2], descent) else whole  # or over the landing point: the way there is free
+            before = (
+                whole[:-1] if self._passes(whole[-2], descent) else whole
+            )  # or over the landing point: the way there is free
             whole = np.vstack([before, descent, whole[[-1, -1]]])  # its last leg is flown straight
             ups = np.append(ups, np.full(len(whole) - len(ups), ups[-1]))
         away = [np.hypot(*(whole - whole[end]).T) > NEAR for end in (0, -1)]
-        begin, end = (int(np.argmax(far)) if far.any() else len(far) for far in (away[0], away[1][::-1]))
-        ups = np.concatenate([np.full(begin, ups[begin - 1]), ups[begin : len(ups) - end], np.full(end, ups[-end])])[: len(ups)]
+        begin, end = (
+            int(np.argmax(far)) if far.any() else len(far) for far in (away[0], away[1][::-1])
+        )
+        ups = np.concatenate(
+            [np.full(begin, ups[begin - 1]), ups[begin : len(ups) - end], np.full(end, ups[-end])]
+        )[: len(ups)]
         climb = self._departure(whole[min(begin, len(whole) - 1)], ups[0] - base)
-        whole = np.vstack([whole[[0, 0]], climb, whole[begin - (begin > 1) :]])  # its first leg is flown straight
+        whole = np.vstack(
+            [whole[[0, 0]], climb, whole[begin - (begin > 1) :]]
+        )  # its first leg is flown straight
         ups = np.append(np.full(len(whole) - len(ups) + begin, ups[0]), ups[begin:])
         changes = np.flatnonzero(np.diff(ups)) + 1
-        changes = changes[np.insert(np.diff(whole[changes], axis=0).any(axis=1), 0, np.ones(min(len(changes), 1)))]
+        changes = changes[
+            np.insert(np.diff(whole[changes], axis=0).any(axis=1), 0, np.ones(min(len(changes), 1)))
+        ]
         stretches = turned_way(
-            whole, self.radius, link=self.link, blocked=self.blocked, area=self.area, known=self._known, cuts=changes.tolist()
+            whole,
+            self.radius,
+            link=self.link,
+            blocked=self.blocked,
+            area=self.area,
+            known=self._known,
+            cuts=changes.tolist(),
         )
         last = stretches[-1][-2:]
         if self.glides:
             stretches[-1] = stretches[-1][:-1]
         levels = [*ups[changes - 1].tolist(), float(ups[-1])]
         flown = [self._at(stretch, up) for stretch, up in zip(stretches, levels, strict=True)]
-        circles = [self._circles(one[-2:, :2], one[-1], other[0, 2])[1:-1] for one, other in pairwise(flown)]
-        found = np.vstack([flown[0], *(piece for pair in zip(circles, flown[1:], strict=True) for piece in pair)])
+        circles = [
+            self._circles(one[-2:, :2], one[-1], other[0, 2])[1:-1]
+            for one, other in pairwise(flown)
+        ]
+        found = np.vstack(
+            [flown[0], *(piece for pair in zip(circles, flown[1:], strict=True) for piece in pair)]
+        )
         first, found = found[:2, :2], found[1:]
         if found[0, 2] > (most := self._rooms(first)[0][0]) + _HAIR:
-            found = np.vstack([self._circles(first, np.append(first[1], most), found[0, 2])[:-1], found])
+            found = np.vstack(
+                [self._circles(first, np.append(first[1], most), found[0, 2])[:-1], found]
+            )
         if not self.glides:
-            kept = self._follows or np.hypot(*(way[-1, :2] - self.end)) <= NEAR  # the end is also a waypoint
+            kept = (
+                self._follows or np.hypot(*(way[-1, :2] - self.end)) <= NEAR
+            )  # the end is also a waypoint
             return found if kept else found[:-1]
         if found[-1, 2] > (most := self._rooms(last)[1][0]) + _HAIR:
             found = np.vstack([found, self._circles(last, found[-1], most)[1:]])
         return found
 
     def _rooms(self, way: Points) -> tuple[Floats, Floats]:
-        """Return, for each leg of a level path, the largest possible climb and the largest possible descent in metres."""
-        lasting = leg_seconds(np.column_stack([way, np.zeros(len(way))]), self.vehicle, rate=self.rate)
-        return lasting * (self.vehicle.climb_speed or inf), lasting * (self.vehicle.sink_speed or inf)
+        """Return, for each leg of a level path, the largest possible climb and the largest possible
+        descent in metres.
+        """
+        lasting = leg_seconds(
+            np.column_stack([way, np.zeros(len(way))]), self.vehicle, rate=self.rate
+        )
+        return lasting * (self.vehicle.climb_speed or inf), lasting * (
+            self.vehicle.sink_speed or inf
+        )
 
     def _circles(self, leg: Points, place: Floats, top: float) -> Floats:
-        """Return a path in circles from the point ``place`` to the height ``top``, beginning in the direction of ``leg``."""
+        """Return a path in circles from the point ``place`` to the height ``top``, beginning in the
+        direction of ``leg``.
+        """
         toward = leg[1] - leg[0]
         start = np.append(place[:2], np.arctan2(toward[1], toward[0]))
         sense = self._sense(start)
         if not sense:
             raise InvalidInputError(
-                f"turn_radius: expected room to climb in a circle of {self.radius:.4g} m, got none at {text_of(place[:2])}"
+                f"turn_radius: expected room to climb in a circle of {self.radius:.4g} m, got none"
+                f" at {text_of(place[:2])}"
             )
         lasting = float(self.vehicle.vertical_seconds(top - place[2]))
         length = lasting * (self.vehicle.cruise * self.rate + self.vehicle.wind)
@@ -265,7 +339,9 @@ class Flight:
 
     @cached_property
     def _around(self) -> Points:
-        """Offsets in metres from a point, in all directions, to the farthest points of a turn that begins at this point."""
+        """Offsets in metres from a point, in all directions, to the farthest points of a turn that
+        begins at this point.
+        """
         angles = np.linspace(0.0, 2 * pi, _DIRECTIONS, endpoint=False)
         return 2 * self.radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
@@ -283,63 +359,95 @@ class Flight:
         """
         ahead = -self.vehicle.wind_vector if self.vehicle.wind else toward
         for number in range(_DIRECTIONS):
-            heading = atan2(ahead[1], ahead[0]) + (-1) ** number * ((number + 1) // 2) * 2 * pi / _DIRECTIONS
+            heading = (
+                atan2(ahead[1], ahead[0])
+                + (-1) ** number * ((number + 1) // 2) * 2 * pi / _DIRECTIONS
+            )
             course = np.array([cos(heading), sin(heading)])
             yield course, float(self.vehicle.ground_speed([course])[0]) * self.rate
 
     def _departure(self, then: Points, up: float) -> Points:
-        """Return the end of the straight climb after take-off. After the climb, the path continues to the point ``then``.
+        """Return the end of the straight climb after take-off. After the climb, the path continues
+        to the point ``then``.
 
-        If circles make the path shorter, or if a straight climb has no room, the vehicle climbs the rest of the height in circles.
+        If circles make the path shorter, or if a straight climb has no room, the vehicle climbs the
+        rest of the height in circles.
         """
         import shapely
 
         around = 2 * pi * self.radius
-        safe, least = (float(self.vehicle.vertical_seconds(height)) for height in (min(_SAFE, up), 0.0))
+        safe, least = (
+            float(self.vehicle.vertical_seconds(height)) for height in (min(_SAFE, up), 0.0)
+        )
         whole = float(self.vehicle.vertical_seconds(up))
         bounded = self.area is not None and shapely.intersects_xy(self.area, *self.home)
-        for lengths, inside in (((whole, safe), bounded), ((least,), bounded), ((whole, safe, least), False)):
+        for lengths, inside in (
+            ((whole, safe), bounded),
+            ((least,), bounded),
+            ((whole, safe, least), False),
+        ):
             for course, speed in self._directions(then - self.home):
                 found = []
                 for lasting in lengths:
                     far = max(lasting * speed, 2 * self.radius)
-                    end, height = self.home + course * far, min(up, far / speed * float(self.vehicle.climb_speed or inf))
-                    leaves = inside and not shapely.covers(self.area, shapely.linestrings([self.home, end]))
-                    if not leaves and self._free(self.home, end, course) and self._clear(self.home, end, height):
-                        found.append((float(np.hypot(*(then - end))) + around * (lasting < whole), end))
+                    end, height = (
+                        self.home + course * far,
+                        min(up, far / speed * float(self.vehicle.climb_speed or inf)),
+                    )
+                    leaves = inside and not shapely.covers(
+                        self.area, shapely.linestrings([self.home, end])
+                    )
+                    if (
+                        not leaves
+                        and self._free(self.home, end, course)
+                        and self._clear(self.home, end, height)
+                    ):
+                        found.append(
+                            (float(np.hypot(*(then - end))) + around * (lasting < whole), end)
+                        )
                 if found:
                     return min(found, key=lambda one: one[0])[1]
         raise InvalidInputError(
-            f"launch: expected a path without no-go zones and higher ground, on which the vehicle climbs by {up:g} m from "
-            f"{text_of(self.home)}, got none in any direction"
+            "launch: expected a path without no-go zones and higher ground, on which the vehicle"
+            f" climbs by {up:g} m from {text_of(self.home)}, got none in any direction"
         )
 
     def _approach(self, last: Points, up: float) -> Points:
-        """Return the start of a landing approach. The approach leads as directly against the wind as space allows."""
+        """Return the start of a landing approach. The approach leads as directly against the wind
+        as space allows.
+        """
         lasting = float(self.vehicle.vertical_seconds(-up))
         for course, speed in self._directions(self.end - last):
             best = self.end - course * max(lasting * speed, 2 * self.radius)
             if self._free(self.end, best, course) and self._clear(self.end, best, up):
                 return np.asarray(best)
         raise InvalidInputError(
-            f"landing: expected a path without no-go zones and higher ground, on which the vehicle sinks by {up:g} m to "
-            f"{text_of(self.end)}, got none from any direction"
+            "landing: expected a path without no-go zones and higher ground, on which the vehicle"
+            f" sinks by {up:g} m to {text_of(self.end)}, got none from any direction"
         )
 
     def _free(self, low: Points, high: Points, course: Points) -> bool:
-        """Return whether a leg avoids blocked areas and also leaves the vehicle room to turn at the upper end of the leg."""
-        return self._passes(low, high) and bool(self._sense(np.append(high, atan2(course[1], course[0]))))
+        """Return whether a leg avoids blocked areas and also leaves the vehicle room to turn at the
+        upper end of the leg.
+        """
+        return self._passes(low, high) and bool(
+            self._sense(np.append(high, atan2(course[1], course[0])))
+        )
 
     def _passes(self, one: Points, other: Points) -> bool:
         """Return whether a straight leg avoids blocked areas."""
         import shapely
 
-        return self.blocked is None or not shapely.intersects(self.blocked, shapely.linestrings([one, other]))
+        return self.blocked is None or not shapely.intersects(
+            self.blocked, shapely.linestrings([one, other])
+        )
 
     def _clear(self, low: Points, high: Points, up: float) -> bool:
-        """Return whether a climb from the ground, or a descent to the ground, stays above the terrain.
+        """Return whether a climb from the ground, or a descent to the ground, stays above the
+        terrain.
 
-        A turn at the upper end must stay above the terrain too. The result is False where the height of the ground is unknown.
+        A turn at the upper end must stay above the terrain too. The result is False where the
+        height of the ground is unknown.
         """
         if self.terrain is None:
             return True
@@ -350,10 +458,14 @@ class Flight:
             base = float(self.terrain.at(low[None], self.frame)[0])
         except InvalidInputError:
             return False  # where the height of the ground is unknown
-        return bool((base + (1 - shares[:, 0]) * up > ground).all() and (base + up / 2 >= around).all())
+        return bool(
+            (base + (1 - shares[:, 0]) * up > ground).all() and (base + up / 2 >= around).all()
+        )
 
     def _at(self, way: Points, up: float) -> Floats:
-        """Return the waypoints of a path with one altitude. With the altitude frame "ground", the waypoints follow the terrain."""
+        """Return the waypoints of a path with one altitude. With the altitude frame "ground", the
+        waypoints follow the terrain.
+        """
         terrain = self.terrain
         if terrain is None or not self.flies:
             return self._level(way, np.full(len(way), up))
@@ -361,7 +473,9 @@ class Flight:
         base = float(self.elevation or 0.0)
         if self.altitude_frame == "ground":
             if self.vehicle.radius:  # others may climb where they stand
-                profile = replace(profile, heights=limited_climbs(profile.heights, *self._rooms(profile.points)))
+                profile = replace(
+                    profile, heights=limited_climbs(profile.heights, *self._rooms(profile.points))
+                )
             over = followed(profile, up, self.terrain_error) - (0.0, 0.0, base)
             over = over[np.concatenate([[True], np.diff(over[:, :2], axis=0).any(axis=1)])]
             if self.vehicle.radius:
@@ -381,12 +495,18 @@ class Flight:
         if profile.heights[highest] + profile.rough >= up + base:
             place = text_of(profile.points[highest])
             raise InvalidInputError(
-                f"altitude: expected more than {profile.heights[highest] - base:.4g} m above {self.altitude_frame}, the height of "
-                f"the ground at {place}, got {up:g}"
+                f"altitude: expected more than {profile.heights[highest] - base:.4g} m above"
+                f" {self.altitude_frame}, the height of the ground at {place}, got {up:g}"
             )
 
     def flown(self, waypoints: Floats) -> Trajectory:
-        """Return the vehicle's trajectory from the ground at its home, along waypoints, to the ground at its landing point."""
+        """Return the vehicle's trajectory from the ground at its home, along waypoints, to the
+        ground at its landing point.
+        """
         climb = 0.0 if self.vehicle.radius else None
         home, end = self._written(np.vstack([self.home, self.end]))
-        return trajectory(whole_way(home, waypoints, end, climb=climb, glides=self.glides), self.vehicle, rate=self.rate)
+        return trajectory(
+            whole_way(home, waypoints, end, climb=climb, glides=self.glides),
+            self.vehicle,
+            rate=self.rate,
+        )

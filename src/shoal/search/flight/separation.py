@@ -1,7 +1,9 @@
-"""Separation of two vehicles in flight: their nearest approach, and the start time differences for which they come too close."""
+"""Separation of flights in space and time, and staggered starts."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,12 +25,14 @@ class Approach:
     Parameters
     ----------
     horizontal : float
-        Horizontal distance of the vehicles at the nearest approach, in metres. The nearest approach is the moment of the smallest
-        horizontal distance among all moments at which the vertical distance is below the vertical separation.
+        Horizontal distance of the vehicles at the nearest approach, in metres. The nearest approach
+        is the moment of the smallest horizontal distance among all moments at which the vertical
+        distance is below the vertical separation.
     vertical : float
         Vertical distance of the vehicles at the nearest approach, in metres.
     times : tuple of float
-        Time of the nearest approach, in seconds after the start of the first vehicle, and after the start of the second vehicle.
+        Time of the nearest approach, in seconds after the start of the first vehicle, and after the
+        start of the second vehicle.
     places : ndarray of float64, shape (2, 3)
         Positions of both vehicles at the nearest approach, in metres.
     """
@@ -41,9 +45,11 @@ class Approach:
 
 @dataclass(frozen=True, eq=False)
 class _Legs:
-    """The start time, the duration, the start point and the velocity of each leg of a trajectory, without legs that take no time.
+    """The start time, the duration, the start point and the velocity of each leg of a trajectory,
+    without legs that take no time.
 
-    The attribute ``reach`` is the distance in metres by which a vehicle that flies circles may be away from the leg.
+    The attribute ``reach`` is the distance in metres by which a vehicle that flies circles may be
+    away from the leg.
     """
 
     begins: Floats
@@ -59,10 +65,18 @@ class _Legs:
         velocities = np.diff(flown.points, axis=0)[there] / lasts[there, None]
         reach = np.zeros(len(velocities))
         reach[-1:] = flown.circle
-        return cls(flown.times[:-1][there], lasts[there], flown.points[:-1][there], velocities, reach)
+        return cls(
+            flown.times[:-1][there], lasts[there], flown.points[:-1][there], velocities, reach
+        )
 
     def __getitem__(self, index: NDArray[np.int64]) -> _Legs:
-        return _Legs(self.begins[index], self.lasts[index], self.points[index], self.velocities[index], self.reach[index])
+        return _Legs(
+            self.begins[index],
+            self.lasts[index],
+            self.points[index],
+            self.velocities[index],
+            self.reach[index],
+        )
 
     def bounds(self) -> tuple[Floats, Floats]:
         ends = self.points + self.velocities * self.lasts[:, None]
@@ -71,22 +85,31 @@ class _Legs:
 
 
 def nearest_approach(
-    one: Trajectory, other: Trajectory, *, vertical: float, later: float = 0.0, tolerance: float = 0.0
+    one: Trajectory,
+    other: Trajectory,
+    *,
+    vertical: float,
+    later: float = 0.0,
+    tolerance: float = 0.0,
 ) -> Approach | None:
-    """Return the nearest approach of two vehicles in flight, or None if they always keep the vertical separation.
+    """Return the nearest approach of two vehicles in flight, or None if they always keep the
+    vertical separation.
 
-    A vehicle is in flight from the beginning to the end of its trajectory. The distance between two vehicles on straight legs is a
-    convex function of time and delay. Therefore the minimum distance has a closed form.
+    A vehicle is in flight from the beginning to the end of its trajectory. The distance between two
+    vehicles on straight legs is a convex function of time and delay. Therefore the minimum distance
+    has a closed form.
 
     Parameters
     ----------
     one, other : Trajectory
     vertical : float
-        Vertical separation in metres. Moments at which the vehicles keep the vertical separation do not count as an approach.
+        Vertical separation in metres. Moments at which the vehicles keep the vertical separation do
+        not count as an approach.
     later : float
         Time in seconds by which the second vehicle starts later than the first vehicle.
     tolerance : float
-        Maximum additional delay of each vehicle in seconds. The additional delays of the two vehicles are independent.
+        Maximum additional delay of each vehicle in seconds. The additional delays of the two
+        vehicles are independent.
 
     Examples
     --------
@@ -109,43 +132,71 @@ def nearest_approach(
     for some in (order[:_FIRST], order[_FIRST:]):
         part = some[np.hypot(gaps[some, 0], gaps[some, 1]) < best[0]]
         if len(part):
-            best = min(best, _least(mine[first[part]], theirs[second[part]], level, (later, tolerance)), key=lambda found: found[0])
+            best = min(
+                best,
+                _least(mine[first[part]], theirs[second[part]], level, (later, tolerance)),
+                key=lambda found: found[0],
+            )
     if best[1] is None:
         return None
     times, places = best[1]
     return Approach(best[0], float(abs(places[0, 2] - places[1, 2])), times, places)
 
 
-def _together(mine: _Legs, theirs: _Legs, later: float, tolerance: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of legs that two vehicles may fly at the same time, as an index array for each vehicle."""
-    low = np.searchsorted(theirs.begins + theirs.lasts, mine.begins - later - tolerance, side="left")
-    high = np.searchsorted(theirs.begins, mine.begins + mine.lasts - later + tolerance, side="right")
+def _together(
+    mine: _Legs, theirs: _Legs, later: float, tolerance: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs of legs that two vehicles may fly at the same time, as an index array for
+    each vehicle.
+    """
+    low = np.searchsorted(
+        theirs.begins + theirs.lasts, mine.begins - later - tolerance, side="left"
+    )
+    high = np.searchsorted(
+        theirs.begins, mine.begins + mine.lasts - later + tolerance, side="right"
+    )
     counts = np.maximum(high - low, 0)
     first = np.repeat(np.arange(len(mine.begins)), counts)
     offsets = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
     return first, np.repeat(low, counts) + offsets
 
 
-def _gaps(mine: _Legs, theirs: _Legs, first: NDArray[np.int64], second: NDArray[np.int64]) -> Floats:
-    """Return, for pairs of legs, the gap between their bounding boxes along each axis, in metres; float64, shape (n, 3)."""
+def _gaps(
+    mine: _Legs, theirs: _Legs, first: NDArray[np.int64], second: NDArray[np.int64]
+) -> Floats:
+    """Return, for pairs of legs, the gap between their bounding boxes along each axis, in metres;
+    float64, shape (n, 3).
+    """
     (low, high), (below, above) = mine.bounds(), theirs.bounds()
     return np.maximum(np.maximum(low[first] - above[second], below[second] - high[first]), 0.0)
 
 
-def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float] | None) -> tuple[Floats, Floats]:
-    """Return the normals and limits of linear constraints ``normals @ times <= limits``, with shapes (n, k, 2) and (n, k).
+def _planes(
+    mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float] | None
+) -> tuple[Floats, Floats]:
+    """Return the normals and limits of linear constraints ``normals @ times <= limits``, with
+    shapes (n, k, 2) and (n, k).
 
-    For each of n pairs of legs, ``times`` holds one time for each vehicle, counted from the beginning of the vehicle's leg. The
-    constraints demand that each time lies within the leg, and that the vehicles' heights differ by at most ``level`` metres. If
-    ``shift`` is given as (later, tolerance), with the meanings in `nearest_approach`, additional constraints demand that the two
+    For each of n pairs of legs, ``times`` holds one time for each vehicle, counted from the
+    beginning of the vehicle's leg. The constraints demand that each time lies within the leg, and
+    that the vehicles' heights differ by at most ``level`` metres. If ``shift`` is given as (later,
+    tolerance), with the meanings in `nearest_approach`, additional constraints demand that the two
     times are the same moment, within the tolerance.
     """
     n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
-    up, rise, fall = mine.points[:, 2] - theirs.points[:, 2], mine.velocities[:, 2], theirs.velocities[:, 2]
+    up, rise, fall = (
+        mine.points[:, 2] - theirs.points[:, 2],
+        mine.velocities[:, 2],
+        theirs.velocities[:, 2],
+    )
     rows = [
-        (-one, zero, zero), (one, zero, mine.lasts), (zero, -one, zero), (zero, one, theirs.lasts),
-        (rise, -fall, level - up), (-rise, fall, level + up),
-    ]  # fmt: skip
+        (-one, zero, zero),
+        (one, zero, mine.lasts),
+        (zero, -one, zero),
+        (zero, one, theirs.lasts),
+        (rise, -fall, level - up),
+        (-rise, fall, level + up),
+    ]
     if shift is not None:
         ahead = mine.begins - theirs.begins
         rows += [(one, -one, shift[0] + shift[1] - ahead), (-one, one, shift[1] - shift[0] + ahead)]
@@ -155,9 +206,11 @@ def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
 
 
 def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return, for each pair of legs, the border line of one constraint, and the interval of this line that meets all constraints.
+    """Return, for each pair of legs, the border line of one constraint, and the interval of this
+    line that meets all constraints.
 
-    The result contains a point of the line, the direction of the line, and the lower and upper end of the interval.
+    The result contains a point of the line, the direction of the line, and the lower and upper end
+    of the interval.
     """
     normal = normals[:, edge]
     square = (normal**2).sum(axis=1)
@@ -182,14 +235,20 @@ def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats
     return point, along, low, np.where(touching, low, high)
 
 
-def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]) -> tuple[float, Any]:
-    """Return the smallest horizontal distance in metres on any pair of legs, and the times and positions at this distance."""
+def _least(
+    mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
+) -> tuple[float, Any]:
+    """Return the smallest horizontal distance in metres on any pair of legs, and the times and
+    positions at this distance.
+    """
     normals, limits = _planes(mine, theirs, level, shift)
     start = mine.points[:, :2] - theirs.points[:, :2]
     found = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
     for edge in range(normals.shape[1]):
         point, along, low, high = _clipped(normals, limits, edge)
-        base = start + point[:, :1] * mine.velocities[:, :2] - point[:, 1:] * theirs.velocities[:, :2]
+        base = (
+            start + point[:, :1] * mine.velocities[:, :2] - point[:, 1:] * theirs.velocities[:, :2]
+        )
         change = along[:, :1] * mine.velocities[:, :2] - along[:, 1:] * theirs.velocities[:, :2]
         square = (change**2).sum(axis=1)
         best = -(base * change).sum(axis=1) / np.where(square > 0, square, 1.0)
@@ -203,14 +262,21 @@ def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float])
         return np.inf, None
     since = found[which][1][k]
     times = (float(mine.begins[k] + since[0]), float(theirs.begins[k] + since[1]))
-    places = np.stack([mine.points[k] + since[0] * mine.velocities[k], theirs.points[k] + since[1] * theirs.velocities[k]])
+    places = np.stack(
+        [
+            mine.points[k] + since[0] * mine.velocities[k],
+            theirs.points[k] + since[1] * theirs.velocities[k],
+        ]
+    )
     return float(apart[which, k]), (times, places)
 
 
 def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return, for each pair of legs, when each vehicle is at the point where the legs cross on a map, and whether the legs cross.
+    """Return, for each pair of legs, when each vehicle is at the point where the legs cross on a
+    map, and whether the legs cross.
 
-    The function extends each leg to an endless straight line. Each time counts from the beginning of the vehicle's leg.
+    The function extends each leg to an endless straight line. Each time counts from the beginning
+    of the vehicle's leg.
     """
     cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
     scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
@@ -221,8 +287,11 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
     return np.stack([first, second], axis=1), there
 
 
-def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
-    """Return, for each pair of legs, a distance, and the times at which the two vehicles are where the legs cross on a map.
+def _crossing(
+    start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats
+) -> tuple[Floats, Floats]:
+    """Return, for each pair of legs, a distance, and the times at which the two vehicles are where
+    the legs cross on a map.
 
     The distance is 0 if the legs cross within the constraints, and otherwise infinite.
     """
@@ -237,11 +306,12 @@ def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]
 
 
 def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical: float) -> Floats:
-    """Return the intervals of start time differences for which two vehicles come too close; float64, shape (k, 2).
+    """Return the intervals of start time differences for which two vehicles come too close;
+    float64, shape (k, 2).
 
-    A start time difference is the second vehicle's start time minus the first vehicle's start time, in seconds. The intervals are
-    in increasing order and do not overlap. For differences outside all intervals, the vehicles always keep the horizontal or the
-    vertical separation.
+    A start time difference is the second vehicle's start time minus the first vehicle's start time,
+    in seconds. The intervals are in increasing order and do not overlap. For differences outside
+    all intervals, the vehicles always keep the horizontal or the vertical separation.
 
     Parameters
     ----------
@@ -280,11 +350,17 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
         shifts = (point[:, 0] - point[:, 1])[:, None] + ends * (along[:, 0] - along[:, 1])[:, None]
         found.append(np.where(there[:, None], np.sort(shifts, axis=1), [np.inf, -np.inf]))
     every = np.array(found)
-    return merged_intervals(np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1))
+    return merged_intervals(
+        np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1)
+    )
 
 
-def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most: Floats) -> tuple[Floats, Floats]:
-    """Return both ends of the part of each interval in which two vehicles are closer than the horizontal separation."""
+def _near(
+    base: Floats, change: Floats, horizontal: Floats, least: Floats, most: Floats
+) -> tuple[Floats, Floats]:
+    """Return both ends of the part of each interval in which two vehicles are closer than the
+    horizontal separation.
+    """
     square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
     rest = (base**2).sum(axis=1) - horizontal**2
     still = square <= _HAIR**2
@@ -296,16 +372,23 @@ def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most:
     return least, np.where(~still & (root < 0), -np.inf, most)
 
 
-def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: Floats) -> Floats:
-    """Return, for each pair of legs, the smallest and largest start time difference for which the vehicles come too close.
+def _tangents(
+    start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: Floats
+) -> Floats:
+    """Return, for each pair of legs, the smallest and largest start time difference for which the
+    vehicles come too close.
 
     If a difference would violate a constraint, the result is infinite instead.
     """
     middle, there = _solved(start, mine, theirs)
-    # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction M^-T (1, -1).
+    # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction
+    # M^-T (1, -1).
     cross = np.where(there, mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0], 1.0)
     # The inverse of M has the rows (theirs_y, -theirs_x) / cross and (mine_y, -mine_x) / cross.
-    rows = np.stack([theirs[:, [1, 0]] * [1, -1], mine[:, [1, 0]] * [1, -1]], axis=1) / cross[:, None, None]
+    rows = (
+        np.stack([theirs[:, [1, 0]] * [1, -1], mine[:, [1, 0]] * [1, -1]], axis=1)
+        / cross[:, None, None]
+    )
     way = rows[:, 0] - rows[:, 1]
     way /= np.maximum(np.hypot(*way.T), np.finfo(float).tiny)[:, None]
     found = np.full((2, len(start)), np.inf)
@@ -332,4 +415,133 @@ def merged_intervals(intervals: Floats) -> Floats:
         return np.zeros((0, 2))
     ends = np.maximum.accumulate(kept[:, 1])
     new = np.concatenate([[True], kept[1:, 0] > ends[:-1]])
-    return np.stack([kept[new, 0], ends[np.concatenate([np.flatnonzero(new)[1:] - 1, [len(kept) - 1]])]], axis=1)
+    return np.stack(
+        [kept[new, 0], ends[np.concatenate([np.flatnonzero(new)[1:] - 1, [len(kept) - 1]])]], axis=1
+    )
+
+
+HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
+"""Defaults of the horizontal and vertical separation in metres, and of a vehicle's maximum
+unplanned delay in seconds.
+"""
+
+_WORTH = 0.05  # relative to the longest flight: time that another layer must save
+# seconds: distance of delays from a conflict, so that delays can be rounded to whole seconds
+_AFTER = 1.0
+
+Flights = Callable[[int], Sequence[Trajectory]]
+Started = tuple[Sequence[Trajectory], float]
+
+
+@dataclass(frozen=True)
+class Separation:
+    """The required horizontal and vertical distance of vehicles in flight.
+
+    Two vehicles must always keep the horizontal or the vertical distance.
+
+    Parameters
+    ----------
+    horizontal, vertical : float
+        Required horizontal and vertical distance in metres.
+    delay : float
+        Maximum unplanned delay of each vehicle in seconds. The unplanned delays of different
+        vehicles are independent.
+    """
+
+    horizontal: float = HORIZONTAL
+    vertical: float = VERTICAL
+    delay: float = DELAY
+
+
+def staggered(
+    flights: Sequence[Flights],
+    separation: Separation,
+    layers: Sequence[int] | None = None,
+    earliest: Floats | None = None,
+    before: Sequence[Started] = (),
+) -> tuple[NDArray[np.int64], Floats]:
+    """Return an altitude layer and a start delay for each vehicle, with which all vehicles in
+    flight keep the separation.
+
+    The longest flight starts first, in the lowest layer. Each of the other flights uses the layer
+    in which this flight can end earliest. A new layer must save at least a twentieth of the longest
+    flight's duration, because a higher layer costs a longer climb.
+
+    Parameters
+    ----------
+    flights : sequence of callable
+        For each vehicle, a function that returns the vehicle's trajectories in a given layer. The
+        lowest layer has the number 0. Several trajectories are alternative estimates of the
+        vehicle's times. The separation holds between trajectories of different vehicles that have
+        equal indices. A vehicle without trajectories stays on the ground.
+    separation : Separation
+    layers : sequence of int, optional
+        Layer of each vehicle. With given layers, the function computes only the delays.
+    earliest : ndarray of float64, shape (m,), optional
+        Lower bound on the delay of each vehicle in seconds.
+    before : sequence of (sequence of Trajectory, float)
+        Trajectories and delays of vehicles whose delays are already fixed.
+
+    Returns
+    -------
+    layers : ndarray of int64, shape (m,)
+        Layer of each vehicle, counted from 0.
+    delays : ndarray of float64, shape (m,)
+        Delay of each vehicle in whole seconds.
+
+    Examples
+    --------
+    >>> way = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 30.0), (100.0, 0.0, 30.0), (0.0, 0.0, 30.0), (0.0, 0.0, 0.0)])
+    >>> flight = Trajectory(np.array([0.0, 10.0, 30.0, 50.0, 60.0]), way)
+    >>> layers, delays = staggered([lambda layer: [flight]] * 2, Separation())
+    >>> layers.tolist(), delays.tolist()
+    ([0, 0], [0.0, 71.0])
+    """
+    flown = [cache(flight) for flight in flights]
+    lasting = np.array([max((one.duration for one in flight(0)), default=0.0) for flight in flown])
+    chosen, delays = np.zeros(len(flights), dtype=np.int64), np.zeros(len(flights))
+    least = np.zeros(len(flights)) if earliest is None else earliest
+    settled: list[int] = []
+    end, opened = float(lasting.max(initial=0.0)), 1
+    for vehicle in np.argsort(-lasting, kind="stable").tolist():
+        if not flown[vehicle](0):
+            continue
+        options = range(opened + 1) if layers is None else [layers[vehicle]]
+        others = [*before, *((flown[one](int(chosen[one])), float(delays[one])) for one in settled)]
+        found: list[tuple[float, int, float]] = []
+        for layer in options:
+            delay = _earliest(flown[vehicle](layer), others, separation, float(least[vehicle]))
+            dear = _WORTH * float(lasting.max()) if layer == opened and layers is None else 0.0
+            found.append((max(delay + lasting[vehicle], end) + dear, layer, delay))
+            if found[-1][0] <= end:
+                break
+        _, chosen[vehicle], delays[vehicle] = min(found)
+        end, opened = (
+            max(end, float(delays[vehicle] + lasting[vehicle])),
+            max(opened, int(chosen[vehicle]) + 1),
+        )
+        settled.append(vehicle)
+    return chosen, delays
+
+
+def _earliest(
+    mine: Sequence[Trajectory], others: Sequence[Started], separation: Separation, delay: float
+) -> float:
+    """Return the smallest delay, at least ``delay``, with which a vehicle keeps apart from vehicles
+    with fixed delays.
+    """
+    barred = [np.zeros((0, 2))]
+    for theirs, started in others:
+        if started + max(one.duration for one in theirs) + separation.delay < delay:
+            continue  # it has landed, however late it is
+        for one, other in zip(mine, theirs, strict=True):
+            apart = conflicts(
+                one, other, horizontal=separation.horizontal, vertical=separation.vertical
+            )
+            # With both uncertainties, the start differs by delay - started, plus or minus the
+            # tolerance.
+            barred.append(started - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0]))
+    for low, high in merged_intervals(np.concatenate(barred)).tolist():
+        if low - _AFTER < delay < high + _AFTER:
+            delay = high + _AFTER
+    return float(np.ceil(delay))

@@ -1,4 +1,6 @@
-"""Sorties: the division of a path into flights that fit the battery of the vehicle and the memory of its autopilot."""
+"""Sorties: the division of a path into flights that fit the battery of the vehicle and the memory
+of its autopilot.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.search.flight.dubins import NEAR
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.timing import Trajectory
-from shoal.search.flight.turning import NEAR
-from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
+from shoal.search.regions.outline import Points, check_plane_points, text_of
 
 Ways = Callable[[Points, Points], ArrayLike]
 
@@ -23,10 +25,12 @@ _SHORTEST = 0.1  # metres: minimum progress of a sortie
 
 
 class Sorties:
-    """An object that divides a path into sorties that are as long as the battery and the autopilot's memory allow.
+    """An object that divides a path into sorties that are as long as the battery and the
+    autopilot's memory allow.
 
-    To check battery and memory, the object computes each sortie exactly as the mission file will contain it. Plans take the times
-    of their flights from here, so that a plan and its missions agree.
+    To check battery and memory, the object computes each sortie exactly as the mission file will
+    contain it. Plans take the times of their flights from here, so that a plan and its missions
+    agree.
 
     Parameters
     ----------
@@ -36,14 +40,17 @@ class Sorties:
     room : int
         Maximum number of waypoints in a sortie.
     ways : callable or None
-        Function that computes the path between home and a point of the route; see `shoal.search.missions.missions_of`.
+        Function that computes the path between home and a point of the route; see
+        `shoal.missions.missions_of`.
     robot : int
         Number of the robot for error messages.
     out : int
         Number of points at the beginning of the path that belong to the way out from home.
     """
 
-    def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int, out: int) -> None:
+    def __init__(
+        self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int, out: int
+    ) -> None:
         self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
         self.home, self.limit = flight.home, (1 - _FLAT) * flight.vehicle.usable_seconds - _ROUNDING
         self.returning = replace(flight, landing=None)
@@ -56,7 +63,8 @@ class Sorties:
         Raises
         ------
         InvalidInputError
-            If the battery or the memory is too small for a point of the path, or if the vehicle has no room for a turn.
+            If the battery or the memory is too small for a point of the path, or if the vehicle has
+            no room for a turn.
         """
         *early, last = [waypoints for waypoints, _, _ in self.parts()]
         return [*(self.returning.flown(waypoints) for waypoints in early), self.flight.flown(last)]
@@ -64,8 +72,8 @@ class Sorties:
     def parts(self) -> list[tuple[NDArray[np.float64], int, int]]:
         """Return the waypoints of each sortie, with the columns of `Flight.waypoints`.
 
-        Besides the waypoints, each element of the list contains the number of waypoints on the way out, and the number on the way
-        home.
+        Besides the waypoints, each element of the list contains the number of waypoints on the way
+        out, and the number on the way home.
         """
         begin, end = 0.0, float(self.at[-1])
         found: list[tuple[NDArray[np.float64], int, int]] = []
@@ -78,7 +86,9 @@ class Sorties:
             begin = until
 
     def _latest(self, begin: float) -> float:
-        """Return the largest distance along the path at which a sortie that joins the path at ``begin`` can leave the path."""
+        """Return the largest distance along the path at which a sortie that joins the path at
+        ``begin`` can leave the path.
+        """
         end = float(self.at[-1])
         if self._fits(begin, end):
             return end
@@ -92,7 +102,10 @@ class Sorties:
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (middle, high) if self._fits(begin, float(ahead[middle])) else (low, middle)
-        until, far = begin if low < 0 else float(ahead[low]), float(ahead[min(low + 1, len(ahead) - 1)])
+        until, far = (
+            begin if low < 0 else float(ahead[low]),
+            float(ahead[min(low + 1, len(ahead) - 1)]),
+        )
         while far - until > _FINE:  # inside a leg, only the battery is a finer limit than waypoints
             half = (until + far) / 2
             until, far = (half, far) if self._fits(begin, half) else (until, half)
@@ -102,27 +115,40 @@ class Sorties:
 
     def _fits(self, begin: float, until: float) -> bool:
         waypoints = self._sortie(begin, until)
-        return len(waypoints) <= self.room and self._flight(until).flown(waypoints).duration <= self.limit
+        return (
+            len(waypoints) <= self.room
+            and self._flight(until).flown(waypoints).duration <= self.limit
+        )
 
     def _sortie(self, begin: float, until: float) -> NDArray[np.float64]:
-        """Return the waypoints of a sortie: from home to a section of the path, along this section, and back home."""
+        """Return the waypoints of a sortie: from home to a section of the path, along this section,
+        and back home.
+        """
         flight = self._flight(until)
         out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
         out, between, back = map(flight.lengthened, (out, self._between(begin, until), back))
         return flight.waypoints(np.vstack([out[1:-1], between, back[1:-1]]))
 
-    def _beside(self, waypoints: NDArray[np.float64], begin: float, until: float) -> tuple[int, int]:
-        """Return the number of waypoints before and after the section of the path that a sortie searches.
+    def _beside(
+        self, waypoints: NDArray[np.float64], begin: float, until: float
+    ) -> tuple[int, int]:
+        """Return the number of waypoints before and after the section of the path that a sortie
+        searches.
 
-        A fixed wing may pass an end of the section between two waypoints. In this case, the whole leg belongs to the search.
+        A fixed wing may pass an end of the section between two waypoints. In this case, the whole
+        leg belongs to the search.
         """
         way = waypoints[:, :2]
-        first, last = (self._point(at)[:2] for at in (max(begin, min(self.searching_from, until)), until))
+        first, last = (
+            self._point(at)[:2] for at in (max(begin, min(self.searching_from, until)), until)
+        )
         before = min(_passing(way, first), len(way) - 1)
         return before, min(_passing(way[::-1], last), len(way) - 1 - before)
 
     def _flight(self, until: float) -> Flight:
-        """Return the flight of a sortie. The last sortie ends at the robot's landing point, and all other sorties end at home."""
+        """Return the flight of a sortie. The last sortie ends at the robot's landing point, and all
+        other sorties end at home.
+        """
         return self.flight if until >= float(self.at[-1]) else self.returning
 
     def _point(self, at: float) -> Points:
@@ -130,13 +156,17 @@ class Sorties:
         return np.array([np.interp(at, self.at, column) for column in self.way.T])
 
     def _way_to(self, end: Points, at: float) -> Points:
-        """Return the path from a point of the route to home or to the landing point, including both ends."""
+        """Return the path from a point of the route to home or to the landing point, including both
+        ends.
+        """
         point = self._point(at)
         way = np.array([point[:2], end])
         if self.ways is not None and not np.array_equal(*way):
             found = check_plane_points(self.ways(point[:2], end), what="way home")
             way = found if len(found) >= 2 else way
-        return np.column_stack([way, np.tile(point[2:], (len(way), 1))])  # the whole path has the altitude of the point
+        return np.column_stack(
+            [way, np.tile(point[2:], (len(way), 1))]
+        )  # the whole path has the altitude of the point
 
     def _between(self, begin: float, until: float) -> Points:
         """Return the points of the path between two distances along the path, with both ends."""
@@ -145,12 +175,15 @@ class Sorties:
         return np.vstack([ends[:1], inner, ends[1:]]) if len(ends) == 2 else np.array(ends)
 
     def _refuse(self, begin: float) -> None:
-        """Raise an error that explains why a sortie that begins at the distance ``begin`` makes no progress."""
+        """Raise an error that explains why a sortie that begins at the distance ``begin`` makes no
+        progress.
+        """
         shortest = self._sortie(begin, begin)
         if self.flight.flown(shortest).duration <= self.limit and len(shortest) + 1 > self.room:
             raise InvalidInputError(
-                f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: the paths from home to "
-                f"{text_of(self._point(begin))} and back have {len(shortest)} waypoints"
+                f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: the"
+                f" paths from home to {text_of(self._point(begin))} and back have {len(shortest)}"
+                " waypoints"
             )
         away = np.hypot(*(self.way[:, :2] - self.home).T)
         farthest = self.way[int(np.argmax(away))]  # the next obstacle to progress
@@ -161,16 +194,22 @@ class Sorties:
             needed = self._flight(until).flown(self._sortie(begin, until)).duration
             because = f"the paths from home to {text_of(self._point(begin))} and back take as long"
         raise InvalidInputError(
-            f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, because {because}, got "
-            f"{self.limit / 60:.4g} min without the reserve"
+            f"endurance: expected sorties of more than {needed / 60:.4g} min for robot"
+            f" {self.robot}, because {because}, got {self.limit / 60:.4g} min without the reserve"
         )
 
 
 def _passing(way: Points, point: Points) -> int:
-    """Return the number of waypoints before a path first passes a point; 0 if the path does not pass the point."""
+    """Return the number of waypoints before a path first passes a point; 0 if the path does not
+    pass the point.
+    """
     legs = np.diff(way, axis=0)
-    far = np.clip(((point - way[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    far = np.clip(
+        ((point - way[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12), 0.0, 1.0
+    )
     near = np.flatnonzero(np.hypot(*(way[:-1] + far[:, None] * legs - point).T) < NEAR)
-    if not len(near) or np.hypot(*(way[0] - point)) < NEAR:  # a vertical leg has both its ends at one place
+    if (
+        not len(near) or np.hypot(*(way[0] - point)) < NEAR
+    ):  # a vertical leg has both its ends at one place
         return 0
     return int(near[0]) + int(np.hypot(*(way[near[0] + 1] - point)) < NEAR)

@@ -1,17 +1,20 @@
-"""Terrain: heights of the ground above sea level, and paths that follow the terrain."""
+"""Terrain: heights of the ground under a flight, and the files that hold them."""
 
 from __future__ import annotations
 
+import os
+import warnings
 from functools import lru_cache
-from typing import Any
+from pathlib import Path
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_points
+from shoal.core.checks import check_file, check_points, read_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.outline_checks import Points, text_of
+from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import LocalFrame
 
 Floats = NDArray[np.float64]
@@ -34,10 +37,12 @@ class Terrain:
     west, north : float
         Coordinates of the north-west grid point, in the coordinate reference system.
     steps : tuple of float
-        Distance between neighbouring columns, and distance between neighbouring rows, as positive numbers.
+        Distance between neighbouring columns, and distance between neighbouring rows, as positive
+        numbers.
     crs : str or None
-        Coordinate reference system in PROJ notation, or None for metres without a position on Earth. With `UNSAID`, the coordinates
-        are longitude and latitude for a region on Earth, and metres for any other region.
+        Coordinate reference system in PROJ notation, or None for metres without a position on
+        Earth. With `UNSAID`, the coordinates are longitude and latitude for a region on Earth, and
+        metres for any other region.
     name : str
         Name of the terrain in error messages.
 
@@ -56,22 +61,27 @@ class Terrain:
     name: str = "terrain"
 
     def at(self, points: ArrayLike, frame: LocalFrame | None) -> Floats:
-        """Return the ground heights in metres at points given in metres of a local frame; float64, shape (n,).
+        """Return the ground heights in metres at points given in metres of a local frame; float64,
+        shape (n,).
 
         Raises
         ------
         InvalidInputError
-            If a height is missing, or if the grid has a position on Earth and the points have none, or the reverse.
+            If a height is missing, or if the grid has a position on Earth and the points have none,
+            or the reverse.
         """
         places = check_points(points, what="points", dimensions=2)
         return self._heights_at(self.grid_points(places, frame), places)
 
     def grid_points(self, points: Points, frame: LocalFrame | None) -> Points:
-        """Convert points in metres of a local frame to fractional coordinates (column, row) of the grid."""
+        """Convert points in metres of a local frame to fractional coordinates (column, row) of the
+        grid.
+        """
         if self.crs != UNSAID and (frame is None) != (self.crs is None):
             kinds = ("metres without a position on Earth", "a position on Earth")
             raise InvalidInputError(
-                f"{self.name}: expected {kinds[frame is not None]}, as in the region, got {kinds[self.crs is not None]}"
+                f"{self.name}: expected {kinds[frame is not None]}, as in the region, got"
+                f" {kinds[self.crs is not None]}"
             )
         placed = points
         if frame is not None and self.crs is not None:
@@ -79,13 +89,21 @@ class Terrain:
             transformer = _transformer(self.crs or "EPSG:4326")
             if transformer is not None:
                 placed = np.stack(transformer.transform(placed[:, 0], placed[:, 1]), axis=1)
-        return np.stack([(placed[:, 0] - self.west) / self.steps[0], (self.north - placed[:, 1]) / self.steps[1]], axis=1)
+        return np.stack(
+            [
+                (placed[:, 0] - self.west) / self.steps[0],
+                (self.north - placed[:, 1]) / self.steps[1],
+            ],
+            axis=1,
+        )
 
     def _cells(self, places: Points) -> tuple[Any, Any]:
         """Return the column and the row of the grid cell that contains each point."""
         rows, columns = self.heights.shape
         cells = np.floor(np.where(np.isfinite(places), places, -1.0)).astype(np.int64)
-        return np.clip(cells[:, 0], 0, max(columns - 2, 0)), np.clip(cells[:, 1], 0, max(rows - 2, 0))
+        return np.clip(cells[:, 0], 0, max(columns - 2, 0)), np.clip(
+            cells[:, 1], 0, max(rows - 2, 0)
+        )
 
     def _heights_at(self, places: Points, points: Points) -> Floats:
         rows, columns = self.heights.shape
@@ -95,29 +113,51 @@ class Terrain:
         inside = (np.abs(places - (columns - 1) / 2)[:, 0] <= (columns - 1) / 2 + near) & (
             np.abs(places - (rows - 1) / 2)[:, 1] <= (rows - 1) / 2 + near
         )
-        corners = [self.heights[np.minimum(row + j, rows - 1), np.minimum(column + i, columns - 1)] for j in (0, 1) for i in (0, 1)]
+        corners = [
+            self.heights[np.minimum(row + j, rows - 1), np.minimum(column + i, columns - 1)]
+            for j in (0, 1)
+            for i in (0, 1)
+        ]
         weights = [(1 - right) * (1 - down), right * (1 - down), (1 - right) * down, right * down]
-        found = sum(np.where(weight == 0, 0.0, weight * corner) for weight, corner in zip(weights, corners, strict=True))
+        found = sum(
+            np.where(weight == 0, 0.0, weight * corner)
+            for weight, corner in zip(weights, corners, strict=True)
+        )
         lost = ~inside | ~np.isfinite(found)
         if lost.any():
             place = text_of(points[int(np.argmax(lost))])
-            raise InvalidInputError(f"{self.name}: expected heights of the ground under the whole path, got none at {place}")
+            raise InvalidInputError(
+                f"{self.name}: expected heights of the ground under the whole path, got none at"
+                f" {place}"
+            )
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
-        """Return the largest deviation from a plane, in metres, of the grid cells that contain the given points.
+        """Return the largest deviation from a plane, in metres, of the grid cells that contain the
+        given points.
 
-        The deviation of a grid cell is the vertical distance of one corner from the plane through the other three corners.
+        The deviation of a grid cell is the vertical distance of one corner from the plane through
+        the other three corners.
         """
         column, row = self._cells(places)
-        one = np.minimum(column + 1, self.heights.shape[1] - 1), np.minimum(row + 1, self.heights.shape[0] - 1)
-        bends = self.heights[row, column] - self.heights[row, one[0]] - self.heights[one[1], column] + self.heights[one[1], one[0]]
+        one = (
+            np.minimum(column + 1, self.heights.shape[1] - 1),
+            np.minimum(row + 1, self.heights.shape[0] - 1),
+        )
+        bends = (
+            self.heights[row, column]
+            - self.heights[row, one[0]]
+            - self.heights[one[1], column]
+            + self.heights[one[1], one[0]]
+        )
         return float(np.nanmax(np.abs(bends), initial=0.0))
 
 
 @lru_cache(maxsize=8)
 def _transformer(crs: str) -> Any:
-    """Return the transformation from longitude and latitude to a coordinate reference system, or None for WGS84 itself."""
+    """Return the transformation from longitude and latitude to a coordinate reference system, or
+    None for WGS84 itself.
+    """
     from pyproj import CRS, Transformer
 
     system = CRS.from_user_input(crs)
@@ -129,7 +169,8 @@ def _transformer(crs: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The height of the ground below a path, sampled so densely that the ground is almost straight between samples.
+    """The height of the ground below a path, sampled so densely that the ground is almost straight
+    between samples.
 
     Parameters
     ----------
@@ -150,7 +191,8 @@ class Profile:
 
 
 def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float) -> Profile:
-    """Return ground heights below a path: at the path's vertices, at every crossed grid line, and at points in between.
+    """Return ground heights below a path: at the path's vertices, at every crossed grid line, and
+    at points in between.
 
     Parameters
     ----------
@@ -159,8 +201,9 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
         Vertices of the path in metres.
     frame : LocalFrame or None
     error : float
-        Allowed error of the height above ground, in metres. Between two samples, the ground deviates from a straight line by at
-        most an eighth of ``error``, unless the terrain is too rough.
+        Allowed error of the height above ground, in metres. Between two samples, the ground
+        deviates from a straight line by at most an eighth of ``error``, unless the terrain is too
+        rough.
 
     Raises
     ------
@@ -173,16 +216,25 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
         counts = np.maximum(np.ceil(spans * fine), 1).astype(np.int64)
         if not np.isfinite(spans).all() or counts.sum() > _MOST_SAMPLES:
             raise InvalidInputError(
-                f"{terrain.name}: expected a path over at most {_MOST_SAMPLES // fine} cells of the grid, got {spans.sum():.3g}"
+                f"{terrain.name}: expected a path over at most {_MOST_SAMPLES // fine} cells of the"
+                f" grid, got {spans.sum():.3g}"
             )
         legs = np.repeat(np.arange(len(counts)), counts)
-        shares = (np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[legs]
+        shares = (np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[
+            legs
+        ]
         places = terrain.grid_points(_along(way, legs, shares), frame)
         rough = terrain.twist(places) / (4 * fine * fine)
         if rough <= error / 8 or fine >= _FINEST:
             break
         fine *= 2
-    along = np.concatenate([legs + shares, [float(len(counts))], _crossings(legs + shares, np.vstack([places, ends[-1:]]))])
+    along = np.concatenate(
+        [
+            legs + shares,
+            [float(len(counts))],
+            _crossings(legs + shares, np.vstack([places, ends[-1:]])),
+        ]
+    )
     along = np.unique(along)
     legs = np.minimum(along.astype(np.int64), len(counts) - 1)
     points = _along(way, legs, along - legs)
@@ -198,8 +250,8 @@ def _along(way: Points, legs: NDArray[np.int64], shares: Floats) -> Points:
 def _crossings(along: Floats, places: Points) -> Floats:
     """Return the positions along a path at which the path crosses a grid line between two samples.
 
-    A position is the index of a leg plus the passed fraction of this leg. Between two samples, the path crosses at most one
-    vertical and one horizontal grid line.
+    A position is the index of a leg plus the passed fraction of this leg. Between two samples, the
+    path crosses at most one vertical and one horizontal grid line.
     """
     along = np.append(along, np.ceil(along[-1] + 1e-12))
     found = []
@@ -214,9 +266,11 @@ def _crossings(along: Floats, places: Points) -> Floats:
 
 
 def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
-    """Return the lowest heights along a path that keep to limits of climb and descent, and are nowhere below given heights.
+    """Return the lowest heights along a path that keep to limits of climb and descent, and are
+    nowhere below given heights.
 
-    Where the given heights rise or fall too steeply, the path climbs earlier, or descends later, than the given heights.
+    Where the given heights rise or fall too steeply, the path climbs earlier, or descends later,
+    than the given heights.
 
     Parameters
     ----------
@@ -236,7 +290,8 @@ def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
 
 
 def followed(profile: Profile, clearance: float, error: float) -> Floats:
-    """Return a path with a nearly constant height above the ground. The function adds points between the path's vertices.
+    """Return a path with a nearly constant height above the ground. The function adds points
+    between the path's vertices.
 
     Parameters
     ----------
@@ -244,7 +299,8 @@ def followed(profile: Profile, clearance: float, error: float) -> Floats:
     clearance : float
         Height above the ground in metres.
     error : float
-        Maximum deviation of the height above ground from ``clearance``, in metres, also between waypoints.
+        Maximum deviation of the height above ground from ``clearance``, in metres, also between
+        waypoints.
 
     Returns
     -------
@@ -273,3 +329,330 @@ def followed(profile: Profile, clearance: float, error: float) -> Floats:
         for stretch in wrong.tolist():
             begin, end = kept[stretch], kept[stretch + 1]
             chosen[begin + int(np.argmax(away[begin:end]))] = True
+
+
+LARGEST_GRID = 40_000_000
+"""Maximum number of heights in a terrain file. Shoal refuses a larger terrain file before it
+decodes the heights.
+"""
+
+LARGEST_TERRAIN = 500_000_000
+"""Maximum size of a terrain file in bytes."""
+
+_SCALE, _TIEPOINT, _TRANSFORM, _KEYS, _NO_DATA = 33550, 33922, 34264, 34735, 42113  # TIFF tags
+_MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED, _VERTICAL_UNIT = (
+    1024,
+    1025,
+    2048,
+    3072,
+    4099,
+)  # GeoTIFF keys
+_OWN = 32767  # a system without an EPSG code
+_METRE = 9001
+_HEAD = ("ncols", "nrows", "cellsize")
+_AT_ONCE = 2**20  # characters of text that are read at once
+_SANE = 20_000.0  # metres: no point on Earth is higher or deeper
+
+
+def open_terrain(path: str | os.PathLike[str]) -> Terrain:
+    """Return the terrain heights in a file.
+
+    Parameters
+    ----------
+    path : path
+        A GeoTIFF (``.tif`` or ``.tiff``) whose coordinate reference system is an EPSG code, or an
+        ESRI ASCII grid (``.asc``). A file with the same name and the suffix ``.prj`` gives the
+        coordinate reference system of an ESRI ASCII grid. Without a ``.prj`` file, coordinates are
+        longitude and latitude for a region on Earth, and metres for any other region.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is missing, damaged or not supported.
+    """
+    source = Path(path)
+    readers = {".tif": _geotiff, ".tiff": _geotiff, ".asc": _ascii_grid}
+    reader = readers.get(source.suffix.lower())
+    if reader is None:
+        raise InvalidInputError(
+            f"{source}: expected heights in a file .tif or .asc, got the suffix {source.suffix!r}"
+        )
+    check_file(source, what="file of heights", most=LARGEST_TERRAIN)
+    terrain = reader(source)
+    if min(terrain.heights.shape) < 2:
+        rows, columns = terrain.heights.shape
+        raise InvalidInputError(
+            f"{source}: expected at least 2 rows and 2 columns of heights, got {rows} and {columns}"
+        )
+    if not np.isfinite(terrain.heights).any():
+        raise InvalidInputError(
+            f"{source}: expected heights, got a grid in which all heights are missing"
+        )
+    if np.nanmax(np.abs(terrain.heights)) > _SANE:
+        worst = float(terrain.heights.ravel()[np.nanargmax(np.abs(terrain.heights))])
+        raise InvalidInputError(
+            f"{source}: expected heights of at most {_SANE:g} m, got {worst:g}; the file may lack a"
+            " NODATA value"
+        )
+    return terrain
+
+
+def _check_size(source: Path, rows: int, columns: int) -> None:
+    if rows * columns > LARGEST_GRID:
+        raise InvalidInputError(
+            f"{source}: expected at most {LARGEST_GRID} heights, got {columns} x {rows}"
+        )
+
+
+def _check_system(source: Path, crs: str) -> str:
+    """Check that a coordinate reference system can be converted to longitude and latitude, and
+    return its name.
+    """
+    from pyproj import CRS
+    from pyproj.exceptions import ProjError
+
+    try:
+        system = CRS.from_user_input(crs)
+    except ProjError:
+        raise InvalidInputError(
+            f"{source}: expected a known coordinate reference system, got {shortened(crs)}"
+        ) from None
+    if not (system.is_geographic or system.is_projected):
+        raise InvalidInputError(
+            f"{source}: expected a geographic or projected coordinate reference system, got"
+            f" {shortened(system.name)}"
+        )
+    return crs
+
+
+def _geotiff(source: Path) -> Terrain:
+    from PIL import Image
+
+    limit = Image.MAX_IMAGE_PIXELS
+    try:
+        Image.MAX_IMAGE_PIXELS = None  # checked here, to raise an error of our own
+        with warnings.catch_warnings(), Image.open(source, formats=("TIFF",)) as image:
+            warnings.simplefilter("ignore")
+            _check_size(source, image.height, image.width)
+            # of TIFF pictures
+            tags: dict[int, Any] = dict(image.tag_v2)  # type: ignore[attr-defined]
+            if len(image.getbands()) != 1 or image.mode not in (
+                "F",
+                "I",
+                "L",
+                "I;16",
+                "I;16B",
+                "I;16L",
+                "I;16S",
+            ):
+                raise InvalidInputError(
+                    f"{source}: expected one band of heights, got {shortened(image.mode)}"
+                )
+            heights = np.array(image, dtype=np.float64)
+    except InvalidInputError:
+        raise
+    except Exception as error:  # image decoders raise many kinds of exceptions
+        raise InvalidInputError(
+            f"{source}: expected a GeoTIFF, got one that cannot be read: {shortened(str(error))}"
+        ) from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+    keys = _geo_keys(source, tags)
+    west, north, steps = _placement(source, tags, points=keys.get(_RASTER) == 2)
+    if keys.get(_VERTICAL_UNIT, _METRE) != _METRE:
+        raise InvalidInputError(
+            f"{source}: expected heights in metres, got the unit EPSG:{keys[_VERTICAL_UNIT]}"
+        )
+    code = keys.get(_PROJECTED if keys.get(_MODEL) == 1 else _GEOGRAPHIC)
+    if code is None or code == _OWN:
+        raise InvalidInputError(
+            f"{source}: expected the EPSG code of a coordinate reference system, got"
+            f" {code or 'none'}"
+        )
+    said = str(tags.get(_NO_DATA, "")).strip(" \x00")
+    return Terrain(
+        _without(heights, said),
+        west,
+        north,
+        steps,
+        _check_system(source, f"EPSG:{code}"),
+        str(source),
+    )
+
+
+def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
+    """Return the GeoTIFF keys with numeric values, as a mapping from key to value."""
+    directory = tags.get(_KEYS)
+    if not isinstance(directory, tuple) or len(directory) < 4 or len(directory) % 4:
+        raise InvalidInputError(
+            f"{source}: expected a GeoTIFF, got a TIFF without the keys of a GeoTIFF"
+        )
+    entries = [directory[at : at + 4] for at in range(4, len(directory), 4)]
+    return {int(key): int(value) for key, where, _, value in entries if where == 0}
+
+
+def _placement(
+    source: Path, tags: dict[int, Any], *, points: bool
+) -> tuple[float, float, tuple[float, float]]:
+    """Return the coordinates of the north-west grid point of a GeoTIFF, and the distances between
+    columns and between rows.
+
+    If ``points`` is false, heights belong to the centres of grid cells, and the file gives the
+    position of the grid's corner.
+    """
+    try:
+        if _TRANSFORM in tags:
+            matrix = [float(value) for value in tags[_TRANSFORM]]
+            if matrix[1] or matrix[4]:
+                raise InvalidInputError(
+                    f"{source}: expected rows from west to east, got a grid that is turned"
+                )
+            x, y, across, down = matrix[3], matrix[7], matrix[0], -matrix[5]
+        else:
+            across, down = (float(value) for value in tags[_SCALE][:2])
+            column, row, _, left, top, _ = (float(value) for value in tags[_TIEPOINT][:6])
+            x, y = left - column * across, top + row * down
+    except (KeyError, ValueError, IndexError, TypeError):
+        raise InvalidInputError(
+            f"{source}: expected the position of the grid (tags 33550 and 33922, or 34264), got"
+            " none"
+        ) from None
+    if not (across > 0 and down > 0 and np.isfinite([x, y, across, down]).all()):
+        raise InvalidInputError(
+            f"{source}: expected cells with sides above 0, got {across:g} x {down:g}"
+        )
+    half = 0.0 if points else 0.5
+    return x + half * across, y - half * down, (across, down)
+
+
+def _without(heights: Floats, no_data: str) -> Floats:
+    """Return heights in which missing values are replaced by NaN."""
+    try:
+        missing = float(no_data)
+    except ValueError:
+        return heights
+    if np.isfinite(missing):
+        heights[np.abs(heights - missing) <= 1e-6 * abs(missing)] = np.nan
+    return heights
+
+
+def _ascii_grid(source: Path) -> Terrain:
+    try:
+        with source.open(encoding="utf-8-sig") as file:
+            head, line, number = _head(source, file)
+            rows, columns = int(head["nrows"]), int(head["ncols"])
+            _check_size(source, rows, columns)
+            heights = _numbers(source, file, line, number, rows * columns).reshape(rows, columns)
+    except UnicodeDecodeError as error:
+        raise InvalidInputError(
+            f"{source}: expected text in UTF-8, got byte 0x{error.object[error.start]:02x}"
+        ) from None
+    except OSError as error:
+        raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
+    corner = [
+        next(
+            (head[f"{axis}ll{kind}"] for kind in ("center", "corner") if f"{axis}ll{kind}" in head),
+            None,
+        )
+        for axis in "xy"
+    ]
+    if corner[0] is None or corner[1] is None:
+        raise InvalidInputError(
+            f"{source}: expected xllcorner and yllcorner, or xllcenter and yllcenter, got none"
+        )
+    size = head["cellsize"]
+    half = 0.0 if "xllcenter" in head else 0.5
+    west, south = corner[0] + half * size, corner[1] + half * size
+    heights = _without(heights, str(head.get("nodata_value", -9999.0)))
+    north = south + (rows - 1) * size
+    return Terrain(heights, west, north, (size, size), _system_beside(source), str(source))
+
+
+def _head(source: Path, file: TextIO) -> tuple[dict[str, float], str, int]:
+    """Read the head of an ESRI ASCII grid. Return its fields, the first line after the head, and
+    the number of this line.
+    """
+    head: dict[str, float] = {}
+    number = 1
+    while True:
+        line = file.readline(_AT_ONCE)
+        parts = line.split()
+        if len(parts) != 2 or not parts[0][0].isalpha() or parts[0].lower() in head:
+            break
+        try:
+            head[parts[0].lower()] = float(parts[1])
+        except ValueError:
+            raise InvalidInputError(
+                f"{source}, line {number}: expected a number as {shortened(parts[0])}, got"
+                f" {shortened(parts[1])}"
+            ) from None
+        number += 1
+    for name in _HEAD:
+        if not (head.get(name, 0.0) > 0 and np.isfinite(head[name])):
+            raise InvalidInputError(
+                f"{source}: expected {name} above 0 in the head of an ESRI ASCII grid, got"
+                f" {head.get(name, 'none')}"
+            )
+    return head, line, number
+
+
+def _numbers(source: Path, file: TextIO, text: str, number: int, count: int) -> Floats:
+    """Read ``count`` numbers from a text, which begins in the line ``number``, and from the rest of
+    a file, piece by piece.
+    """
+    found, filled = np.empty(count), 0
+    while True:
+        piece = file.read(_AT_ONCE)
+        text += piece
+        cut = len(text) if not piece else max(text.rfind(blank) for blank in " \n\t") + 1
+        words, text = text[:cut], text[cut:]
+        try:
+            numbers = np.array(words.split(), dtype=np.float64)
+        except ValueError:
+            number, line = _wrong_line(words, number)
+            raise InvalidInputError(
+                f"{source}, line {number}: expected numbers, got {shortened(line)}"
+            ) from None
+        if filled + len(numbers) > count:
+            raise InvalidInputError(
+                f"{source}: expected {count} heights, ncols times nrows, got more"
+            )
+        if len(text) > _AT_ONCE:
+            raise InvalidInputError(
+                f"{source}, line {number}: expected numbers, got {shortened(text[:60])}"
+            )
+        found[filled : filled + len(numbers)] = numbers
+        filled, number = filled + len(numbers), number + words.count("\n")
+        if not piece:
+            break
+    if filled != count:
+        raise InvalidInputError(
+            f"{source}: expected {count} heights, ncols times nrows, got {filled}"
+        )
+    found[~np.isfinite(found)] = np.nan
+    return found
+
+
+def _wrong_line(text: str, number: int) -> tuple[int, str]:
+    """Return the number and the text of the first line that holds anything but numbers; the text
+    begins in the line ``number``.
+    """
+    for line in text.split("\n"):
+        try:
+            np.array(line.split(), dtype=np.float64)
+        except ValueError:
+            return number, line
+        number += 1
+    return number, text
+
+
+def _system_beside(source: Path) -> str:
+    """Return the coordinate reference system in the ``.prj`` file of an ESRI ASCII grid, or
+    `UNSAID` without a ``.prj`` file.
+    """
+    beside = source.with_suffix(".prj")
+    if not beside.is_file():
+        return UNSAID
+    return _check_system(
+        source, read_text(beside, what="coordinate reference system", most=100_000).strip()
+    )

@@ -1,12 +1,8 @@
-"""A tour from merged cycles of cells: first the cycles of whole 2 x 2 blocks, along a spanning tree, and then all other cells.
-
-A cycle has no direction. Row k of ``links`` (H * W, 2) contains the two neighbours of cell k in its cycle. A single cell is a cycle
-that links to itself twice. Two cells form a cycle in which each cell links to the other cell twice. To merge two cycles, the kernel
-replaces an edge c-d of one cycle and an edge a-b of the other cycle by the edges c-a and d-b. The array ``parent`` (H * W) is a
-union-find forest of the cycles.
-"""
+"""Cycles of cells in compiled code: spanning trees and their joining to tours."""
 
 from __future__ import annotations
+
+import heapq
 
 import numpy as np
 
@@ -15,7 +11,9 @@ from shoal.jit import kernel
 
 @kernel
 def find(parent, k):
-    """Return the root of cell k in the union-find forest. The search halves the path to the root (path halving)."""
+    """Return the root of cell k in the union-find forest. The search halves the path to the root
+    (path halving).
+    """
     while parent[k] != k:
         parent[k] = parent[parent[k]]
         k = parent[k]
@@ -29,7 +27,9 @@ def relink(links, k, old, new):
 
 @kernel
 def merge(links, parent, c, d, a, b):
-    """Merge two cycles: replace the edge c-d of one cycle and the edge a-b of the other cycle by the edges c-a and d-b."""
+    """Merge two cycles: replace the edge c-d of one cycle and the edge a-b of the other cycle by
+    the edges c-a and d-b.
+    """
     relink(links, c, d, a)
     relink(links, d, c, b)
     relink(links, a, b, c)
@@ -48,11 +48,13 @@ def ring(links, parent, k, width):
 
 @kernel
 def tree_of_blocks(full, origin, width, along_rows, links, parent):
-    """Make a cycle of each full block of 2 x 2 cells, and merge neighbouring cycles along a spanning tree by Kruskal's algorithm.
+    """Make a cycle of each full block of 2 x 2 cells, and merge neighbouring cycles along a
+    spanning tree by Kruskal's algorithm.
 
-    ``full`` (h, w) marks full blocks, and ``origin`` is the upper left cell of the first block. Kruskal's algorithm first tries all
-    links along the rows (along the columns if ``along_rows`` is false), and then all other links, line by line. The spanning tree
-    consists of straight corridors and one spine across them, as far as the region permits. Around straight corridors, the tour has
+    ``full`` (h, w) marks full blocks, and ``origin`` is the upper left cell of the first block.
+    Kruskal's algorithm first tries all links along the rows (along the columns if ``along_rows`` is
+    false), and then all other links, line by line. The spanning tree consists of straight corridors
+    and one spine across them, as far as the region permits. Around straight corridors, the tour has
     few turns.
     """
     rows, cols = full.shape
@@ -111,11 +113,13 @@ def border(mask, parent, listed):
 
 @kernel
 def grow(mask, links, parent, queue, queued, head, count, touched):
-    """Merge the cycles of queued cells with the cells beside their edges, as long as no merge makes the tour longer.
+    """Merge the cycles of queued cells with the cells beside their edges, as long as no merge makes
+    the tour longer.
 
-    The kernel merges the cells a and b beside an edge c-d if a-b is an edge of another cycle, or if a and b are single cells. The
-    array ``queue`` is a ring buffer. The kernel writes the changed cells to ``touched``, as far as the cells fit, and returns the
-    number of changed cells. A cell may appear several times.
+    The kernel merges the cells a and b beside an edge c-d if a-b is an edge of another cycle, or if
+    a and b are single cells. The array ``queue`` is a ring buffer. The kernel writes the changed
+    cells to ``touched``, as far as the cells fit, and returns the number of changed cells. A cell
+    may appear several times.
     """
     height, width = mask.shape
     n_touched = 0
@@ -152,9 +156,11 @@ def grow(mask, links, parent, queue, queued, head, count, touched):
 
 @kernel
 def beside(c, d, side, height, width):
-    """Return the cell beside c and the cell beside d, on one of the two sides of the edge c-d. The sides are -1 and 1.
+    """Return the cell beside c and the cell beside d, on one of the two sides of the edge c-d. The
+    sides are -1 and 1.
 
-    If c and d are not neighbours, or if the side ``side`` of the edge is outside the grid, return (-1, -1).
+    If c and d are not neighbours, or if the side ``side`` of the edge is outside the grid, return
+    (-1, -1).
     """
     row, col = c // width, c % width
     if abs(c - d) == 1 and row == d // width:
@@ -172,7 +178,9 @@ def beside(c, d, side, height, width):
 
 @kernel
 def grow_everywhere(mask, links, parent):
-    """Grow all cycles, make a cycle of each square of 2 x 2 cells that are still single, and then grow all cycles again."""
+    """Grow all cycles, make a cycle of each square of 2 x 2 cells that are still single, and then
+    grow all cycles again.
+    """
     height, width = mask.shape
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     nothing = np.empty(0, dtype=np.int64)
@@ -182,7 +190,12 @@ def grow_everywhere(mask, links, parent):
             for row in range(height - 1):
                 for col in range(width - 1):
                     k = row * width + col
-                    if not (mask[row, col] and mask[row, col + 1] and mask[row + 1, col] and mask[row + 1, col + 1]):
+                    if not (
+                        mask[row, col]
+                        and mask[row, col + 1]
+                        and mask[row + 1, col]
+                        and mask[row + 1, col + 1]
+                    ):
                         continue
                     if (
                         is_single(links, k)
@@ -203,10 +216,11 @@ def grow_everywhere(mask, links, parent):
 def chains(links, width, members, starts, order):
     """Write the cells of all cycles to ``order``, one cycle after the other.
 
-    ``members`` are the cells, sorted by cycle. ``starts`` contains the index in ``members`` of the first cell of each cycle, and
-    then the number of all cells. The first cycle begins at its first cell in ``members``. Each later cycle begins at its cell
-    nearest to the end of the previous cycle. At the cell where a cycle begins, the kernel removes the longer of the cell's two
-    edges. If only one cycle exists, the kernel removes the shorter edge.
+    ``members`` are the cells, sorted by cycle. ``starts`` contains the index in ``members`` of the
+    first cell of each cycle, and then the number of all cells. The first cycle begins at its first
+    cell in ``members``. Each later cycle begins at its cell nearest to the end of the previous
+    cycle. At the cell where a cycle begins, the kernel removes the longer of the cell's two edges.
+    If only one cycle exists, the kernel removes the shorter edge.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):
@@ -221,7 +235,9 @@ def chains(links, width, members, starts, order):
         one, other = links[entry, 0], links[entry, 1]
         longer = apart(entry, one, width) >= apart(entry, other, width)
         if len(starts) == 2:
-            longer = not longer  # a tour of one cycle stays closed, so its closing edge should be short
+            longer = (
+                not longer
+            )  # a tour of one cycle stays closed, so its closing edge should be short
         before, here, after = entry, entry, other if longer else one
         while True:
             order[at] = here
@@ -238,3 +254,76 @@ def apart(a, b, width):
     """Return the straight distance between two cells."""
     row, col = a // width - b // width, a % width - b % width
     return np.sqrt(float(row * row + col * col))
+
+
+TOUCHED = 4096
+
+
+@kernel
+def best_exchange(links, c, a, width):
+    """Return (cost, d, b) of the cheapest exchange that replaces the edges c-d and a-b by the edges
+    c-a and d-b.
+
+    Among exchanges of equal cost, the result is the exchange that removes the longest edges.
+    """
+    cost, longest, best_d, best_b = np.inf, -1.0, c, a
+    new = apart(c, a, width)
+    for i in range(2):
+        d = links[c, i]
+        first = apart(c, d, width)
+        for j in range(2):
+            b = links[a, j]
+            old = first + apart(a, b, width)
+            here = new + apart(d, b, width) - old
+            if here < cost - 1e-9 or (here < cost + 1e-9 and old > longest + 1e-9):
+                cost, longest, best_d, best_b = min(here, cost), old, d, b
+    return cost, best_d, best_b
+
+
+@kernel
+def offer(heap, mask, links, parent, c):
+    """Add to the heap the exchanges between cell c and its neighbouring cells in other cycles."""
+    height, width = mask.shape
+    row, col = c // width, c % width
+    for dr, dc in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+        r, q = row + dr, col + dc
+        if 0 <= r < height and 0 <= q < width and mask[r, q]:
+            a = r * width + q
+            if find(parent, a) != find(parent, c):
+                cost, _, _ = best_exchange(links, c, a, width)
+                heapq.heappush(heap, (cost, c, a))
+
+
+@kernel
+def attach(mask, links, parent):
+    """Merge all cycles of a connected component into one cycle by the cheapest exchanges.
+
+    After each exchange, the kernel calls `grow`, which merges more cells without additional length.
+    """
+    width = mask.shape[1]
+    queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
+    touched = np.empty(TOUCHED, dtype=np.int64)
+    heap = [(0.0, np.int64(0), np.int64(0))]
+    heap.clear()
+    for k in queue[: border(mask, parent, queue)].copy():
+        offer(heap, mask, links, parent, k)
+    while len(heap) > 0:
+        cost, c, a = heapq.heappop(heap)
+        if find(parent, c) == find(parent, a):
+            continue
+        now, d, b = best_exchange(links, c, a, width)
+        if now > cost + 1e-9:
+            heapq.heappush(heap, (now, c, a))
+            continue
+        merge(links, parent, c, d, a, b)
+        count = 0
+        for k in (c, d, a, b):
+            if not queued[k]:
+                queue[count] = k
+                queued[k] = True
+                count += 1
+        n_touched = grow(mask, links, parent, queue, queued, 0, count, touched)
+        for k in (c, d, a, b):
+            offer(heap, mask, links, parent, k)
+        for i in range(min(n_touched, TOUCHED)):
+            offer(heap, mask, links, parent, touched[i])

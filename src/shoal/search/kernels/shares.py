@@ -1,8 +1,4 @@
-"""The progress of robots along a tour in a given time, for a bisection over the time at which the last robot finishes.
-
-A pass goes once around the tour, beginning with the first robot. A pass assigns to each robot as many cells as the robot can search
-in the given time. The array ``borders`` receives the tour index of the first cell of each robot.
-"""
+"""Shares of a tour in compiled code: lengths, times, and cuts that balance them."""
 
 from __future__ import annotations
 
@@ -41,9 +37,11 @@ class Team(NamedTuple):
     places : ndarray of float64, shape (m, d)
         Position of each robot, in the units of `TourArrays.points`.
     gains : ndarray of float64, shape (m,)
-        Search rate of each robot, divided by the search rate of an equally fast robot with a footprint of one cell.
+        Search rate of each robot, divided by the search rate of an equally fast robot with a
+        footprint of one cell.
     far : ndarray of float64, shape (m, N) or (0, 0)
-        Distance from the start of each robot to each cell. If paths are straight, the array is empty.
+        Distance from the start of each robot to each cell. If paths are straight, the array is
+        empty.
     """
 
     starts: NDArray[np.int64]
@@ -55,21 +53,28 @@ class Team(NamedTuple):
 
 @kernel
 def furthest(ahead, first, budget):
-    """Return the largest number b >= ``first`` for which ``budget`` is enough to search the cells from ``first`` to b - 1."""
+    """Return the largest number b >= ``first`` for which ``budget`` is enough to search the cells
+    from ``first`` to b - 1.
+    """
     if budget < 1.0:
         return first
-    return max(np.searchsorted(ahead, ahead[first + 1] + budget - 1.0 + 1e-9, side="right") - 1, first + 1)
+    return max(
+        np.searchsorted(ahead, ahead[first + 1] + budget - 1.0 + 1e-9, side="right") - 1, first + 1
+    )
 
 
 @kernel
 def between(ahead, one, other):
-    """Return the cost of the way along the tour from one cell number to another cell number, in either direction."""
+    """Return the cost of the way along the tour from one cell number to another cell number, in
+    either direction.
+    """
     return abs(ahead[other] - ahead[one])
 
 
 @kernel
 def shift_pass(tour, team, time, first, borders):
-    """Make a pass in which each robot moves along the tour to its first cell, in either direction, and then searches forwards.
+    """Make a pass in which each robot moves along the tour to its first cell, in either direction,
+    and then searches forwards.
 
     Return whether the robots search all cells of the tour in the given time.
     """
@@ -78,7 +83,9 @@ def shift_pass(tour, team, time, first, borders):
     for i in range(m):
         borders[i] = here
         at = team.starts[i] + n
-        here = furthest(ahead, here, (time * team.rates[i] - between(ahead, at, here)) * team.gains[i])
+        here = furthest(
+            ahead, here, (time * team.rates[i] - between(ahead, at, here)) * team.gains[i]
+        )
         if here >= first + n:
             borders[i + 1 :] = first + n
             return True
@@ -106,7 +113,8 @@ def away(tour, team, robot, cell):
 
 @kernel
 def back(tour, team, robot, one, other):
-    """Return the additional cost of a way from the cell ``one`` to the cell ``other``, compared with a step to a neighbouring cell.
+    """Return the additional cost of a way from the cell ``one`` to the cell ``other``, compared
+    with a step to a neighbouring cell.
 
     The cell ``other`` must be beside the start of the robot.
     """
@@ -117,27 +125,41 @@ def back(tour, team, robot, one, other):
 
 @kernel
 def both_ways(tour, team, robot, at, low, budget):
-    """Return the first cell ahead that a robot does not reach if it also searches backwards from its start ``at`` to ``low``.
+    """Return the first cell ahead that a robot does not reach if it also searches backwards from
+    its start ``at`` to ``low``.
 
-    The result is less than ``at`` if the robot cannot search the cells from ``low`` to ``at`` within its budget.
+    The result is less than ``at`` if the robot cannot search the cells from ``low`` to ``at``
+    within its budget.
     """
     n, ahead, gain = tour.points.shape[0], tour.ahead, team.gains[robot]
     budget = budget * gain
     behind = ahead[at] - ahead[low]
-    first = furthest(ahead, at, budget)  # the end of the robot's part if the robot searches the cells ahead first
+    first = furthest(
+        ahead, at, budget
+    )  # the end of the robot's part if the robot searches the cells ahead first
     while first > at + 1:
-        if ahead[first] - ahead[at + 1] + 1.0 + gain * back(tour, team, robot, (first - 1) % n, (at - 1) % n) + behind <= budget:
+        if (
+            ahead[first]
+            - ahead[at + 1]
+            + 1.0
+            + gain * back(tour, team, robot, (first - 1) % n, (at - 1) % n)
+            + behind
+            <= budget
+        ):
             break
         first -= 1
     if first <= at + 1 or behind == 0:
         first = at + 1 if behind + 1.0 <= budget else at - 1
-    rest = budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)  # if the robot first searches behind
+    rest = (
+        budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)
+    )  # if the robot first searches behind
     return max(first, furthest(ahead, at, rest + 1.0)) if rest >= 0 else first
 
 
 @kernel
 def two_way_pass(tour, team, time, first, borders):
-    """Make a pass in which each robot searches cells behind and ahead of its start, in the order in which the robot gets further.
+    """Make a pass in which each robot searches cells behind and ahead of its start, in the order in
+    which the robot gets further.
 
     Return whether the robots search all cells of the tour in the given time.
     """
@@ -147,7 +169,11 @@ def two_way_pass(tour, team, time, first, borders):
         borders[i] = here
         at, budget = team.starts[i] + n, time * team.rates[i]
         if here >= at:  # the part of the previous robot reaches the start of robot i, or further
-            leg = team.far[i, here % n] if team.far.shape[0] > 0 else flown(tour.points, tour.points, at % n, here % n)
+            leg = (
+                team.far[i, here % n]
+                if team.far.shape[0] > 0
+                else flown(tour.points, tour.points, at % n, here % n)
+            )
             here = furthest(tour.ahead, here, (budget - leg) * team.gains[i])
         else:
             here = both_ways(tour, team, i, at, here, budget)
@@ -162,12 +188,17 @@ def two_way_pass(tour, team, time, first, borders):
 
 @kernel
 def best_start(two_ways, tour, team, time, stride, borders):
-    """Make passes with different first borders until a pass succeeds in the given time. Return whether a pass has succeeded.
+    """Make passes with different first borders until a pass succeeds in the given time. Return
+    whether a pass has succeeded.
 
-    A pass succeeds if the robots search all cells of the tour. After a success, ``borders`` contains the first cell of each robot.
+    A pass succeeds if the robots search all cells of the tour. After a success, ``borders``
+    contains the first cell of each robot.
     """
     reach, n, ahead, start = 0, tour.points.shape[0], tour.ahead, team.starts[0]
-    while reach < n and ahead[start + n] - ahead[start + n - reach] <= time * team.rates[0] * team.gains[0]:
+    while (
+        reach < n
+        and ahead[start + n] - ahead[start + n - reach] <= time * team.rates[0] * team.gains[0]
+    ):
         reach += 1
     low, high = -reach, (0 if two_ways else reach)
     offset = 0
@@ -179,7 +210,11 @@ def best_start(two_ways, tour, team, time, stride, borders):
             first = start + n + place
             if first < 0 or first + n >= ahead.shape[0] - 1:
                 continue
-            done = two_way_pass(tour, team, time, first, borders) if two_ways else shift_pass(tour, team, time, first, borders)
+            done = (
+                two_way_pass(tour, team, time, first, borders)
+                if two_ways
+                else shift_pass(tour, team, time, first, borders)
+            )
             if done:
                 return True
         offset += stride
@@ -188,10 +223,11 @@ def best_start(two_ways, tour, team, time, stride, borders):
 
 @kernel
 def hop_pass(tour, team, time, first, turn, borders):
-    """Make a pass in which each robot goes to the first of its cells and searches forwards. Return whether the pass succeeds.
+    """Make a pass in which each robot goes to the first of its cells and searches forwards. Return
+    whether the pass succeeds.
 
-    The cells of robot ``turn`` begin with the cell ``first``. The pass succeeds if the robots search all cells of the tour in the
-    given time.
+    The cells of robot ``turn`` begin with the cell ``first``. The pass succeeds if the robots
+    search all cells of the tour in the given time.
     """
     m, n = team.places.shape[0], tour.points.shape[0]
     here = first
@@ -207,13 +243,16 @@ def hop_pass(tour, team, time, first, turn, borders):
 
 @kernel
 def hop_costs(tour, team, firsts, latest):
-    """Write to ``latest`` the completion time of each cut of the tour into arcs of equal search times, one arc for each robot.
+    """Write to ``latest`` the completion time of each cut of the tour into arcs of equal search
+    times, one arc for each robot.
 
-    Each robot first takes the shortest path to the beginning of its arc. The first arc of row k begins at cell ``firsts[k]``. In
-    column j, robot j gets the first arc, and the other robots follow in their order around the tour. An entry may be infinite if a
-    cut takes more than 1.5 times as long as the best cut before it.
+    Each robot first takes the shortest path to the beginning of its arc. The first arc of row k
+    begins at cell ``firsts[k]``. In column j, robot j gets the first arc, and the other robots
+    follow in their order around the tour. An entry may be infinite if a cut takes more than 1.5
+    times as long as the best cut before it.
     """
-    # The inner loop uses local names: passing the tuple would count references, which takes longer than the rest of the loop.
+    # The inner loop uses local names: passing the tuple would count references, which takes longer
+    # than the rest of the loop.
     ahead, points, places, rates, far = tour.ahead, tour.points, team.places, team.rates, team.far
     m, n = places.shape[0], points.shape[0]
     powers = rates * team.gains
@@ -228,11 +267,124 @@ def hop_costs(tour, team, firsts, latest):
                 robot = (i + turn) % m
                 if turn == 0 or not alike:  # for equal robots, all turns have equal arcs
                     cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
-                way = flown(points, places, robot, cells[i] % n) if straight else far[robot, cells[i] % n]
+                way = (
+                    flown(points, places, robot, cells[i] % n)
+                    if straight
+                    else far[robot, cells[i] % n]
+                )
                 worst = max(worst, way / rates[robot] + whole / power)
-                if worst > 1.5 * best and turn > 0:  # a bisection could not make this turn the best turn
+                if (
+                    worst > 1.5 * best and turn > 0
+                ):  # a bisection could not make this turn the best turn
                     worst = np.inf
                     break
                 level += whole * powers[robot] / power
             latest[row, turn] = worst
             best = min(best, worst)
+
+
+@kernel
+def squared_steps(cells, squares):
+    """Write to ``squares`` the squared length of the step from each cell to the next one. The last
+    step leads to the first cell.
+    """
+    n = len(cells)
+    for k in range(n):
+        after = k + 1 if k + 1 < n else 0
+        squares[k] = squared_distance(cells, k, after)
+
+
+@kernel
+def squared_distance(cells, a, b):
+    z, y, x = cells[b, 0] - cells[a, 0], cells[b, 1] - cells[a, 1], cells[b, 2] - cells[a, 2]
+    return z * z + y * y + x * x
+
+
+@kernel
+def count_turns(cells, closed):
+    """Return the number of cells at which the tour changes its direction.
+
+    The first and the last cell count only in a closed tour.
+    """
+    n, turns = len(cells), 0
+    if n < 3:
+        return 2 if closed and n == 2 else 0
+    for k in range(0 if closed else 1, n if closed else n - 1):
+        before, after = k - 1 if k > 0 else n - 1, k + 1 if k + 1 < n else 0
+        z, y, x = (
+            cells[k, 0] - cells[before, 0],
+            cells[k, 1] - cells[before, 1],
+            cells[k, 2] - cells[before, 2],
+        )
+        w, v, u = (
+            cells[after, 0] - cells[k, 0],
+            cells[after, 1] - cells[k, 1],
+            cells[after, 2] - cells[k, 2],
+        )
+        straight = (
+            y * u == x * v and z * u == x * w and z * v == y * w and z * w + y * v + x * u > 0
+        )
+        turns += not straight
+    return turns
+
+
+@kernel
+def neighbour_gaps(position, closed, n):
+    """Return (sum, pairs) of the distances along the tour between neighbouring cells.
+
+    ``pairs`` is the number of pairs of neighbouring cells, and ``sum`` is the sum of their
+    distances along the tour. The array ``position`` has the shape (L, H, W).
+    """
+    total, pairs = 0, 0
+    layers, rows, cols = position.shape
+    for z in range(layers):
+        for y in range(rows):
+            for x in range(cols):
+                here = position[z, y, x]
+                if here < 0:
+                    continue
+                for axis in range(3):
+                    w, v, u = z + (axis == 0), y + (axis == 1), x + (axis == 2)
+                    if w == layers or v == rows or u == cols or position[w, v, u] < 0:
+                        continue
+                    gap = abs(position[w, v, u] - here)
+                    total += min(gap, n - gap) if closed else gap
+                    pairs += 1
+    return total, pairs
+
+
+@kernel
+def dilation(cells, closed):
+    """Return the largest ratio of the squared straight distance of two cells to their distance
+    along the tour.
+
+    The kernel tests only pairs of cells at the distances 1, 2, 3, 4, 6, 8, 12, ... along the tour.
+    """
+    n = len(cells)
+    reach = n // 2 if closed else n - 1
+    worst, apart, power = 0.0, 1, 1
+    while apart <= reach:
+        farthest = 0
+        for k in range(n if closed else n - apart):
+            other = k + apart
+            farthest = max(farthest, squared_distance(cells, k, other - n if other >= n else other))
+        worst = max(worst, farthest / apart)
+        if apart == power and power > 1:
+            apart = power + power // 2
+        else:
+            power *= 2
+            apart = power
+    return worst
+
+
+@kernel
+def fill_position(cells, position):
+    """Write each cell's number on the tour to ``position``. Return the number of the first repeated
+    cell, or -1 if none repeats.
+    """
+    for k in range(len(cells)):
+        z, y, x = cells[k, 0], cells[k, 1], cells[k, 2]
+        if position[z, y, x] >= 0:
+            return k
+        position[z, y, x] = k
+    return -1

@@ -1,4 +1,6 @@
-"""SearchProblem: all settings of a search except its seed: region, robots, faults, targets and obstacles."""
+"""SearchProblem: all settings of a search except its seed: region, robots, faults, targets and
+obstacles.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,6 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
 from shoal.search.flight.vehicle import Vehicle, image_of, vehicle_of
-from shoal.search.problem.faults import Fault, check_faults, fault_text
 from shoal.search.problem.fields import (
     AUTO,
     check_angle,
@@ -32,20 +33,24 @@ from shoal.search.problem.fields import (
     parse_count_or_path,
     parse_numbers,
 )
+from shoal.search.problem.network import Fault, check_faults, fault_text
 from shoal.search.regions.builder import INNER, open_region
-from shoal.search.regions.coverage import Image
 from shoal.search.regions.formats.reading import HIDDEN
 from shoal.search.regions.margin import sag_of, with_default_margin, with_margin, without_margin
-from shoal.search.regions.outline_checks import check_spikes
+from shoal.search.regions.outline import check_spikes
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.regions.projection import ROUNDED
-from shoal.search.regions.region import SearchRegion
+from shoal.search.regions.region import Image, SearchRegion
 
 AUTO_TOUR = "spanning-tree"
-"""The tour that ``auto`` means for a single pass if Shoal does not compare tours. This tour is the shortest in every region."""
+"""The tour that ``auto`` means for a single pass if Shoal does not compare tours. This tour is the
+shortest in every region.
+"""
 
 AUTO_TOURS = ("boustrophedon", "spanning-tree")
-"""The tours that ``auto`` compares if turns take time, or if the planner chooses the angle of the rows."""
+"""The tours that ``auto`` compares if turns take time, or if the planner chooses the angle of the
+rows.
+"""
 
 FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
@@ -57,7 +62,15 @@ READING = ("layer", "inner", "hidden", "closed_lines")
 """Fields that decide how files of regions and no-go zones are read."""
 
 LIVE_FAULTS = ("crash", "slow")
-TOURS = ("spanning-tree", "boustrophedon", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
+TOURS = (
+    "spanning-tree",
+    "boustrophedon",
+    "comb",
+    "hilbert-rectangle",
+    "hilbert",
+    "moore",
+    "open-hilbert",
+)
 ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 
 
@@ -65,8 +78,9 @@ ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 class SearchProblem(Problem):
     """A search of a region by robots that have no coordinator.
 
-    The options of ``shoal search`` and the fields of sweeps and problem files have the same names as the fields of this class. In
-    Python, the region may also be a `SearchRegion`, and starts, targets and obstacles may also be arrays of points in metres.
+    The options of ``shoal search`` and the fields of sweeps and problem files have the same names
+    as the fields of this class. In Python, the region may also be a `SearchRegion`, and starts,
+    targets and obstacles may also be arrays of points in metres.
 
     Raises
     ------
@@ -88,197 +102,404 @@ class SearchProblem(Problem):
 
     part: ClassVar[str] = "search"
     headings: ClassVar = {
-        "robots": "Robots", "tour": "Tour", "no_go": "Region", "vehicle": "Vehicle", "multiplicity": "Robots", "transit": "Vehicle",
-        "loss": "Radio and faults", "targets": "Targets and obstacles", "simulate": "Simulation",
-    }  # fmt: skip
-    measures = ("status", "cells", "makespan", "share", "planned", "lower_bound", "sent", "lost", "takeovers")
+        "robots": "Robots",
+        "tour": "Tour",
+        "no_go": "Region",
+        "vehicle": "Vehicle",
+        "multiplicity": "Robots",
+        "transit": "Vehicle",
+        "loss": "Radio and faults",
+        "targets": "Targets and obstacles",
+        "simulate": "Simulation",
+    }
+    measures = (
+        "status",
+        "cells",
+        "makespan",
+        "share",
+        "planned",
+        "lower_bound",
+        "sent",
+        "lost",
+        "takeovers",
+    )
 
     region: Any = option(
-        help="Region: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
-        ".geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile), .plan (QGroundControl), .poly, .fen, .waypoints or .txt "
-        "(Mission Planner) or .csv (metres).",
-        argument=True, metavar="REGION", check=check_region, dump=dump_region,
-    )  # fmt: skip
+        help=(
+            "Region: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a"
+            " volume) in metres, or a file: .geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a"
+            " Shapefile), .plan (QGroundControl), .poly, .fen, .waypoints or .txt (Mission Planner)"
+            " or .csv (metres)."
+        ),
+        argument=True,
+        metavar="REGION",
+        check=check_region,
+        dump=dump_region,
+    )
     robots: int = option(4, help="Number of robots.", least=1, most=MOST_ROBOTS)
     footprint: float | tuple[float, ...] | None = option(
-        None, help="Side of the square that a robot sees: one number for all robots, or one number for each robot, "
-        "such as 2,2,6; by default the view of the vehicle's camera or detector, or 10.",
-        unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
-    )  # fmt: skip
+        None,
+        help=(
+            "Side of the square that a robot sees: one number for all robots, or one number for"
+            " each robot, such as 2,2,6; by default the view of the vehicle's camera or detector,"
+            " or 10."
+        ),
+        unit="m",
+        metavar="METRES",
+        parse=parse_numbers,
+        check=check_footprint,
+    )
     bands: tuple[float, ...] | None = option(
-        None, help="Altitudes at which robots search the whole region, along one tour; by default the vehicle's altitude, or in "
-        "a box, the middles of equal layers that are at most one footprint thick.", unit="m", metavar="H,H,...",
-        parse=parse_numbers, check=check_bands,
-    )  # fmt: skip
+        None,
+        help=(
+            "Altitudes at which robots search the whole region, along one tour; by default the"
+            " vehicle's altitude, or in a box, the middles of equal layers that are at most one"
+            " footprint thick."
+        ),
+        unit="m",
+        metavar="H,H,...",
+        parse=parse_numbers,
+        check=check_bands,
+    )
     passes: int = option(
-        1, help="Number of times that robots search the whole region. In every second pass, rows are rotated by 90 degrees.",
-        least=1, most=100,
-    )  # fmt: skip
+        1,
+        help=(
+            "Number of times that robots search the whole region. In every second pass, rows are"
+            " rotated by 90 degrees."
+        ),
+        least=1,
+        most=100,
+    )
     starts: str | tuple[tuple[float, float], ...] = option(
-        "random", help="Start points of the robots: random, clustered, line, or a CSV file with a point for each robot (x and y "
-        "in metres; longitude and latitude for a region on Earth).", check=check_places("starts", "a layout or a file"),
-    )  # fmt: skip
+        "random",
+        help=(
+            "Start points of the robots: random, clustered, line, or a CSV file with a point for"
+            " each robot (x and y in metres; longitude and latitude for a region on Earth)."
+        ),
+        check=check_places("starts", "a layout or a file"),
+    )
     launch: str | tuple[tuple[float, float], ...] | None = option(
-        None, help="Launch points inside or outside the region, in place of --starts: one x,y for all robots, or one for each "
-        "robot, separated by semicolons (metres; longitude,latitude for a region on Earth). The value of --launch may be a "
-        "CSV or GeoJSON file of points, or of a line such as a road, along which robots start at equal distances.",
-        metavar="POINTS|FILE", check=check_places("launch", "points or a file"),
-    )  # fmt: skip
+        None,
+        help=(
+            "Launch points inside or outside the region, in place of --starts: one x,y for all"
+            " robots, or one for each robot, separated by semicolons (metres; longitude,latitude"
+            " for a region on Earth). The value of --launch may be a CSV or GeoJSON file of points,"
+            " or of a line such as a road, along which robots start at equal distances."
+        ),
+        metavar="POINTS|FILE",
+        check=check_places("launch", "points or a file"),
+    )
     land: str | tuple[tuple[float, float], ...] | None = option(
-        None, help="Landing points, in the same form as --launch; by default the launch points.", metavar="POINTS|FILE",
+        None,
+        help="Landing points, in the same form as --launch; by default the launch points.",
+        metavar="POINTS|FILE",
         check=check_places("land", "points or a file"),
-    )  # fmt: skip
+    )
     stay_inside: bool = option(
         False,
-        help="Paths between the region and launch or landing points outside it enter and leave the region at the nearest "
-        "place, and stay inside the region otherwise.",
+        help=(
+            "Paths between the region and launch or landing points outside it enter and leave the"
+            " region at the nearest place, and stay inside the region otherwise."
+        ),
     )
     delays: tuple[float, ...] | None = option(
-        None, help="Delay of each robot's start; by default 0, or with missions, the delays that keep robots apart.", unit="s",
-        metavar="S,S,...", parse=parse_numbers,
-        check=lambda value: check_number_list(value, "delays", "numbers, 0 or more, one per robot", least=0),
-    )  # fmt: skip
+        None,
+        help=(
+            "Delay of each robot's start; by default 0, or with missions, the delays that keep"
+            " robots apart."
+        ),
+        unit="s",
+        metavar="S,S,...",
+        parse=parse_numbers,
+        check=lambda value: check_number_list(
+            value, "delays", "numbers, 0 or more, one per robot", least=0
+        ),
+    )
     tour: str = option(
-        "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. With several passes, auto means boustrophedon. If turns take "
-        "time or Shoal chooses the angle of the rows, auto means the faster tour of spanning-tree and boustrophedon. In any other "
-        "search, auto means spanning-tree.", names=TOURS,
-    )  # fmt: skip
+        "auto",
+        help=(
+            f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. With several passes, auto means"
+            " boustrophedon. If turns take time or Shoal chooses the angle of the rows, auto means"
+            " the faster tour of spanning-tree and boustrophedon. In any other search, auto means"
+            " spanning-tree."
+        ),
+        names=TOURS,
+    )
     allocation: str = option(
-        "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto means the "
-        "fastest rule. In large searches, auto means hop: if the number of cells times the number of robots exceeds 100,000, or "
-        "10,000 with footprints wider than a cell.", names=ALLOCATIONS,
-    )  # fmt: skip
+        "auto",
+        help=(
+            f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or"
+            " MODULE:ATTRIBUTE. auto means the fastest rule. In large searches, auto means hop: if"
+            " the number of cells times the number of robots exceeds 100,000, or 10,000 with"
+            " footprints wider than a cell."
+        ),
+        names=ALLOCATIONS,
+    )
     angle: float | str | None = option(
-        None, help="Angle of the rows, along which most of the tour runs, counter-clockwise from east; by default auto for regions "
-        "on Earth, else 0. With auto, Shoal takes the angle and shift of the rows for which one robot needs the least time.",
-        unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
-    )  # fmt: skip
+        None,
+        help=(
+            "Angle of the rows, along which most of the tour runs, counter-clockwise from east; by"
+            " default auto for regions on Earth, else 0. With auto, Shoal takes the angle and shift"
+            " of the rows for which one robot needs the least time."
+        ),
+        unit="degrees",
+        metavar="DEGREES|auto",
+        parse=parse_angle,
+        check=check_angle,
+    )
     no_go: tuple[Any, ...] = option(
-        (), help="File of no-go zones, in the same units as REGION (the option can be repeated).", metavar="FILE", repeated=True,
-        parse=list, check=check_no_go, dump=dump_no_go,
-    )  # fmt: skip
+        (),
+        help="File of no-go zones, in the same units as REGION (the option can be repeated).",
+        metavar="FILE",
+        repeated=True,
+        parse=list,
+        check=check_no_go,
+        dump=dump_no_go,
+    )
     margin: float | None = option(
-        None, help="Distance that all paths keep from the border of the region and from no-go zones. Default: with missions or "
-        "no-go zones, the sum of the vehicle's position error, its acceptance radius and the rounding of coordinates, or less "
-        "where the region is too narrow; otherwise 0.", unit="m", least=0,
-    )  # fmt: skip
+        None,
+        help=(
+            "Distance that all paths keep from the border of the region and from no-go zones."
+            " Default: with missions or no-go zones, the sum of the vehicle's position error, its"
+            " acceptance radius and the rounding of coordinates, or less where the region is too"
+            " narrow; otherwise 0."
+        ),
+        unit="m",
+        least=0,
+    )
     layer: str | None = option(
-        None, help="Name of a layer of a GeoPackage file, required if the file has several layers; survey or fence for a plan of "
-        "QGroundControl, required if the plan has both.",
-    )  # fmt: skip
+        None,
+        help=(
+            "Name of a layer of a GeoPackage file, required if the file has several layers; survey"
+            " or fence for a plan of QGroundControl, required if the plan has both."
+        ),
+    )
     inner: str | None = option(
-        None, help="Meaning of an unmarked polygon inside another polygon. By default, Shoal refuses a file with "
-        "an unmarked inner polygon.", choices=INNER,
-    )  # fmt: skip
+        None,
+        help=(
+            "Meaning of an unmarked polygon inside another polygon. By default, Shoal refuses a"
+            " file with an unmarked inner polygon."
+        ),
+        choices=INNER,
+    )
     hidden: str | None = option(
-        None, help="Meaning of the polygons that a KML file hides (visibility 0). By default, Shoal refuses a file with a hidden "
-        "polygon.", choices=HIDDEN,
-    )  # fmt: skip
+        None,
+        help=(
+            "Meaning of the polygons that a KML file hides (visibility 0). By default, Shoal"
+            " refuses a file with a hidden polygon."
+        ),
+        choices=HIDDEN,
+    )
     closed_lines: bool = option(False, help="Read closed lines in files as polygons.")
     vehicle: Vehicle | str | None = option(
-        None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery limit) or a .toml or "
-        ".json file; by default ideal, or with missions, multirotor. Changed fields may follow the name: rover,cruise_speed=2.",
-        metavar="NAME|FILE[,FIELD=VALUE...]", check=vehicle_of, dump=Vehicle.to_dict,
-    )  # fmt: skip
+        None,
+        help=(
+            "Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery"
+            " limit) or a .toml or .json file; by default ideal, or with missions, multirotor."
+            " Changed fields may follow the name: rover,cruise_speed=2."
+        ),
+        metavar="NAME|FILE[,FIELD=VALUE...]",
+        check=vehicle_of,
+        dump=Vehicle.to_dict,
+    )
     rates: tuple[float, ...] | None = option(
-        None, help="Speed of each robot, divided by the vehicle's speed.", metavar="R,R,...",
-        parse=parse_numbers, check=lambda value: check_number_list(value, "rates", "numbers above 0, one per robot", above=0),
-    )  # fmt: skip
-    multiplicity: int = option(1, help="Number of different robots that must search each cell.", least=1)
-    transit: bool = option(False, help="Robots fly, and may cross the ground between the separate parts of a region.")
-    loss: float = option(0.0, help="Probability that the radio network loses a message.", least=0, most=1)
+        None,
+        help="Speed of each robot, divided by the vehicle's speed.",
+        metavar="R,R,...",
+        parse=parse_numbers,
+        check=lambda value: check_number_list(
+            value, "rates", "numbers above 0, one per robot", above=0
+        ),
+    )
+    multiplicity: int = option(
+        1, help="Number of different robots that must search each cell.", least=1
+    )
+    transit: bool = option(
+        False, help="Robots fly, and may cross the ground between the separate parts of a region."
+    )
+    loss: float = option(
+        0.0, help="Probability that the radio network loses a message.", least=0, most=1
+    )
     network: str = option(
-        "perfect", help="Radio network: perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, "
-        "duplicates:P, corruption:P, replays:P, forgeries:P (with --key).", metavar="MODEL,...", check=check_network,
-    )  # fmt: skip
+        "perfect",
+        help=(
+            "Radio network: perfect, loss:P, bursts:WORSEN:MEND, range:CELLS,"
+            " partition:SINCE:UNTIL, delay:MEAN, duplicates:P, corruption:P, replays:P, forgeries:P"
+            " (with --key)."
+        ),
+        metavar="MODEL,...",
+        check=check_network,
+    )
     key: str | None = option(
-        None, help="File with the key that signs messages: 16 bytes or more, readable by its owner only. With a key, robots refuse "
-        "unsigned and repeated messages.", metavar="FILE", check=lambda value: check_path(value, "key", "the path of a file"),
-    )  # fmt: skip
+        None,
+        help=(
+            "File with the key that signs messages: 16 bytes or more, readable by its owner only."
+            " With a key, robots refuse unsigned and repeated messages."
+        ),
+        metavar="FILE",
+        check=lambda value: check_path(value, "key", "the path of a file"),
+    )
     packet: int | None = option(
-        None, help="Maximum length of a message. A robot divides a longer message into several messages, each of which can be "
-        "read alone.", unit="bytes", least=64, most=65_507,
-    )  # fmt: skip
+        None,
+        help=(
+            "Maximum length of a message. A robot divides a longer message into several messages,"
+            " each of which can be read alone."
+        ),
+        unit="bytes",
+        least=64,
+        most=65_507,
+    )
     faults: tuple[Fault, ...] = option(
-        (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, wrong-position:R:CELLS, "
-        "liar:R (the option can be repeated). R is the number of a robot, counted from 1. TIME, UNTIL and ENERGY are "
-        "in units of the time for one cell.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
+        (),
+        help=(
+            "Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY,"
+            " wrong-position:R:CELLS, liar:R (the option can be repeated). R is the number of a"
+            " robot, counted from 1. TIME, UNTIL and ENERGY are in units of the time for one cell."
+        ),
+        metavar="FAULT,...",
+        repeated=True,
+        parse=list,
+        check=check_faults,
         dump=lambda value: [fault_text(fault) for fault in value],
-    )  # fmt: skip
+    )
     crashes: int = option(
-        0, help="Number of robots that crash at random times. The seed determines which robots crash, and when.", least=0
+        0,
+        help=(
+            "Number of robots that crash at random times. The seed determines which robots crash,"
+            " and when."
+        ),
+        least=0,
     )
     targets: Any = option(
-        0, help="Targets that robots must find: a number of random cells, or a CSV file of points.", metavar="N|FILE",
-        parse=parse_count_or_path, check=check_places("targets", "a file", count=True),
-    )  # fmt: skip
-    detection: float = option(
-        1.0, help="Probability that a robot detects a target when it searches the cell of the target.", least=0, most=1
+        0,
+        help="Targets that robots must find: a number of random cells, or a CSV file of points.",
+        metavar="N|FILE",
+        parse=parse_count_or_path,
+        check=check_places("targets", "a file", count=True),
     )
-    false_alarm: float = option(0.0, help="Probability that a robot reports a target in a cell without a target.", least=0, most=1)
+    detection: float = option(
+        1.0,
+        help="Probability that a robot detects a target when it searches the cell of the target.",
+        least=0,
+        most=1,
+    )
+    false_alarm: float = option(
+        0.0,
+        help="Probability that a robot reports a target in a cell without a target.",
+        least=0,
+        most=1,
+    )
     obstacles: Any = option(
-        0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. With unknown "
-        "obstacles, robots move from cell to cell and discover the obstacles on the way.",
-        metavar="N|FILE", parse=parse_count_or_path, check=check_places("obstacles", "a file", count=True),
-    )  # fmt: skip
+        0,
+        help=(
+            "Obstacles that no map shows: a number of random cells, or a CSV file of points. With"
+            " unknown obstacles, robots move from cell to cell and discover the obstacles on the"
+            " way."
+        ),
+        metavar="N|FILE",
+        parse=parse_count_or_path,
+        check=check_places("obstacles", "a file", count=True),
+    )
     simulate: bool | None = option(
-        None, help="Simulate robots and messages; by default yes, unless there are more than 125 robots, or the number of cells "
-        "times the number of robots exceeds a million.",
-    )  # fmt: skip
+        None,
+        help=(
+            "Simulate robots and messages; by default yes, unless there are more than 125 robots,"
+            " or the number of cells times the number of robots exceeds a million."
+        ),
+    )
     live: float | None = option(
-        None, help="Speed of a search with one process for each robot and real UDP messages, in place of a simulation. If a "
-        "robot crashes, Shoal kills the process of the robot.", unit="cells/s", metavar="RATE", above=0,
-    )  # fmt: skip
+        None,
+        help=(
+            "Speed of a search with one process for each robot and real UDP messages, in place of a"
+            " simulation. If a robot crashes, Shoal kills the process of the robot."
+        ),
+        unit="cells/s",
+        metavar="RATE",
+        above=0,
+    )
 
     def check_together(self) -> None:
         """Refuse fields that contradict each other, without opening any file."""
-        of_robots = {"footprint": "one length, or {}", "rates": "{} speeds", "starts": "{} points", "delays": "{} times"}
+        of_robots = {
+            "footprint": "one length, or {}",
+            "rates": "{} speeds",
+            "starts": "{} points",
+            "delays": "{} times",
+        }
         for name, what in of_robots.items():
             value = getattr(self, name)
             if isinstance(value, tuple) and len(value) != self.robots:
-                raise InvalidInputError(f"{name}: expected {what.format(self.robots)}, one per robot, got {len(value)}")
+                raise InvalidInputError(
+                    f"{name}: expected {what.format(self.robots)}, one per robot, got {len(value)}"
+                )
         for fault in self.faults:
             if fault.robot > self.robots:
-                raise InvalidInputError(f"faults: expected a robot from 1 to {self.robots}, got {fault_text(fault)}")
+                raise InvalidInputError(
+                    f"faults: expected a robot from 1 to {self.robots}, got {fault_text(fault)}"
+                )
         if self.multiplicity > self.robots:
-            raise InvalidInputError(f"multiplicity: expected at most {self.robots}, the number of robots, got {self.multiplicity}")
+            raise InvalidInputError(
+                f"multiplicity: expected at most {self.robots}, the number of robots, got"
+                f" {self.multiplicity}"
+            )
         if (self.bands or self._volume) and self._asked_vehicle.kind == "rover":
-            raise InvalidInputError("vehicle: expected a flying vehicle for bands or a box, got a rover")
+            raise InvalidInputError(
+                "vehicle: expected a flying vehicle for bands or a box, got a rover"
+            )
         if self.stay_inside and self.launch is None and self.land is None:
-            raise InvalidInputError("stay_inside: expected launch or landing points outside the region, got none")
+            raise InvalidInputError(
+                "stay_inside: expected launch or landing points outside the region, got none"
+            )
         if self.launch is not None and "starts" in self.given:
-            raise InvalidInputError(f"starts: expected no starts together with launch points, got {shortened(self.starts)}")
+            raise InvalidInputError(
+                "starts: expected no starts together with launch points, got"
+                f" {shortened(self.starts)}"
+            )
         if "detection" in self.given and not self.given & {"targets", "false_alarm"}:
             raise InvalidInputError(
-                f"detection: expected targets, which robots detect, got none and a detection of {self.detection:g}"
+                "detection: expected targets, which robots detect, got none and a detection of"
+                f" {self.detection:g}"
             )
         if self.crashes > self.robots:
-            raise InvalidInputError(f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}")
+            raise InvalidInputError(
+                f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}"
+            )
         if isinstance(self.region, SearchRegion) and (
             self.no_go or any(getattr(self, name) not in (None, False) for name in READING)
         ):
             raise InvalidInputError(
-                "region: expected a name or a file together with no_go, layer, inner, hidden or closed_lines, got an opened region"
+                "region: expected a name or a file together with no_go, layer, inner, hidden or"
+                " closed_lines, got an opened region"
             )
         if self.live is not None:
             if "simulate" in self.given and self.simulate is not None:
                 raise InvalidInputError(
-                    f"simulate: expected no choice for a live search, which is no simulation, got {self.simulate}"
+                    "simulate: expected no choice for a live search, which is no simulation, got"
+                    f" {self.simulate}"
                 )
             if self.network != "perfect":
-                raise InvalidInputError(f"live: expected no network, because a live search has only loss, got {self.network!r}")
+                raise InvalidInputError(
+                    "live: expected no network, because a live search has only loss, got"
+                    f" {self.network!r}"
+                )
             if any(not fault_text(fault).startswith(LIVE_FAULTS) for fault in self.faults):
-                raise InvalidInputError("live: expected only crashes and slow robots as faults, got other faults")
+                raise InvalidInputError(
+                    "live: expected only crashes and slow robots as faults, got other faults"
+                )
 
     @property
     def chosen_angle(self) -> float | None:
-        """Angle of the rows of cells in degrees, or None if the planner chooses the angle (by default, for a region on Earth)."""
+        """Angle of the rows of cells in degrees, or None if the planner chooses the angle (by
+        default, for a region on Earth).
+        """
         if self.angle is None:
             return None if self.place.frame is not None else 0.0
         return None if isinstance(self.angle, str) else self.angle
 
     def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
-        """Return the names of the tours that the planner compares if a turn costs ``turn_cost`` cells."""
+        """Return the names of the tours that the planner compares if a turn costs ``turn_cost``
+        cells.
+        """
         if self.tour != AUTO:
             return (self.tour,)
         if self.passes > 1:
@@ -287,16 +508,24 @@ class SearchProblem(Problem):
 
     @property
     def allocations_to_compare(self) -> tuple[str, ...]:
-        """Names of the allocators that the planner compares. The allocator that is most often the fastest comes first."""
+        """Names of the allocators that the planner compares. The allocator that is most often the
+        fastest comes first.
+        """
         return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
 
     @property
     def _volume(self) -> bool:
-        return self.region.startswith("box:") if isinstance(self.region, str) else self.region.height > 0
+        return (
+            self.region.startswith("box:")
+            if isinstance(self.region, str)
+            else self.region.height > 0
+        )
 
     @cached_property
     def altitudes(self) -> tuple[float, ...]:
-        """Altitudes of the search in metres, ascending: the bands, the layers of a volume, or the vehicle's altitude."""
+        """Altitudes of the search in metres, ascending: the bands, the layers of a volume, or the
+        vehicle's altitude.
+        """
         if self.bands is not None:
             return self.bands
         if not self._volume:
@@ -310,37 +539,52 @@ class SearchProblem(Problem):
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """The vehicle of the robots at the lowest altitude of the search. By default, robots have the ideal vehicle."""
+        """The vehicle of the robots at the lowest altitude of the search. By default, robots have
+        the ideal vehicle.
+        """
         asked = self._asked_vehicle
         if self.bands is None and not self._volume:
             return asked
-        speeds = {name: getattr(asked, name) or asked.cruise for name in ("climb_speed", "sink_speed")}
+        speeds = {
+            name: getattr(asked, name) or asked.cruise for name in ("climb_speed", "sink_speed")
+        }
         return asked.replaced(altitude=self.altitudes[0], **speeds)
 
     def vehicle_at(self, altitude: float) -> Vehicle:
-        """Return the vehicle with its altitude changed to ``altitude``. In a volume, the vehicle keeps its own altitude."""
-        return self._asked_vehicle if self._volume else self._asked_vehicle.replaced(altitude=altitude)
+        """Return the vehicle with its altitude changed to ``altitude``. In a volume, the vehicle
+        keeps its own altitude.
+        """
+        return (
+            self._asked_vehicle if self._volume else self._asked_vehicle.replaced(altitude=altitude)
+        )
 
     def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
         """Return the side of the footprint at an altitude, in metres.
 
-        By default, the footprint is the view of the vehicle's camera or detector, or 10 m without a camera or detector.
+        By default, the footprint is the view of the vehicle's camera or detector, or 10 m without a
+        camera or detector.
         """
         return self.footprint or self.vehicle_at(altitude).row_spacing or FOOTPRINT
 
     @property
     def chosen_footprint(self) -> float | tuple[float, ...]:
-        """Side of the footprint in metres: the given side, or the side that the vehicle sees from the lowest altitude."""
+        """Side of the footprint in metres: the given side, or the side that the vehicle sees from
+        the lowest altitude.
+        """
         return self.footprint_at(self.altitudes[0])
 
     @property
     def image(self) -> Image | None:
-        """The image of the vehicle's camera, or None without a camera, or with a given footprint."""
+        """The image of the vehicle's camera, or None without a camera, or with a given
+        footprint.
+        """
         return image_of(self.chosen_vehicle) if self.footprint is None else None
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots move only from a cell to a neighbouring cell, because the region has unknown obstacles."""
+        """Whether robots move only from a cell to a neighbouring cell, because the region has
+        unknown obstacles.
+        """
         return self.obstacles not in (0, ())
 
     def open_place(self) -> SearchRegion:
@@ -352,14 +596,18 @@ class SearchProblem(Problem):
         return self.kept_margin(whole)
 
     def kept_margin(self, region: SearchRegion, *, fenced: bool = False) -> SearchRegion:
-        """Return a region with the problem's margin, or with the default margin if the problem has none.
+        """Return a region with the problem's margin, or with the default margin if the problem has
+        none.
 
-        The default margin is 0 in a region without no-go zones, unless the vehicles are ``fenced``: have a geofence.
+        The default margin is 0 in a region without no-go zones, unless the vehicles are ``fenced``:
+        have a geofence.
         """
         vehicle = self._asked_vehicle
         if self.margin is not None:
             plain = without_margin(region) if fenced else region
-            return with_margin(plain, self.margin, barriers=plain.barriers, pointed=vehicle.radius > 0)
+            return with_margin(
+                plain, self.margin, barriers=plain.barriers, pointed=vehicle.radius > 0
+            )
         if region.margin or (region.no_go.is_empty and not fenced):
             return region
         wanted = vehicle.clearance + (ROUNDED if vehicle.clearance or fenced else 0.0)
@@ -377,8 +625,14 @@ class SearchProblem(Problem):
         )
 
     def known_places(self, region: SearchRegion) -> tuple[Any, Any]:
-        """Return the points where robots start inside the region, and the launch and landing points, in metres."""
-        given = [(getattr(self, name), name) for name in ("launch", "land") if getattr(self, name) is not None]
+        """Return the points where robots start inside the region, and the launch and landing
+        points, in metres.
+        """
+        given = [
+            (getattr(self, name), name)
+            for name in ("launch", "land")
+            if getattr(self, name) is not None
+        ]
         places = [places_of(value, region, self.robots, what=name) for value, name in given]
         outer = np.concatenate([np.zeros((0, 2)), *places])
         inner = np.zeros((0, 2))
@@ -386,12 +640,16 @@ class SearchProblem(Problem):
             inner = np.asarray(self.starts, dtype=np.float64)
         elif os.path.isfile(self.starts) and self.launch is None:
             inner = read_points(Path(self.starts), region, what="starts", count=self.robots)
-        if self._asked_vehicle.kind == "rover":  # it cannot leave the region between the border and the margin
+        if (
+            self._asked_vehicle.kind == "rover"
+        ):  # it cannot leave the region between the border and the margin
             inner = np.concatenate([inner, outer[region.contains(outer)]])
         return inner, outer
 
     def place_key(self) -> str | None:
-        """Return a text with the fields that define the region, or None if the region is a `SearchRegion`."""
+        """Return a text with the fields that define the region, or None if the region is a
+        `SearchRegion`.
+        """
         if isinstance(self.region, SearchRegion):
             return None
         kept: tuple[str, ...] = ("region", "no_go", "margin", *READING)
@@ -399,18 +657,23 @@ class SearchProblem(Problem):
             self.margin is None and self._asked_vehicle.clearance
         ):  # the default margin depends on the vehicle, on what it sees, and on the known places
             kept += ("vehicle", "footprint", "robots", "starts", "launch", "land")
-        return self.canonical(without=("kind", *(name for name in self.declarations() if name not in kept)))
+        return self.canonical(
+            without=("kind", *(name for name in self.declarations() if name not in kept))
+        )
 
     def place_is_file(self) -> bool:
         """Return whether the region or a no-go zone is a file."""
-        return any(isinstance(name, str) and os.path.exists(name) for name in (self.region, *self.no_go))
+        return any(
+            isinstance(name, str) and os.path.exists(name) for name in (self.region, *self.no_go)
+        )
 
     def place_digest(self) -> bytes:
         """Return the area of the region as bytes in the format well-known binary."""
         return bytes(self.place.area.wkb)
 
     def check_at_place(self) -> None:
-        """Refuse a region of several parts if robots must stay inside it, and refuse altitudes above the top of a volume.
+        """Refuse a region of several parts if robots must stay inside it, and refuse altitudes
+        above the top of a volume.
 
         Raises
         ------
@@ -420,17 +683,24 @@ class SearchProblem(Problem):
         check_spikes(region.area, float(np.min(self.chosen_footprint)), f"region {region.name!r}")
         if region.height and self.altitudes[-1] > region.height:
             raise InvalidInputError(
-                f"bands: expected altitudes up to {region.height:g} m, the top of the box, got {self.altitudes[-1]:g} m"
+                f"bands: expected altitudes up to {region.height:g} m, the top of the box, got"
+                f" {self.altitudes[-1]:g} m"
             )
-        if self.stay_inside and all(region.contains(places).all() for places in self.known_places(region)):
-            raise InvalidInputError("stay_inside: expected launch or landing points outside the region, got all of them inside")
+        if self.stay_inside and all(
+            region.contains(places).all() for places in self.known_places(region)
+        ):
+            raise InvalidInputError(
+                "stay_inside: expected launch or landing points outside the region, got all of them"
+                " inside"
+            )
         if len(region.parts) > 1 and not self.transit:
             raise InvalidInputError(
-                f"region {region.name!r}{region.margin_text}: expected one part, because robots stay inside, got "
-                f"{len(region.parts)}; "
-                "use --transit if robots may cross the space between parts, or search each part separately"
+                f"region {region.name!r}{region.margin_text}: expected one part, because robots"
+                f" stay inside, got {len(region.parts)}; use --transit if robots may cross the"
+                " space between parts, or search each part separately"
             )
         if len(region.parts) > 1 and self.stepwise:
             raise InvalidInputError(
-                f"obstacles: expected a region of one part, because robots go round obstacles, got {len(region.parts)} parts"
+                "obstacles: expected a region of one part, because robots go round obstacles, got"
+                f" {len(region.parts)} parts"
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Callable
 from dataclasses import replace
 from math import inf
@@ -10,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from shoal.core.checks import FARTHEST, check_integer, check_number, check_points, check_text, read_polygon, shortened
+from shoal.core.checks import (
+    FARTHEST,
+    check_integer,
+    check_number,
+    check_points,
+    check_text,
+    read_polygon,
+    shortened,
+)
 from shoal.core.errors import InvalidInputError
 from shoal.search.problem.network import network_of
 from shoal.search.regions.builder import list_of
@@ -33,7 +42,9 @@ def check_region(value: Any) -> str | SearchRegion:
 
 
 def check_path(value: Any, what: str, expected: str) -> str:
-    """Return a path or a name as a text. Error messages contain the field name ``what`` and the correct form ``expected``."""
+    """Return a path or a name as a text. Error messages contain the field name ``what`` and the
+    correct form ``expected``.
+    """
     path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str) or not path:
         raise InvalidInputError(f"{what}: expected {expected}, got {shortened(value)}")
@@ -44,40 +55,67 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
     """Return the `SearchRegion` from which `dump_region` made the mapping ``data``."""
     data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0, "height": 0.0, "barriers": []} | data
     if set(data) != {"name", "area", "frame", "no_go", "no_go_zones", "height", "barriers"}:
-        raise InvalidInputError(f"region: expected name, area and frame, got {shortened(sorted(map(str, data)))}")
+        raise InvalidInputError(
+            f"region: expected name, area and frame, got {shortened(sorted(map(str, data)))}"
+        )
     frame = data["frame"]
     if frame is not None and (not isinstance(frame, list | tuple) or len(frame) != 2):
-        raise InvalidInputError(f"region: frame: expected longitude and latitude, got {shortened(frame)}")
+        raise InvalidInputError(
+            f"region: frame: expected longitude and latitude, got {shortened(frame)}"
+        )
     area, no_go = (
-        read_polygon(check_text(data[name], what=f"region: {name}"), where=f"region: {name}") for name in ("area", "no_go")
+        read_polygon(check_text(data[name], what=f"region: {name}"), where=f"region: {name}")
+        for name in ("area", "no_go")
     )
     count = check_integer(data["no_go_zones"], what="region: no_go_zones", least=0)
-    name, place = check_text(data["name"], what="region: name"), None if frame is None else LocalFrame(*frame)
-    zones = SearchRegion(no_go, place, no_go, name) if no_go.is_empty else region_of(no_go, frame=place, name=name)
+    name, place = (
+        check_text(data["name"], what="region: name"),
+        None if frame is None else LocalFrame(*frame),
+    )
+    zones = (
+        SearchRegion(no_go, place, no_go, name)
+        if no_go.is_empty
+        else region_of(no_go, frame=place, name=name)
+    )
     height = check_number(data["height"], what="region: height", least=0)
     barriers = tuple(
-        read_polygon(check_text(one, what="region: barriers"), where="region: barriers") for one in list_of(data["barriers"])
+        read_polygon(check_text(one, what="region: barriers"), where="region: barriers")
+        for one in list_of(data["barriers"])
     )
     found = region_of(area, frame=place, name=name)
     return replace(found, no_go=zones.area, no_go_zones=count, height=height, barriers=barriers)
 
 
 def dump_region(value: str | SearchRegion) -> Any:
-    """Return a region in a form for JSON: a name or path unchanged, and a `SearchRegion` as a mapping with its shape and frame."""
+    """Return a region in a form for JSON: a name or path unchanged, and a `SearchRegion` as a
+    mapping with its shape and frame.
+    """
     if isinstance(value, str):
         return value
     import shapely
 
     frame = None if value.frame is None else [value.frame.longitude, value.frame.latitude]
-    area, no_go = (shapely.to_wkt(shape, rounding_precision=-1) for shape in (value.outline, value.no_go))
-    told = {"name": value.name, "area": area, "frame": frame, "no_go": no_go, "no_go_zones": value.no_go_zones}
+    area, no_go = (
+        shapely.to_wkt(shape, rounding_precision=-1) for shape in (value.outline, value.no_go)
+    )
+    told = {
+        "name": value.name,
+        "area": area,
+        "frame": frame,
+        "no_go": no_go,
+        "no_go_zones": value.no_go_zones,
+    }
     if value.barriers:
-        told["barriers"] = [shapely.to_wkt(shape, rounding_precision=-1) for shape in value.barriers]
+        told["barriers"] = [
+            shapely.to_wkt(shape, rounding_precision=-1) for shape in value.barriers
+        ]
     return told | ({"height": value.height} if value.height else {})
 
 
 def check_no_go(value: Any) -> tuple[Any, ...]:
-    """Check no-go zones, and return each zone as a file name, a Shapely polygon or a tuple of points."""
+    """Check no-go zones, and return each zone as a file name, a Shapely polygon or a tuple of
+    points.
+    """
     return tuple(_check_zone(zone, k) for k, zone in enumerate(list_of(value), start=1))
 
 
@@ -100,7 +138,10 @@ def dump_no_go(value: tuple[Any, ...]) -> list[Any]:
     """Return no-go zones in a form for JSON, with Shapely polygons as well-known text."""
     import shapely
 
-    return [{"wkt": shapely.to_wkt(zone, rounding_precision=-1)} if hasattr(zone, "geom_type") else zone for zone in value]
+    return [
+        {"wkt": shapely.to_wkt(zone, rounding_precision=-1)} if hasattr(zone, "geom_type") else zone
+        for zone in value
+    ]
 
 
 def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
@@ -108,30 +149,42 @@ def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
 
 
 def parse_numbers(text: str) -> float | list[float]:
-    """Parse comma-separated numbers from the command line. The function returns a single number as a float, not as a list."""
+    """Parse comma-separated numbers from the command line. The function returns a single number as
+    a float, not as a list.
+    """
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
-        raise ValueError(f"expected numbers separated by commas, one per robot, got {text[:80]!r}") from None
+        raise ValueError(
+            f"expected numbers separated by commas, one per robot, got {text[:80]!r}"
+        ) from None
     return numbers[0] if len(numbers) == 1 else numbers
 
 
 def check_footprint(value: Any) -> float | tuple[float, ...]:
-    """Check and return the side of the footprint in metres: one number for all robots, or one number for each robot."""
+    """Check and return the side of the footprint in metres: one number for all robots, or one
+    number for each robot.
+    """
     if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
         return check_number_list(value, "footprint", "lengths above 0, one per robot", above=0)
     return check_number(value, what="footprint", above=0, most=FARTHEST)
 
 
 def check_bands(value: Any) -> tuple[float, ...]:
-    """Return altitudes in metres, sorted from the lowest to the highest. The function refuses equal altitudes."""
+    """Return altitudes in metres, sorted from the lowest to the highest. The function refuses equal
+    altitudes.
+    """
     found = tuple(sorted(check_number_list(value, "bands", "altitudes above 0", above=0)))
     if not found or len({*found}) < len(found):
-        raise InvalidInputError(f"bands: expected one altitude or more, each once, got {shortened(value)}")
+        raise InvalidInputError(
+            f"bands: expected one altitude or more, each once, got {shortened(value)}"
+        )
     return found
 
 
-def check_number_list(value: Any, what: str, kind: str, *, least: float = -inf, above: float = -inf) -> tuple[float, ...]:
+def check_number_list(
+    value: Any, what: str, kind: str, *, least: float = -inf, above: float = -inf
+) -> tuple[float, ...]:
     """Check one or several numbers, and return them as a tuple.
 
     Parameters
@@ -149,7 +202,9 @@ def check_number_list(value: Any, what: str, kind: str, *, least: float = -inf, 
         value = (value,)  # a single number, for one robot
     if not isinstance(value, list | tuple | np.ndarray):
         raise InvalidInputError(f"{what}: expected {kind}, got {shortened(value)}")
-    return tuple(check_number(one, what=what, least=least, above=above, most=FARTHEST) for one in value)
+    return tuple(
+        check_number(one, what=what, least=least, above=above, most=FARTHEST) for one in value
+    )
 
 
 def parse_angle(text: str) -> float | str:
@@ -158,10 +213,14 @@ def parse_angle(text: str) -> float | str:
 
 
 def check_angle(value: Any) -> float | str | None:
-    """Return an angle in degrees reduced to the range from 0 to below 180. The function returns the word "auto" unchanged."""
+    """Return an angle in degrees reduced to the range from 0 to below 180. The function returns the
+    word "auto" unchanged.
+    """
     if isinstance(value, str):
         if value != AUTO:
-            raise InvalidInputError(f"angle: expected auto or a number of degrees, got {shortened(value)}")
+            raise InvalidInputError(
+                f"angle: expected auto or a number of degrees, got {shortened(value)}"
+            )
         return value
     return check_number(value, what="angle", least=-360, most=360) % 180.0
 
@@ -189,11 +248,54 @@ def check_places(what: str, expected: str, *, count: bool = False) -> Callable[[
 
 
 def parse_count_or_path(text: str) -> int | str:
-    """Parse a whole number or a path from the command line. The function returns a path as a text."""
+    """Parse a whole number or a path from the command line. The function returns a path
+    as a text.
+    """
     return int(text) if text.lstrip("-").isdecimal() else text
 
 
 def check_network(value: Any) -> str:
-    """Check a text that describes a network, and return the text. A text without models becomes "perfect"."""
+    """Check a text that describes a network, and return the text. A text without models becomes
+    "perfect".
+    """
     text = check_text(value, what="network")
     return text if network_of(text).media else "perfect"
+
+
+_SHORTEST, _LONGEST = 16, 4096  # bytes
+
+
+def read_key(path: str) -> bytes:
+    """Read a key from a file. The function removes line ends before and after the key.
+
+    Raises
+    ------
+    InvalidInputError
+        If ``path`` is not a file of 16 to 4096 bytes that only its owner can read and write.
+    """
+    try:
+        with open(
+            path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
+        ) as file:
+            kind = os.fstat(file.fileno())
+            if not stat.S_ISREG(kind.st_mode):
+                raise InvalidInputError(
+                    f"{path}: expected a file with a key, got a folder or another kind of file"
+                )
+            if os.name == "posix" and kind.st_mode & 0o077:
+                mode = stat.S_IMODE(kind.st_mode)
+                raise InvalidInputError(
+                    f"{path}: expected a key that only its owner can read (chmod 600), got mode"
+                    f" {mode:o}"
+                )
+            key = file.read(_LONGEST + 3).strip(b"\r\n")
+    except OSError as error:
+        raise InvalidInputError(
+            f"{path}: expected a readable file with a key, got the error: {error.strerror}"
+        ) from None
+    if not _SHORTEST <= len(key) <= _LONGEST:
+        size = f"{len(key)} bytes" if len(key) <= _LONGEST else "more"
+        raise InvalidInputError(
+            f"{path}: expected a key of {_SHORTEST} to {_LONGEST} bytes, got {size}"
+        )
+    return key

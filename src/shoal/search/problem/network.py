@@ -1,24 +1,28 @@
-"""Models of the radio network between robots. Several models can act on a message, one after another."""
+"""What fails in a search: robots that die, and a radio that loses, delays and repeats messages."""
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, fields, replace
 from math import inf
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from shoal.core.checks import check_integer, check_number, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """A copy of a message in the network: its delay, whether it is damaged, and whether an attacker replayed or forged it."""
+    """A copy of a message in the network: its delay, whether it is damaged, and whether an attacker
+    replayed or forged it.
+    """
 
     delay: float = 0.0
     damaged: bool = False
@@ -27,7 +31,9 @@ class Copy:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """The sender and the receiver of a message, the time of sending, and the distance from sender to receiver in cells."""
+    """The sender and the receiver of a message, the time of sending, and the distance from sender
+    to receiver in cells.
+    """
 
     sender: int
     receiver: int
@@ -37,7 +43,9 @@ class Link:
 
 @dataclass(frozen=True)
 class Medium:
-    """A network model and its parameters. The model delays, loses, changes or multiplies copies of a message; see `network_of`."""
+    """A network model and its parameters. The model delays, loses, changes or multiplies copies of
+    a message; see `network_of`.
+    """
 
     kind: str
     numbers: tuple[float, ...]
@@ -59,8 +67,9 @@ class RadioNetwork:
     def send(self, link: Link, rng: Generator, bad: BadLinks) -> list[Copy]:
         """Return the copies of a message that arrive at the receiver.
 
-        For each model ``bursts``, the argument ``bad`` maps the index of the model in `media` to the set of bad links. A link is a
-        pair (sender, receiver). The method updates the sets. Before the first message, no link is bad.
+        For each model ``bursts``, the argument ``bad`` maps the index of the model in `media` to
+        the set of bad links. A link is a pair (sender, receiver). The method updates the sets.
+        Before the first message, no link is bad.
         """
         copies = [Copy()]
         for number, medium in enumerate(self.media):
@@ -78,7 +87,14 @@ def _loss(copies: list[Copy], link: Link, rng: Generator, probability: float) ->
     return [copy for copy in copies if rng.random() >= probability]
 
 
-def _bursts(copies: list[Copy], link: Link, rng: Generator, bad: set[tuple[int, int]], worsen: float, mend: float) -> list[Copy]:
+def _bursts(
+    copies: list[Copy],
+    link: Link,
+    rng: Generator,
+    bad: set[tuple[int, int]],
+    worsen: float,
+    mend: float,
+) -> list[Copy]:
     ends = (link.sender, link.receiver)
     is_bad = rng.random() >= mend if ends in bad else rng.random() < worsen
     (bad.add if is_bad else bad.discard)(ends)
@@ -89,7 +105,9 @@ def _range(copies: list[Copy], link: Link, rng: Generator, cells: float) -> list
     return copies if link.distance <= cells else []
 
 
-def _partition(copies: list[Copy], link: Link, rng: Generator, since: float, until: float) -> list[Copy]:
+def _partition(
+    copies: list[Copy], link: Link, rng: Generator, since: float, until: float
+) -> list[Copy]:
     return [] if (link.sender - link.receiver) % 2 and since <= link.time < until else copies
 
 
@@ -98,7 +116,11 @@ def _delay(copies: list[Copy], link: Link, rng: Generator, mean: float) -> list[
 
 
 def _duplicates(copies: list[Copy], link: Link, rng: Generator, probability: float) -> list[Copy]:
-    again = [replace(copy, delay=copy.delay + float(rng.random())) for copy in copies if rng.random() < probability]
+    again = [
+        replace(copy, delay=copy.delay + float(rng.random()))
+        for copy in copies
+        if rng.random() < probability
+    ]
     return copies + again
 
 
@@ -115,7 +137,9 @@ def _forgeries(copies: list[Copy], link: Link, rng: Generator, probability: floa
 
 
 class _Model(NamedTuple):
-    """A kind of network model: the function that carries messages, the names of its parameters, and their ranges."""
+    """A kind of network model: the function that carries messages, the names of its parameters, and
+    their ranges.
+    """
 
     carry: Callable[..., list[Copy]]
     form: str
@@ -144,27 +168,32 @@ def damage(data: bytes, rng: Generator) -> bytes:
 
 
 def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
-    """Return the network that a text describes. The text lists network models with their parameters, separated by commas.
+    """Return the network that a text describes. The text lists network models with their
+    parameters, separated by commas.
 
-    - ``loss:P``: each copy of a message is lost with probability P. In paper H, P_c is the probability 1 - P that a copy arrives.
-    - ``bursts:WORSEN:MEND``: the model of Gilbert and Elliott, in which a bad link loses every message. With each message, a good
-      link becomes bad with probability WORSEN, and a bad link becomes good with probability MEND.
+    - ``loss:P``: each copy of a message is lost with probability P. In paper H, P_c is the
+      probability 1 - P that a copy arrives.
+    - ``bursts:WORSEN:MEND``: the model of Gilbert and Elliott, in which a bad link loses every
+      message. With each message, a good link becomes bad with probability WORSEN, and a bad link
+      becomes good with probability MEND.
     - ``range:CELLS``: messages are lost if sender and receiver are more than CELLS cells apart.
-    - ``partition:SINCE:UNTIL``: between the times SINCE and UNTIL, no message passes between a robot with an even
-      number and a robot with an odd number.
-    - ``delay:MEAN``: each copy of a message has a random delay, from 0 to twice the mean. A later message may overtake an earlier
-      message.
-    - ``duplicates:P``: with probability P, a copy of a message arrives a second time, at most one unit of time later.
+    - ``partition:SINCE:UNTIL``: between the times SINCE and UNTIL, no message passes between a
+      robot with an even number and a robot with an odd number.
+    - ``delay:MEAN``: each copy of a message has a random delay, from 0 to twice the mean. A later
+      message may overtake an earlier message.
+    - ``duplicates:P``: with probability P, a copy of a message arrives a second time, at most one
+      unit of time later.
     - ``corruption:P``: each copy of a message is damaged with probability P.
-    - ``replays:P``: for each message, with probability P, an attacker sends a recorded message of any robot again.
-    - ``forgeries:P``: for each message, with probability P, an attacker without the key sends a message in the name of a robot. A
-      forged message declares that all cells are searched.
+    - ``replays:P``: for each message, with probability P, an attacker sends a recorded message of
+      any robot again.
+    - ``forgeries:P``: for each message, with probability P, an attacker without the key sends a
+      message in the name of a robot. A forged message declares that all cells are searched.
 
     Parameters
     ----------
     text : str
-        The network models, with times in units of the time in which a robot of speed 1 searches one cell. With the text "" or
-        "perfect", every message arrives without delay.
+        The network models, with times in units of the time in which a robot of speed 1 searches one
+        cell. With the text "" or "perfect", every message arrives without delay.
     loss : float
         Probability that a message is lost, in addition to the losses of the models in ``text``.
 
@@ -187,10 +216,189 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
         try:
             limits = _MODELS[name].limits
             numbers = tuple(float(word) for word in words)
-            if len(numbers) != len(limits) or not all(low <= n <= high for n, (low, high) in zip(numbers, limits, strict=True)):
+            if len(numbers) != len(limits) or not all(
+                low <= n <= high for n, (low, high) in zip(numbers, limits, strict=True)
+            ):
                 raise ValueError
         except (KeyError, ValueError):
             known = ", ".join(f"{kind}:{model.form}" for kind, model in _MODELS.items())
-            raise InvalidInputError(f"network: expected perfect or some of {known}, got {part[:60]!r}") from None
+            raise InvalidInputError(
+                f"network: expected perfect or some of {known}, got {part[:60]!r}"
+            ) from None
         media.append(Medium(name, numbers))
     return RadioNetwork(tuple(media))
+
+
+@dataclass(frozen=True, slots=True)
+class Crash:
+    """Fault: at the time ``time``, the robot stops for ever. After this time, it sends
+    no messages.
+    """
+
+    robot: int
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """Fault: between two times, the robot does not move, receive or send. After a pause, the robot
+    continues where it stopped.
+    """
+
+    robot: int
+    time: float
+    until: float
+
+
+@dataclass(frozen=True, slots=True)
+class Slow:
+    """Fault: beginning at the time ``time``, the speed of the robot is its declared speed divided
+    by ``factor``.
+    """
+
+    robot: int
+    factor: float
+    time: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """Fault: the robot stops for ever when its paths and searches since the last recharge have cost
+    more than ``energy`` cells.
+
+    The robot itself does not know the limit ``energy``, and plans with the endurance of its
+    vehicle.
+    """
+
+    robot: int
+    energy: float
+
+
+@dataclass(frozen=True, slots=True)
+class WrongPosition:
+    """Fault: the robot believes that its start cell is ``off`` cells after its true start cell on
+    the tour.
+
+    As soon as the robot has moved to another cell, it knows its true position.
+    """
+
+    robot: int
+    off: int
+
+
+@dataclass(frozen=True, slots=True)
+class Liar:
+    """Fault: the robot does not search, but reports cells as searched, and reports false findings
+    (paper H, footnote 5).
+    """
+
+    robot: int
+
+
+Fault = Crash | Pause | Slow | Battery | WrongPosition | Liar
+KINDS: dict[str, type[Fault]] = {
+    "crash": Crash,
+    "pause": Pause,
+    "slow": Slow,
+    "battery": Battery,
+    "wrong-position": WrongPosition,
+    "liar": Liar,
+}
+_SPELLING = re.compile(r"([a-z-]+):([0-9]{1,9})(?:@([^:@]+))?(?::([^:@]+))?")
+
+
+def check_faults(value: Any) -> tuple[Fault, ...]:
+    """Return the fault objects that a list or a text describes.
+
+    Each entry of the list is a fault object, or a text such as ``crash:2@30``. A text may contain
+    several faults, separated by commas.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> check_faults(["crash:2@10.5,liar:3", Slow(1, 2.0)])
+    (Crash(robot=2, time=10.5), Liar(robot=3), Slow(robot=1, factor=2.0, time=0.0))
+    """
+    if isinstance(value, str):
+        value = [value]
+    if not isinstance(value, list | tuple):
+        raise InvalidInputError(
+            f"faults: expected a list such as ['crash:2@30'], got {shortened(value)}"
+        )
+    found: list[Fault] = []
+    for entry in value:
+        if not isinstance(entry, str):
+            found.append(_checked(entry))
+            continue
+        found += [_parsed(word.strip()) for word in entry.split(",") if word.strip()]
+    return tuple(found)
+
+
+def fault_text(fault: Fault) -> str:
+    """Return a text that describes a fault. The function `check_faults` turns the text back into
+    the fault.
+
+    Examples
+    --------
+    >>> fault_text(Pause(3, 5.0, 40.0)), fault_text(WrongPosition(1, -2))
+    ('pause:3@5:40', 'wrong-position:1:-2')
+    """
+    kind = next(name for name, cls in KINDS.items() if isinstance(fault, cls))
+    numbers = {name: str(value).removesuffix(".0") for name, value in asdict(fault).items()}
+    time = f"@{numbers.pop('time')}" if "time" in numbers else ""
+    return ":".join([kind, numbers.pop("robot") + time, *numbers.values()])
+
+
+def _parsed(text: str) -> Fault:
+    match = _SPELLING.fullmatch(text)
+    kind = None if match is None else KINDS.get(match[1])
+    if match is None or kind is None:
+        raise InvalidInputError(
+            "faults: expected KIND:ROBOT@TIME, as in crash:2@30, with a kind of"
+            f" {', '.join(KINDS)}, got {text[:60]!r}"
+        )
+    names = [one.name for one in fields(kind)]
+    values: dict[str, Any] = {"robot": int(match[2])}
+    others = [name for name in names if name not in ("robot", "time")]
+    try:
+        for name, word in zip(["time", *others], [match[3], match[4]], strict=False):
+            if word is not None:
+                values[name] = int(word) if name == "off" else float(word)
+        if match[4] is not None and not others:
+            raise ValueError
+        return _checked(kind(**values))
+    except (TypeError, ValueError):
+        form = f"{match[1]}:ROBOT{'@TIME' * ('time' in names)}{''.join(':' + name.upper() for name in others)}"
+        raise InvalidInputError(f"faults: expected {form}, got {text[:60]!r}") from None
+
+
+def _checked(fault: Any) -> Fault:
+    if not isinstance(fault, tuple(KINDS.values())):
+        raise InvalidInputError(
+            f"faults: expected faults such as crash:2@30, got {shortened(fault)}"
+        )
+    for name, value in asdict(cast("Fault", fault)).items():
+        what = f"faults: {name}"
+        if name in ("robot", "off"):
+            check_integer(value, what=what, least=1 if name == "robot" else -inf)
+        else:
+            check_number(value, what=what, least=0)
+    return cast("Fault", fault)
+
+
+def true_rate(rate: float, faults: Iterable[Fault], robot: int, time: float) -> float:
+    """Return the true speed of a robot at a time. After a fault `Slow`, the true speed is below the
+    declared speed ``rate``.
+
+    Examples
+    --------
+    >>> true_rate(2.0, [Slow(1, 4.0, time=10.0)], 1, 9.0), true_rate(2.0, [Slow(1, 4.0, time=10.0)], 1, 10.0)
+    (2.0, 0.5)
+    """
+    for fault in faults:
+        if isinstance(fault, Slow) and fault.robot == robot and time >= fault.time:
+            rate /= fault.factor
+    return rate

@@ -1,75 +1,455 @@
-"""The robot as a state machine: a pure function from a state and an event to a new state and actions.
+"""The robot as a state machine: a pure function from a state and an event to a new state and
+actions.
 
-The state machine uses only data that the robot has sensed or received. The same state machine runs in the simulation
-(`shoal.search.simulation`) and in the processes of live robots (`shoal.search.simulation.live`).
+The state machine uses only data that the robot has sensed or received. The same state machine runs
+in the simulation (`shoal.search.simulation`) and in the processes of live robots
+(`shoal.search.simulation.live`).
 
-A robot first listens, then divides the tour among all robots that it knows, and then searches its own part. A robot that has
-searched its own part is idle. Idle robots divide the remaining cells of silent and late robots among themselves
-(`shoal.search.protocol.helping`).
+A robot first listens, then divides the tour among all robots that it knows, and then searches its
+own part. A robot that has searched its own part is idle. Idle robots divide the remaining cells of
+silent and late robots among themselves (`shoal.search.protocol.robot`).
 
-A robot without work waits while other robots work. A waiting robot starts to search again at the last moment at which it can still
-search all unsearched cells alone before its deadline. The deadline is the time at which the robot would finish if it searched the
-whole tour alone, beginning when it first divides the tour or, if all departures are planned, when the others should have finished.
-For this reason, a single surviving robot searches all cells by its
-deadline, even if all messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete as long as
-one robot is alive.
+A robot without work waits while other robots work. A waiting robot starts to search again at the
+last moment at which it can still search all unsearched cells alone before its deadline. The
+deadline is the time at which the robot would finish if it searched the whole tour alone, beginning
+when it first divides the tour or, if all departures are planned, when the others should have
+finished. For this reason, a single surviving robot searches all cells by its deadline, even if all
+messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete
+as long as one robot is alive.
 
-A robot that finds a blocked cell reports this cell, so that all robots avoid it. Robots leave out cells that none of them can
-reach.
+A robot that finds a blocked cell reports this cell, so that all robots avoid it. Robots leave out
+cells that none of them can reach.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from math import inf
+from collections.abc import Callable, Iterator, Mapping
+from math import ceil, inf
 
-from shoal.search.allocation.arcs import Arc
-from shoal.search.allocation.partition import cost_of_all, partition
-from shoal.search.allocation.viewpoint_selection import best_viewpoint
+from shoal.core.dataclass import dataclass
+from shoal.search.allocation.allocate import Arc, cost_of_all, partition
+from shoal.search.allocation.viewpoints import best_viewpoint
 from shoal.search.cells.distances import CellDistances
-from shoal.search.protocol.events import (
+from shoal.search.protocol.messages import LAG_UNIT, Beacon, Heartbeat
+from shoal.search.protocol.state import (
+    MARK,
     Action,
     Begin,
     Blocked,
+    Brief,
     Declare,
     Event,
     Go,
     GoHome,
     Heard,
     Obstructed,
+    Peer,
     Recharged,
+    Robot,
     Send,
     Sensed,
     WakeAt,
+    can_come,
+    is_late,
+    is_live,
+    known_free,
+    obstacles,
+    reachable,
+    settled,
+    silence_limit,
+    speed_of,
+    step_cost,
 )
-from shoal.search.protocol.helping import cell_to_help, is_taken, leaves_to_others
-from shoal.search.protocol.inference import MARK, known_free, obstacles, reachable, settled, silence_limit, step_cost
-from shoal.search.protocol.messages import Beacon, Heartbeat
-from shoal.search.protocol.state import Brief, Peer, Robot
-from shoal.search.protocol.telling import with_beacon
-from shoal.search.protocol.transitions import LOOK, blocked, obstructed, sensed
-from shoal.search.tours.bitset import bits_to_array, bitset_of, next_in
+from shoal.search.tours.masks import arc_bits, bits_to_array, bitset_of, next_in
 
-__all__ = ["LOOK", "Brief", "Robot", "advance"]
+_WORTH = 1.0  # a robot helps only if it saves more than the time for this number of cells
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A run of remaining cells, in the order of the search.
+
+    The attribute ``first`` is the tour index of the first cell, and ``count`` is the number of
+    cells. The attribute ``step`` is the direction of the search: 1 for increasing tour indices, or
+    -1. The attribute ``pace`` is the search rate of the robot that searches the run, or 0 if no
+    robot searches the run. The attribute ``late`` is the time until the robot that searches the run
+    arrives at the first cell of the run.
+    """
+
+    first: int
+    count: int
+    step: int
+    pace: float = 0.0
+    late: float = 0.0
+
+    def halves(self, ahead: int, pace: float, n: int, late: float = 0.0) -> list[Stretch]:
+        """Split this run after its first ``ahead`` cells, and return the resulting runs without
+        empty runs.
+
+        A robot with the search rate ``pace`` arrives at the second run after the time ``late``, and
+        searches it.
+        """
+        front = Stretch(self.first, ahead, self.step, self.pace, self.late)
+        rest = Stretch(
+            (self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late
+        )
+        return [half for half in (front, rest) if half.count]
+
+
+def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
+    """Return the cell that an idle robot searches next, in its own part or in the part of a dead or
+    late robot.
+
+    The result is None if no such cell remains for the robot, or if the robot would save no time
+    there.
+    """
+    n, parts = len(robot.brief.tour_cost), robot.parts
+    count = min(robot.brief.multiplicity, len(parts))
+    offered = [
+        index
+        for index, part in enumerate(parts)
+        if part.bits & wanted
+        and any(_is_left(robot, parts[index - back].robot, own, time) for back in range(count))
+    ]
+    if not offered:
+        return None
+    others = [
+        part.robot
+        for part in parts
+        if part.robot != robot.number and can_come(robot, part.robot, own, time)
+    ]
+    stretches = [
+        stretch
+        for index in offered
+        for arc in parts[index].arcs
+        for stretch in _stretches(robot, arc, wanted, others, time)
+    ]
+    for stretch in stretches:
+        if not stretch.pace and stretch.first == (robot.cell + stretch.step) % n:
+            return stretch.first  # the robot continues
+    for back in range(1, len(parts) + 1):
+        number = parts[offered[0] - back].robot
+        if number == robot.number:
+            found = _best(robot, speed_of(robot, number, time), robot.cell, stretches)
+            return None if found is None else (found[0].first + found[0].step * found[1]) % n
+        if (
+            number in others
+            and robot.peers[number].heartbeat.status == "waiting"
+            and not is_late(robot, number, time)
+        ):
+            speed = speed_of(robot, number, time)
+            found = _best(robot, speed, robot.peers[number].heartbeat.place % n, stretches)
+            if found is not None:
+                stretches.remove(found[0])
+                stretches += found[0].halves(found[1], speed[1], n)
+    return None
+
+
+def is_taken(robot: Robot, cell: int, time: float) -> bool:
+    """Return whether another live robot is searching a cell or moving to it."""
+    return any(
+        peer.heartbeat.place == cell
+        and peer.heartbeat.status == "searching"
+        and is_live(robot, number, time)
+        for number, peer in robot.peers.items()
+    )
+
+
+def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
+    """Return whether the robot leaves help to others: the robot is late, and another robot is idle
+    and not late.
+
+    A robot that leaves help to others continues only its own work.
+    """
+    return is_late(robot, robot.number, time) and any(
+        peer.heartbeat.status == "waiting"
+        and not is_late(robot, number, time)
+        and can_come(robot, number, own, time)
+        for number, peer in robot.peers.items()
+    )
+
+
+def _is_left(robot: Robot, number: int, own: int, time: float) -> bool:
+    return (
+        number == robot.number
+        or not can_come(robot, number, own, time)
+        or is_late(robot, number, time)
+    )
+
+
+def _stretches(
+    robot: Robot, arc: Arc, wanted: int, others: list[int], time: float
+) -> Iterator[Stretch]:
+    """Yield the runs of remaining cells in an arc, in the order of the search. A new run begins
+    where another robot searches.
+    """
+    n = len(robot.brief.tour_cost)
+    left = arc.bits(n) & wanted
+    fronts: dict[int, tuple[float, float]] = {}
+    for number in others:
+        peer = robot.peers[number]
+        heartbeat = peer.heartbeat
+        ahead = (heartbeat.place - arc.first) * arc.step % n
+        if heartbeat.status == "searching" and ahead < arc.count:
+            cell, own = heartbeat.place % n, robot.searched.get(number, 0) & ~left
+            rate, pace = speed_of(robot, number, time)
+            late = max(peer.since + peer.way / rate - time, 0.0) if left >> cell & 1 else 0.0
+            while own >> cell & 1:  # the peer has searched this cell since it reported its position
+                own, cell = own & ~(1 << cell), (cell + arc.step) % n
+            if left >> cell & 1:
+                fronts[cell] = max(fronts.get(cell, (0.0, 0.0)), (pace, late))
+    for first, length in arc.stretches(left, n):
+        stretch = Stretch(first, length, arc.step)
+        places = sorted(
+            ((cell - stretch.first) * arc.step % n, *front) for cell, front in fronts.items()
+        )
+        halves = [stretch]
+        for ahead, pace, late in [place for place in places if place[0] < length]:
+            *before, last = halves
+            halves = before + last.halves(
+                ahead - (last.first - stretch.first) * arc.step % n, pace, n, late
+            )
+        yield from halves
+
+
+def _best(
+    robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]
+) -> tuple[Stretch, int] | None:
+    """Return the run in which a helper saves the most time, and the number of cells that the helper
+    skips at the front of the run.
+
+    If the helper saves no time in any run, the result is None.
+    """
+    tour_cost = robot.brief.tour_cost
+    rate, pace = speed
+    longest = (tour_cost.whole + len(tour_cost)) / pace
+    best, most = None, _WORTH / pace
+    for stretch in stretches:
+        way = tour_cost.length(at, stretch.first) / rate
+        alone = (
+            min(stretch.late + stretch.count / stretch.pace, longest)
+            if stretch.pace
+            else 2 * longest
+        )
+        ahead = _ahead(stretch, way, pace)
+        gain = (
+            alone - way - (stretch.count - ahead) / pace
+        )  # the time without the helper, minus the time until the helper has searched its cells
+        if ahead < stretch.count and gain > most:
+            best, most = (stretch, ahead), gain
+    return best
+
+
+def _ahead(stretch: Stretch, way: float, pace: float) -> int:
+    """Return the number of cells that a helper skips at the front of a run. The helper reaches the
+    run after the time ``way``.
+    """
+    if (
+        not stretch.pace or stretch.count == 1
+    ):  # a slow robot may not yet have reached the last cell
+        return 0
+    return max(
+        ceil((way - stretch.late + stretch.count / pace) / (1 / stretch.pace + 1 / pace)),
+        int(stretch.late <= way),
+    )
+
+
+_AGAIN = 4  # number of beacons that repeat a new fact
+_ROUND, _LAST_ROUND = (
+    16,
+    4,
+)  # a beacon repeats at most 1/16 of all facts, and at most 1/4 if the robot will soon be silent
+_LEAST, _MOST = 8, 1000  # minimum and maximum number of intervals of known facts per beacon
+# minimum number of other robots' heartbeats per beacon; for more than 24 other robots, a beacon has
+# a quarter
+_RELAYED = 6
+
+
+def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
+    """Return the state of a robot that has sent a beacon, and this beacon."""
+    n, known = len(robot.brief.tour_cost), (robot.searched, robot.found, robot.closed)
+    before: tuple[Mapping[int, int], ...] = (
+        robot.told[0] if len(robot.told) == _AGAIN else ({}, {}, {})
+    )
+    window = _window(robot, n)
+    searched, closed = (
+        _sets(now, old, window) for now, old in zip(known[::2], before[::2], strict=True)
+    )
+    found = tuple(
+        (cell, robots)
+        for cell, robots in robot.found.items()
+        if window >> cell & 1 or robots & ~before[1].get(cell, 0)
+    )
+    beacon = Beacon(robot.number, (_own(robot, time), *_relayed(robot)), searched, found, closed)
+    return robot.but(
+        told=(*robot.told[-_AGAIN + 1 :], known), window=(robot.window + window.bit_count()) % n
+    ), beacon
+
+
+def _sets(
+    now: Mapping[int, int], before: Mapping[int, int], window: int
+) -> tuple[tuple[int, int], ...]:
+    """Return, for each robot, a bitset of those cells in ``now`` that are missing in ``before`` or
+    lie in the bitset ``window``.
+    """
+    told = ((number, bits & (~before.get(number, 0) | window)) for number, bits in now.items())
+    return tuple((number, bits) for number, bits in told if bits)
+
+
+def _window(robot: Robot, n: int) -> int:
+    """Return the section of the tour whose facts the next beacon repeats, as a bitset.
+
+    The section of each beacon begins where the section of the previous beacon ended. A section is
+    as long as the space for facts in one beacon allows.
+    """
+    everything = robot.brief.everything
+    total = _intervals(robot, everything)
+    share = max(
+        _LEAST, min(ceil(total / (_LAST_ROUND if robot.status == "complete" else _ROUND)), _MOST)
+    )
+    if total <= share:
+        return everything
+    width, window = n, everything
+    while width > 1 and _intervals(robot, window) > share:
+        width = ceil(width / 2)
+        window = arc_bits(robot.window, width, n)
+    return window
+
+
+def _intervals(robot: Robot, window: int) -> int:
+    """Return the approximate number of intervals in all known sets of cells, inside a window of the
+    tour.
+    """
+    sets = [bits & window for bits in (*robot.searched.values(), *robot.closed.values())]
+    return sum((bits & ~(bits << 1)).bit_count() for bits in sets) + sum(
+        window >> cell & 1 for cell in robot.found
+    )
+
+
+def _own(robot: Robot, time: float) -> Heartbeat:
+    place = robot.cell if robot.target is None or robot.target < 0 else robot.target
+    lag = round(robot.lag_at(time) / LAG_UNIT) * LAG_UNIT
+    return Heartbeat(
+        robot.number, robot.count, robot.start, robot.rate, robot.status, robot.width, place, lag
+    )
+
+
+def _relayed(robot: Robot) -> list[Heartbeat]:
+    """Return the heartbeats of some other robots. Successive beacons relay the heartbeats of all
+    other robots in turn.
+    """
+    others = sorted(robot.peers)
+    count = max(_RELAYED, ceil(len(others) / 4))
+    first = robot.count * count % max(len(others), 1) if count < len(others) else 0
+    return [robot.peers[number].heartbeat for number in (others[first:] + others[:first])[:count]]
+
+
+_AVOIDED = 3.0  # cells: time for which a robot avoids a cell in which it met another robot
+# cells: cost of the way from the centre of a cell to an obstacle in the next cell, and back
+LOOK = 1.0
+
+
+def sensed(robot: Robot, event: Sensed) -> Robot:
+    """Return the state of a robot after a search. All cells that the robot sees from its cell count
+    as searched.
+    """
+    cell, found = event.cell, robot.found
+    seen = (
+        1 << cell
+        if robot.width == 1
+        else bitset_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
+    )
+    searched = {**robot.searched, robot.number: robot.mine | seen}
+    for one in (*((cell,) if event.found else ()), *event.beside):
+        found = {**found, one: found.get(one, 0) | 1 << robot.number}
+    free = passed(robot, robot.through)
+    left = robot.left - robot.cost
+    return robot.but(
+        searched=searched,
+        found=found,
+        cell=cell,
+        fresh=False,
+        at_launch=False,
+        target=None,
+        through=(),
+        passed=free,
+        left=left,
+    )
+
+
+def blocked(robot: Robot, cell: int, time: float) -> Robot:
+    """Return the state of a robot that avoids a cell for a while, because another robot is in this
+    cell.
+
+    Otherwise, two robots could wait for each other forever.
+    """
+    at = robot.but(
+        cell=cell,
+        fresh=True,
+        at_launch=False,
+        target=None,
+        through=(),
+        left=robot.left - robot.cost,
+    )
+    free = passed(robot, robot.through)
+    return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
+
+
+def obstructed(robot: Robot, cell: int, at: int) -> Robot:
+    """Return the state of a robot that stops in front of an obstacle, and reports the cell of the
+    obstacle as blocked.
+    """
+    tour_cost = robot.brief.tour_cost
+    way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
+    left = robot.left - tour_cost.length(robot.cell, at) - robot.way_out(at) - LOOK
+    closed = {**robot.closed, robot.number: robot.closed.get(robot.number, 0) | 1 << cell}
+    free, fresh = passed(robot, way), robot.fresh or at != robot.cell
+    return robot.but(
+        target=None,
+        at_launch=False,
+        through=(),
+        cell=at,
+        fresh=fresh,
+        closed=closed,
+        passed=free,
+        left=left,
+    )
+
+
+def passed(robot: Robot, way: tuple[int, ...]) -> int:
+    """Return the bitset of cells known to be free because the robot has passed them, including the
+    cells of the path ``way``.
+    """
+    distances = robot.brief.tour_cost.distances
+    return (
+        robot.passed | distances.crossed(robot.cell, way)
+        if way and isinstance(distances, CellDistances)
+        else robot.passed
+    )
+
 
 _HELLOS = 8  # minimum number of beacons that a robot sends during the time ``Brief.hello``
 _NEWS = 2.0  # beacon periods until the news of the last searched cell has arrived
 
 
 Decision = tuple[Robot, Action | None, float]
-"""The state of a robot, its next action or None, and the time until which the robot waits if it has no action."""
+"""The state of a robot, its next action or None, and the time until which the robot waits if it has
+no action.
+"""
 
 
-def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decision] | None = None) -> tuple[Robot, list[Action]]:
+def advance(
+    robot: Robot, event: Event, decide: Callable[[Robot, float], Decision] | None = None
+) -> tuple[Robot, list[Action]]:
     """Return the state of a robot after an event, and the actions of the robot.
 
-    The function ``decide(robot, time)`` chooses the next action of a robot that has no target. By default, this function is
-    `next_action`.
+    The function ``decide(robot, time)`` chooses the next action of a robot that has no target. By
+    default, this function is `next_action`.
 
     Examples
     --------
     >>> from shoal.search import TourCost, make_tour
-    >>> from shoal.search.protocol.events import Begin, Wake
+    >>> from shoal.search.protocol.state import Begin, Wake
     >>> brief = Brief(TourCost(make_tour("moore", (2, 2))))
     >>> robot, actions = advance(Robot(7, brief, start=3), Begin(0.0))
     >>> robot.status, [type(action).__name__ for action in actions]
@@ -83,7 +463,12 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
     match event:
         case Begin():
             robot = robot.but(
-                began=time, next_beat=time, cell=robot.start, at_launch=True, left=robot.brief.energy, passed=1 << robot.start
+                began=time,
+                next_beat=time,
+                cell=robot.start,
+                at_launch=True,
+                left=robot.brief.energy,
+                passed=1 << robot.start,
             )
         case Heard():
             robot = heard(robot, event.beacon, time)
@@ -95,9 +480,17 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
             robot = obstructed(robot, event.cell, event.at)
         case Recharged():
             robot = robot.but(
-                cell=robot.start, fresh=True, at_launch=True, target=None, left=robot.brief.energy, lag=robot.lag_at(time)
+                cell=robot.start,
+                fresh=True,
+                at_launch=True,
+                target=None,
+                left=robot.brief.energy,
+                lag=robot.lag_at(time),
             )
-    if robot.status == "listening" and time >= robot.began + robot.brief.listening(robot.number) - 1e-9:
+    if (
+        robot.status == "listening"
+        and time >= robot.began + robot.brief.listening(robot.number) - 1e-9
+    ):
         robot = _allotted(robot, time)
     wake = inf
     if robot.status in ("searching", "waiting") and robot.target is None:
@@ -114,7 +507,9 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
 
 
 def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
-    """If it is time for the next beacon, add this beacon to the actions. Return the state of the robot after the beacon."""
+    """If it is time for the next beacon, add this beacon to the actions. Return the state of the
+    robot after the beacon.
+    """
     if time < robot.next_beat - 1e-9:
         return robot
     hello = robot.status == "listening" and time < robot.began + robot.brief.hello - 1e-9
@@ -134,12 +529,17 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
     number = robot.number
     for heartbeat in beacon.heartbeats:
         known = peers.get(heartbeat.robot)
-        if (known is not None and known.heartbeat.count >= heartbeat.count) or heartbeat.robot == number:
+        if (
+            known is not None and known.heartbeat.count >= heartbeat.count
+        ) or heartbeat.robot == number:
             continue
         if heartbeat.robot == beacon.sender and known is not None:
             lost, got = lost + heartbeat.count - known.heartbeat.count - 1, got + 1
         peers[heartbeat.robot] = Peer(
-            heartbeat, time, _marks(robot, known, heartbeat.lag, time), *_leg(robot, known, heartbeat, time)
+            heartbeat,
+            time,
+            _marks(robot, known, heartbeat.lag, time),
+            *_leg(robot, known, heartbeat, time),
         )
     closed = _told(robot, robot.closed, beacon.closed) if beacon.closed else robot.closed
     found = robot.found
@@ -149,8 +549,12 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
     return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found, closed=closed)
 
 
-def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return two pairs (time, lag of a peer), several beacon periods apart. The pairs serve to estimate the peer's speed."""
+def _marks(
+    robot: Robot, known: Peer | None, lag: float, time: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return two pairs (time, lag of a peer), several beacon periods apart. The pairs serve to
+    estimate the peer's speed.
+    """
     if known is None:
         return ((time, lag),) * 2
     if time - known.marks[1][0] < MARK * robot.brief.beat:
@@ -158,20 +562,33 @@ def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[t
     return known.marks[1], (time, lag)
 
 
-def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) -> tuple[float, float]:
-    """Return the time at which a peer first reported its destination, and the length of its path there in cell sides."""
-    before, n = heartbeat.start if known is None else known.heartbeat.place, len(robot.brief.tour_cost)
+def _leg(
+    robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float
+) -> tuple[float, float]:
+    """Return the time at which a peer first reported its destination, and the length of its path
+    there in cell sides.
+    """
+    before, n = (
+        heartbeat.start if known is None else known.heartbeat.place,
+        len(robot.brief.tour_cost),
+    )
     if known is not None and before == heartbeat.place:
         return known.since, known.way
     return time, robot.brief.tour_cost.length(before % n, heartbeat.place % n)
 
 
-def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:
-    """Return one set of cells for each robot: the set ``known``, extended by the cells that a beacon reports for this robot."""
+def _told(
+    robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]
+) -> Mapping[int, int]:
+    """Return one set of cells for each robot: the set ``known``, extended by the cells that a
+    beacon reports for this robot.
+    """
     for other, told in news:
         bits = known.get(other, 0)
         if told != bits and other != robot.number:
-            more = told & robot.brief.everything & ~bits  # a bit that stands for no cell would never be settled
+            more = (
+                told & robot.brief.everything & ~bits
+            )  # a bit that stands for no cell would never be settled
             if more:
                 known = {**known, other: bits | more}
     return known
@@ -180,31 +597,54 @@ def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], .
 def _allotted(robot: Robot, time: float) -> Robot:
     """Return the state of a robot after it has divided the tour among all robots that it knows.
 
-    If the robot, with its new part, could not search all remaining cells alone before its deadline, it keeps its previous part.
+    If the robot, with its new part, could not search all remaining cells alone before its deadline,
+    it keeps its previous part.
     """
     brief, n = robot.brief, len(robot.brief.tour_cost)
     known = {robot.number: (robot.start, robot.rate, robot.width)}
-    known |= {number: (peer.heartbeat.start % n, peer.heartbeat.rate, peer.heartbeat.width) for number, peer in robot.peers.items()}
-    parts = partition(brief.tour_cost, brief.allocator, tuple((number, *known[number]) for number in sorted(known)))
+    known |= {
+        number: (peer.heartbeat.start % n, peer.heartbeat.rate, peer.heartbeat.width)
+        for number, peer in robot.peers.items()
+    }
+    parts = partition(
+        brief.tour_cost,
+        brief.allocator,
+        tuple((number, *known[number]) for number in sorted(known)),
+    )
     own = next(index for index, part in enumerate(parts) if part.robot == robot.number)
-    allotted = robot.but(parts=parts, own=own, status="searching", allotted_to=len(known), allotted_at=time)
+    allotted = robot.but(
+        parts=parts, own=own, status="searching", allotted_to=len(known), allotted_at=time
+    )
     rest = reachable(allotted, -inf)[0] & ~(settled(allotted, -inf) | allotted.mine)
-    last = max(time + _alone(allotted, rest, robot.cell, robot.fresh) / robot.rate, _after_others(allotted, known))
+    last = max(
+        time + _alone(allotted, rest, robot.cell, robot.fresh) / robot.rate,
+        _after_others(allotted, known),
+    )
     if robot.status == "listening":
         return allotted.but(deadline=last)
     return allotted if last <= robot.deadline + 1e-9 else robot.but(allotted_to=len(known))
 
 
 def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> float:
-    """Return when a robot would finish if it searched everything after all others should be done; 0 without planned departures.
+    """Return when a robot would finish if it searched everything after all others should be done; 0
+    without planned departures.
 
-    A robot that waits for its planned departure is not dead: nobody searches its part for it as long as it may be on time. The
-    mapping ``known`` gives the start, the rate and the width of each robot.
+    A robot that waits for its planned departure is not dead: nobody searches its part for it as
+    long as it may be on time. The mapping ``known`` gives the start, the rate and the width of each
+    robot.
     """
     brief, n, end, theirs = robot.brief, len(robot.brief.tour_cost), 0.0, 0
     for own, part in enumerate(robot.parts if brief.delays else ()):
         start, rate, width = known[part.robot]
-        other = robot.but(number=part.robot, start=start, width=width, own=own, cell=start, at_launch=True, fresh=True)
+        other = robot.but(
+            number=part.robot,
+            start=start,
+            width=width,
+            own=own,
+            cell=start,
+            at_launch=True,
+            fresh=True,
+        )
         bits = _bits(_arcs_to_search(other), n)
         if bits and own != robot.own:
             cost = _alone(other, bits, start, True)
@@ -215,12 +655,17 @@ def _after_others(robot: Robot, known: Mapping[int, tuple[int, float, int]]) -> 
     mine = _arcs_to_search(robot)
     here = (mine[-1].first + mine[-1].step * (mine[-1].count - 1)) % n if mine else robot.cell
     after = robot.but(at_launch=robot.at_launch and not mine)
-    cost = max(_alone(robot, brief.everything, robot.cell, robot.fresh), _alone(after, theirs, here, not mine))
+    cost = max(
+        _alone(robot, brief.everything, robot.cell, robot.fresh),
+        _alone(after, theirs, here, not mine),
+    )
     return end + _NEWS * brief.beat + cost / robot.rate
 
 
 def _lasting(brief: Brief, cost: float, rate: float) -> float:
-    """Return an upper bound of the time for a cost in cells, with the flights home and the charges in between."""
+    """Return an upper bound of the time for a cost in cells, with the flights home and the charges
+    in between.
+    """
     if cost == inf:  # nobody can reach the cells
         return inf
     charges = int(2 * cost // brief.energy)  # the way home is at most as long as the way so far
@@ -235,14 +680,18 @@ def _bits(arcs: list[Arc], n: int) -> int:
 
 
 def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
-    """Return the cost, in cells, of searching all cells in ``wanted`` alone: first the robot's own arcs, then all other cells."""
+    """Return the cost, in cells, of searching all cells in ``wanted`` alone: first the robot's own
+    arcs, then all other cells.
+    """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     cost, away = 0.0, robot.at_launch and fresh
     for arc in _arcs_to_search(robot):
         for first, count in arc.stretches(wanted, n):
             if away:
                 cost, away = robot.way_out(first), False
-            cost += tour_cost.way(here, first, fresh=fresh, closed=closed) + tour_cost.search_cost(first, count, arc.step)
+            cost += tour_cost.way(here, first, fresh=fresh, closed=closed) + tour_cost.search_cost(
+                first, count, arc.step
+            )
             here, fresh = (first + arc.step * (count - 1)) % n, False
         wanted &= ~arc.bits(n)
     if away and (cell := next_in(wanted, here, n)) is not None:
@@ -251,7 +700,9 @@ def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
-    """Return the arcs that a robot must search: its own arcs and, for a multiplicity above 1, the arcs of the next robots."""
+    """Return the arcs that a robot must search: its own arcs and, for a multiplicity above 1, the
+    arcs of the next robots.
+    """
     return [
         arc
         for ahead in range(min(robot.brief.multiplicity, len(robot.parts)))
@@ -260,8 +711,12 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
 
 
 def next_action(robot: Robot, time: float) -> Decision:
-    """Return the state of a robot, its next action, and the time until which the robot waits if it has no action."""
-    if robot.allotted_to <= len(robot.peers):  # the robot knows more robots than at the last division
+    """Return the state of a robot, its next action, and the time until which the robot waits if it
+    has no action.
+    """
+    if robot.allotted_to <= len(
+        robot.peers
+    ):  # the robot knows more robots than at the last division
         robot = _allotted(robot, time)
     done = settled(robot, time)
     own, anyone = reachable(robot, time)
@@ -273,22 +728,28 @@ def next_action(robot: Robot, time: float) -> Decision:
     elif robot.avoided:
         robot = robot.but(avoided=0)
     cell, wake = _own_cell(robot, wanted), inf
-    if cell is None or is_taken(robot, cell, time) or (_hops(robot, cell) and leaves_to_others(robot, own, time)):
+    if (
+        cell is None
+        or is_taken(robot, cell, time)
+        or (_hops(robot, cell) and leaves_to_others(robot, own, time))
+    ):
         cell, wake = _left_cell(robot, wanted, own, cell, time)
     if cell is None:
         return robot.but(status="waiting"), None, wake
     if _hops(robot, cell):
         robot = robot.but(next_beat=time)  # other robots learn at once where this robot helps
     robot = robot.but(aim=cell)
-    return head_for(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time), time)
+    return head_for(
+        robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time), time
+    )
 
 
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
     """Return the best stop for a robot with a wide footprint that wants to see a cell.
 
-    If the robot, after the best stop, could not search all remaining cells before its deadline, the result is the cell itself. For
-    this comparison, the function computes the remaining work for a footprint of one cell, so that the robot never plans more than
-    it can do.
+    If the robot, after the best stop, could not search all remaining cells before its deadline, the
+    result is the cell itself. For this comparison, the function computes the remaining work for a
+    footprint of one cell, so that the robot never plans more than it can do.
     """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     part = next(part for part in robot.parts if part.bits >> cell & 1)
@@ -296,15 +757,22 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
     def cost(stop: int) -> float:
         return step_cost(tour_cost, robot.cell, stop, robot.fresh, closed) + robot.way_out(stop)
 
-    shut = (robot.avoided if time < robot.avoided_until else 0) | robot.brief.everything & ~own | closed
-    stop = best_viewpoint(tour_cost, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut)
+    shut = (
+        (robot.avoided if time < robot.avoided_until else 0)
+        | robot.brief.everything & ~own
+        | closed
+    )
+    stop = best_viewpoint(
+        tour_cost, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut
+    )
     left = wanted & ~bitset_of(tour_cost.seen(stop, robot.width).tolist())
     need = cost(stop) + cost_of_all(tour_cost, left, stop, False, closed)
     return stop if time + need / robot.rate <= robot.deadline else cell
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Return the decision to go to a cell, or to go home and recharge if the energy is too low for the cell and the way home.
+    """Return the decision to go to a cell, or to go home and recharge if the energy is too low for
+    the cell and the way home.
 
     A robot with a full battery always goes to the cell.
     """
@@ -319,7 +787,11 @@ def head_for(robot: Robot, cell: int, time: float) -> Decision:
         unsure = robot.brief.everything & ~known_free(robot)
         home = distances.cells(robot.cell, robot.start, unsure)
         need = (
-            2 * cost + LOOK + distances.length(robot.cell, robot.start, unsure) + back - robot.way_out(cell)
+            2 * cost
+            + LOOK
+            + distances.length(robot.cell, robot.start, unsure)
+            + back
+            - robot.way_out(cell)
         )  # the robot may have to return along the same path
     else:
         cost = step_cost(tour_cost, robot.cell, cell, robot.fresh) + robot.way_out(cell)
@@ -328,11 +800,17 @@ def head_for(robot: Robot, cell: int, time: float) -> Decision:
         cost = tour_cost.length(robot.cell, robot.start, unsure) + robot.brief.recharge * robot.rate
         cost += robot.brief.from_launch(robot.number, robot.start, robot.cell)
         return robot.but(status="searching", target=-1, since=time, cost=cost), GoHome(home), inf
-    return robot.but(status="searching", target=cell, through=through, since=time, cost=cost), Go(cell, through), inf
+    return (
+        robot.but(status="searching", target=cell, through=through, since=time, cost=cost),
+        Go(cell, through),
+        inf,
+    )
 
 
 def _own_cell(robot: Robot, wanted: int) -> int | None:
-    """Return the next cell of ``wanted`` in the arcs that the robot must search, or None if no such cell remains."""
+    """Return the next cell of ``wanted`` in the arcs that the robot must search, or None if no such
+    cell remains.
+    """
     for arc in _arcs_to_search(robot):
         cell = arc.next_of(wanted, len(robot.brief.tour_cost))
         if cell is not None:
@@ -341,26 +819,38 @@ def _own_cell(robot: Robot, wanted: int) -> int | None:
 
 
 def _hops(robot: Robot, cell: int) -> bool:
-    """Return whether a cell is neither the robot's cell nor one of the two cells beside the robot's cell on the tour."""
+    """Return whether a cell is neither the robot's cell nor one of the two cells beside the robot's
+    cell on the tour.
+    """
     n = len(robot.brief.tour_cost)
     return (cell - robot.cell) % n not in (0, 1, n - 1)
 
 
-def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: float) -> tuple[int | None, float]:
-    """Return a cell that the robot searches to help other robots, or None and the time until which the robot waits.
+def _left_cell(
+    robot: Robot, wanted: int, own: int, mine: int | None, time: float
+) -> tuple[int | None, float]:
+    """Return a cell that the robot searches to help other robots, or None and the time until which
+    the robot waits.
 
-    The robot helps only if it can still search all remaining cells alone before its deadline. If the robot cannot wait any longer,
-    the result is the next cell in its own arcs (``mine``) or, if ``mine`` is None, the next unsearched cell.
+    The robot helps only if it can still search all remaining cells alone before its deadline. If
+    the robot cannot wait any longer, the result is the next cell in its own arcs (``mine``) or, if
+    ``mine`` is None, the next unsearched cell.
     """
     cell = cell_to_help(robot, wanted, own, time)
     if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):
-        need = step_cost(robot.brief.tour_cost, robot.cell, cell, robot.fresh, obstacles(robot)) + robot.way_out(cell)
+        need = step_cost(
+            robot.brief.tour_cost, robot.cell, cell, robot.fresh, obstacles(robot)
+        ) + robot.way_out(cell)
         need += _alone(robot, wanted & ~(1 << cell), cell, False)
         if time + need / robot.rate <= robot.deadline + 1e-9:
             return cell, inf
     last = robot.deadline - _alone(robot, wanted, robot.cell, robot.fresh) / robot.rate
     if wanted and time >= last - 1e-9:
-        return next_in(wanted, robot.cell, len(robot.brief.tour_cost)) if mine is None else mine, inf
+        return next_in(
+            wanted, robot.cell, len(robot.brief.tour_cost)
+        ) if mine is None else mine, inf
     limit = silence_limit(robot) + 1e-6
     silences = [peer.heard + limit for peer in robot.peers.values()]
-    return None, min([last if wanted else inf, *(moment for moment in silences if moment > time)], default=inf)
+    return None, min(
+        [last if wanted else inf, *(moment for moment in silences if moment > time)], default=inf
+    )

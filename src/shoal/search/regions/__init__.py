@@ -1,1 +1,3 @@
-"""Regions to search: polygons with holes in metres, built-in regions, region files, map projection, and measured coverage."""
+"""Regions to search: polygons with holes in metres, built-in regions, region files, map projection,
+and measured coverage.
+"""

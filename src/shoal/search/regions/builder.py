@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError, errors_at
-from shoal.search.regions.builtin import builtin_region, is_builtin
 from shoal.search.regions.formats import read_outlines
 from shoal.search.regions.formats.reading import HIDDEN, Reading
-from shoal.search.regions.outline_checks import (
+from shoal.search.regions.outline import (
     Points,
     RegionOutline,
     RegionOutlines,
@@ -27,11 +26,14 @@ from shoal.search.regions.outline_checks import (
     polygon_outlines,
     text_of,
 )
+from shoal.search.regions.places import builtin_region, is_builtin
 from shoal.search.regions.projection import REACH, LocalFrame
 from shoal.search.regions.region import SearchRegion, polygons_in, region_of
 
 INNER = ("no-go", "search")
-"""Possible meanings of a polygon inside another polygon if the file does not mark the inner polygon."""
+"""Possible meanings of a polygon inside another polygon if the file does not mark the inner
+polygon.
+"""
 
 
 def open_region(
@@ -51,35 +53,43 @@ def open_region(
     Parameters
     ----------
     source : str, path, array_like or Shapely polygon
-        The region as a name, the path of a file, an array of corners of shape (n, 2), a Shapely polygon, or a sequence of polygons.
-        The regions ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` and ``box:WIDTHxDEPTHxHEIGHT`` (a volume), with sizes in metres,
-        have their lower left corner at the origin. The regions ``circle:RADIUS`` and ``ring:OUTERxINNER``, with radii in metres,
-        are centred on the origin. Files are in degrees, or in a projection that the file names; files with
-        the suffix ``.csv`` are in metres or degrees. The formats are listed in `shoal.search.regions.formats`.
+        The region as a name, the path of a file, an array of corners of shape (n, 2), a Shapely
+        polygon, or a sequence of polygons. The regions ``square:SIDE``, ``rectangle:WIDTHxHEIGHT``
+        and ``box:WIDTHxDEPTHxHEIGHT`` (a volume), with sizes in metres, have their lower left
+        corner at the origin. The regions ``circle:RADIUS`` and ``ring:OUTERxINNER``, with radii in
+        metres, are centred on the origin. Files are in degrees, or in a projection that the file
+        names; files with the suffix ``.csv`` are in metres or degrees. The formats are listed in
+        `shoal.search.regions.formats`.
     holes : optional
-        Holes of polygons given in Python: the corners of one hole, or a sequence of holes. Each hole must lie in a polygon.
+        Holes of polygons given in Python: the corners of one hole, or a sequence of holes. Each
+        hole must lie in a polygon.
     geographic : bool
-        Whether coordinates of polygons given in Python are longitude and latitude in degrees. If false, coordinates are in metres.
+        Whether coordinates of polygons given in Python are longitude and latitude in degrees. If
+        false, coordinates are in metres.
     name : str, optional
-        Name of the region. By default, the region has the name of its source, or "polygon" for polygons given in Python.
+        Name of the region. By default, the region has the name of its source, or "polygon" for
+        polygons given in Python.
     no_go : optional
-        No-go zones in the unit of the region (degrees or metres): a region file, points of shape (n, 2), a Shapely polygon, or a
-        sequence of zones. The file of the region itself may also contain no-go zones.
+        No-go zones in the unit of the region (degrees or metres): a region file, points of shape
+        (n, 2), a Shapely polygon, or a sequence of zones. The file of the region itself may also
+        contain no-go zones.
     layer : str, optional
-        Name of the layer to read from a GeoPackage. A GeoPackage with several layers requires a layer name. For a plan of
-        QGroundControl, "survey" or "fence".
+        Name of the layer to read from a GeoPackage. A GeoPackage with several layers requires a
+        layer name. For a plan of QGroundControl, "survey" or "fence".
     inner : "no-go" or "search", optional
-        Meaning of a polygon that lies mostly inside another polygon and is not marked as a no-go zone. By default, the function
-        refuses a file with an unmarked inner polygon.
+        Meaning of a polygon that lies mostly inside another polygon and is not marked as a no-go
+        zone. By default, the function refuses a file with an unmarked inner polygon.
     hidden : "use" or "skip", optional
-        Meaning of the polygons that a KML file hides (visibility 0). By default, the function refuses a file with a hidden polygon.
+        Meaning of the polygons that a KML file hides (visibility 0). By default, the function
+        refuses a file with a hidden polygon.
     closed_lines : bool
         Whether closed lines in files are polygons.
 
     Returns
     -------
     SearchRegion
-        The region, whose sides are straight in the local frame in metres, and therefore slightly bent in degrees.
+        The region, whose sides are straight in the local frame in metres, and therefore slightly
+        bent in degrees.
 
     Raises
     ------
@@ -104,7 +114,8 @@ def open_region(
         return build_region(drawn, extra, name=name or "polygon", inner=inner, reading=reading)
     if holes is not None or geographic:
         raise InvalidInputError(
-            f"region: expected polygons together with holes or geographic, got {source!r}, which contains these values"
+            f"region: expected polygons together with holes or geographic, got {source!r}, which"
+            " contains these values"
         )
     text = os.fspath(source)
     if not isinstance(text, str):
@@ -112,7 +123,8 @@ def open_region(
     if is_builtin(text) and not os.path.exists(text):
         if layer is not None:
             raise InvalidInputError(
-                f"--layer: expected a GeoPackage or a plan of QGroundControl, got {layer!r} with the region {text!r}"
+                f"--layer: expected a GeoPackage or a plan of QGroundControl, got {layer!r} with"
+                f" the region {text!r}"
             )
         return build_region(builtin_region(text), extra, name=name or text, reading=reading)
     if inner is not None:
@@ -127,14 +139,19 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
     import shapely
 
     several = list_of(source)
-    parts = [one for k, part in enumerate(several) for one in _rings(part, f"polygon {k + 1}" if len(several) > 1 else "polygon")]
+    parts = [
+        one
+        for k, part in enumerate(several)
+        for one in _rings(part, f"polygon {k + 1}" if len(several) > 1 else "polygon")
+    ]
     for k, hole in enumerate(holes):
         (ring,) = (one.shell for one in _rings(hole, f"hole {k + 1}"))
         inner = check_polygon(RegionOutline(ring), closed=False)
         around = [check_polygon(part, closed=False).covers(inner) for part in parts]
         if not any(around):
             raise InvalidInputError(
-                f"hole {k + 1}: expected a hole inside a polygon, got a hole outside, {shapely.to_wkt(inner)[:80]}"
+                f"hole {k + 1}: expected a hole inside a polygon, got a hole outside,"
+                f" {shapely.to_wkt(inner)[:80]}"
             )
         part = parts[around.index(True)]
         parts[around.index(True)] = replace(part, holes=(*part.holes, ring))
@@ -142,22 +159,30 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
 
 
 def build_region(
-    found: RegionOutlines, extra: Sequence[Any], *, name: str, inner: str | None = None, reading: Reading | None = None
+    found: RegionOutlines,
+    extra: Sequence[Any],
+    *,
+    name: str,
+    inner: str | None = None,
+    reading: Reading | None = None,
 ) -> SearchRegion:
-    """Return the region that outlines describe. The area of the region does not contain its no-go zones.
+    """Return the region that outlines describe. The area of the region does not contain its no-go
+    zones.
 
     Parameters
     ----------
     found : RegionOutlines
         The outlines of the region. Some outlines may be marked as no-go zones.
     extra : sequence
-        No-go zones besides those in ``found``, in the unit of the outlines: files, Shapely polygons, or points of shape (n, 2).
+        No-go zones besides those in ``found``, in the unit of the outlines: files, Shapely
+        polygons, or points of shape (n, 2).
     name : str
         Name of the region.
     inner
         The argument ``inner`` of `open_region`.
     reading : Reading, optional
-        How to read files of no-go zones. A choice without an effect on the region and the zones is refused.
+        How to read files of no-go zones. A choice without an effect on the region and the zones is
+        refused.
 
     Raises
     ------
@@ -167,11 +192,19 @@ def build_region(
 
     searched = [outline for outline in found.outlines if not outline.no_go]
     if not searched:
-        raise InvalidInputError(f"{found.where}: expected a polygon to search, got only no-go zones")
+        raise InvalidInputError(
+            f"{found.where}: expected a polygon to search, got only no-go zones"
+        )
     zones = [outline for outline in found.outlines if outline.no_go]
     reading = reading or Reading()
-    beside = [outline for k, zone in enumerate(extra) for outline in _zone(zone, f"no-go zone {k + 1}", found, reading)]
-    reading.check_effects([found.where, *(str(zone) for zone in extra if isinstance(zone, str | os.PathLike))])
+    beside = [
+        outline
+        for k, zone in enumerate(extra)
+        for outline in _zone(zone, f"no-go zone {k + 1}", found, reading)
+    ]
+    reading.check_effects(
+        [found.where, *(str(zone) for zone in extra if isinstance(zone, str | os.PathLike))]
+    )
     frame: LocalFrame | None = None
     if found.geographic:
         for ring in (ring for outline in (*searched, *zones, *beside) for ring in outline.rings):
@@ -223,8 +256,12 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
     return flat if flat.is_valid else flat.buffer(0)
 
 
-def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refused: bool) -> set[int]:
-    """Return the indices of the polygons that lie mostly inside another polygon. A polygon is not inside an equal polygon."""
+def _inside_others(
+    polygons: list[Any], outlines: list[RegionOutline], *, refused: bool
+) -> set[int]:
+    """Return the indices of the polygons that lie mostly inside another polygon. A polygon is not
+    inside an equal polygon.
+    """
     import shapely
 
     inside: set[int] = set()
@@ -236,21 +273,25 @@ def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refuse
             inside.add(k)
             if refused:
                 raise InvalidInputError(
-                    f"{outlines[k].shell.where}: expected a mark that states whether this polygon, which lies in another polygon, "
-                    "is a no-go zone or a part to search, got none; choose with --inner no-go or --inner search"
+                    f"{outlines[k].shell.where}: expected a mark that states whether this polygon,"
+                    " which lies in another polygon, is a no-go zone or a part to search, got"
+                    " none; choose with --inner no-go or --inner search"
                 )
     return inside
 
 
 def _frame(searched: list[RegionOutline], where: str) -> LocalFrame:
     points: Points = np.vstack([outline.shell.points for outline in searched])
-    points = points[np.isfinite(points).all(axis=1)]  # the check of each ring reports coordinates that are not finite
+    points = points[
+        np.isfinite(points).all(axis=1)
+    ]  # the check of each ring reports coordinates that are not finite
     if len(points) == 0:
         raise InvalidInputError(f"{where}: expected a region with vertices, got an empty one")
     west, east = float(points[:, 0].min()), float(points[:, 0].max())
     if east - west > 180:
         raise InvalidInputError(
-            f"{where}: expected a region that does not cross the 180° meridian, got longitudes from {west:g} to {east:g}"
+            f"{where}: expected a region that does not cross the 180° meridian, got longitudes from"
+            f" {west:g} to {east:g}"
         )
     frame = LocalFrame.around(points)
     for outline in searched:
@@ -265,25 +306,32 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
     away = np.nan_to_num(Geod(ellps="WGS84").inv(*origin.T, *ring.points.T)[2])
     middle = text_of([frame.longitude, frame.latitude])
     ring.check_vertices(
-        away <= REACH, f"a region within {REACH / 1000:g} km of its middle {middle}", "; search each part separately"
+        away <= REACH,
+        f"a region within {REACH / 1000:g} km of its middle {middle}",
+        "; search each part separately",
     )
 
 
 def _zone(zone: Any, what: str, found: RegionOutlines, reading: Reading) -> list[RegionOutline]:
-    """Return the outlines of a no-go zone that the user gives in addition to the region, in the unit of the region."""
+    """Return the outlines of a no-go zone that the user gives in addition to the region, in the
+    unit of the region.
+    """
     if isinstance(zone, str | os.PathLike):
         read = read_outlines(zone, reading, zones=True)
         if read.geographic != found.geographic:
             units = ["metres", "degrees"]
             raise InvalidInputError(
-                f"{read.where}: expected no-go zones in {units[found.geographic]}, as the region has, got {units[read.geographic]}"
+                f"{read.where}: expected no-go zones in {units[found.geographic]}, as the region"
+                f" has, got {units[read.geographic]}"
             )
         return list(read.outlines)
     return [replace(one, no_go=True) for one in _rings(zone, what, "a file, ")]
 
 
 def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
-    """Return the outlines of a Shapely geometry, or the outline of a polygon given by its corners."""
+    """Return the outlines of a Shapely geometry, or the outline of a polygon given by
+    its corners.
+    """
     if hasattr(given, "geom_type"):
         outlines = polygon_outlines(given, what)
         if not outlines:
@@ -294,15 +342,22 @@ def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
     except (TypeError, ValueError, OverflowError):
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != 2:
-        raise InvalidInputError(f"{what}: expected {also}a Shapely polygon or points of shape (n, 2), got {str(given)[:80]}")
+        raise InvalidInputError(
+            f"{what}: expected {also}a Shapely polygon or points of shape (n, 2), got"
+            f" {str(given)[:80]}"
+        )
     return [RegionOutline(Ring(points, what))]
 
 
 def list_of(polygons: Any) -> list[Any]:
-    """Return one or several polygons as a list. Each polygon is a file, a Shapely geometry or an array of points."""
+    """Return one or several polygons as a list. Each polygon is a file, a Shapely geometry or an
+    array of points.
+    """
     if polygons is None:
         return []
-    alone = isinstance(polygons, str | os.PathLike) or not isinstance(polygons, Sequence | np.ndarray)
+    alone = isinstance(polygons, str | os.PathLike) or not isinstance(
+        polygons, Sequence | np.ndarray
+    )
     if not alone:
         try:
             alone = np.asarray(polygons, dtype=np.float64).ndim == 2

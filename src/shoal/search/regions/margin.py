@@ -1,4 +1,6 @@
-"""Margins: the distance that robots keep from borders and no-go zones, and the area that robots can see with a margin."""
+"""Margins: the distance that robots keep from borders and no-go zones, and the area that robots can
+see with a margin.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +12,38 @@ import numpy as np
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
-from shoal.search.regions.coverage import footprints_along
-from shoal.search.regions.region import SearchRegion, polygons_in
+from shoal.search.regions.region import SearchRegion, footprints_along, polygons_in
 
 _SEGMENTS = 32  # segments of a quarter circle: arcs are within 0.03 % of the margin
-_POINTED = 2.0  # maximum distance of a bend from a corner, divided by the margin; the bend replaces an arc around the corner
-_COARSE = 0.02  # smallest step of `coarse`, relative to the side of a square with the area of the shape
-_SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.02, 0.01)  # of the wanted margin, tried in this order
-_MOST_UNSEEN = 5e-4  # share of a region that a default margin may leave unseen: half of what the mission check tolerates
+# maximum distance of a bend from a corner, divided by the margin; the bend replaces an arc around
+# the corner
+_POINTED = 2.0
+_COARSE = (
+    0.02  # smallest step of `coarse`, relative to the side of a square with the area of the shape
+)
+_SHARES = (
+    1.0,
+    0.75,
+    0.5,
+    0.35,
+    0.25,
+    0.15,
+    0.1,
+    0.05,
+    0.02,
+    0.01,
+)  # of the wanted margin, tried in this order
+# share of a region that a default margin may leave unseen: half of what the mission check tolerates
+_MOST_UNSEEN = 5e-4
 _EARTH = 6_371_000.0  # metres: radius of the Earth
 _SEEN = 1e-9  # an unseen area is a rounding error up to this fraction of the region's area
 
 
-def with_margin(region: SearchRegion, margin: float, *, barriers: Sequence[Any] = (), pointed: bool = False) -> SearchRegion:
-    """Return a region in which robots keep a margin: a distance from the border of the region and from its no-go zones.
+def with_margin(
+    region: SearchRegion, margin: float, *, barriers: Sequence[Any] = (), pointed: bool = False
+) -> SearchRegion:
+    """Return a region in which robots keep a margin: a distance from the border of the region and
+    from its no-go zones.
 
     Parameters
     ----------
@@ -33,8 +53,8 @@ def with_margin(region: SearchRegion, margin: float, *, barriers: Sequence[Any] 
     barriers : sequence of Shapely polygons
         Exclusion polygons of a fence, from which robots keep the margin too.
     pointed : bool
-        Whether the area where robots may be has few corners in place of arcs. A fixed wing cannot follow the short sides of an arc
-        one by one.
+        Whether the area where robots may be has few corners in place of arcs. A fixed wing cannot
+        follow the short sides of an arc one by one.
 
     Raises
     ------
@@ -51,32 +71,53 @@ def with_margin(region: SearchRegion, margin: float, *, barriers: Sequence[Any] 
         return region
     import shapely
 
-    inner = region.outline.difference(shapely.union_all(list(barriers))) if barriers else region.outline
-    shape: dict[str, Any] = {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": _SEGMENTS}
+    inner = (
+        region.outline.difference(shapely.union_all(list(barriers))) if barriers else region.outline
+    )
+    shape: dict[str, Any] = (
+        {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": _SEGMENTS}
+    )
     free = polygons_in(inner.buffer(-margin, **shape)) if margin else polygons_in(inner)
     if free.is_empty:
-        raise InvalidInputError(f"margin: expected a margin that leaves some area of the region {region.name!r}, got {margin:g} m")
+        raise InvalidInputError(
+            f"margin: expected a margin that leaves some area of the region {region.name!r}, got"
+            f" {margin:g} m"
+        )
     bends = None
     if margin and not pointed:
         bends = polygons_in(inner.buffer(-margin, join_style="mitre", mitre_limit=_POINTED))
-    return replace(region, free=free, margin=margin, bends=bends, barriers=tuple(barriers), pointed=pointed)
+    return replace(
+        region, free=free, margin=margin, bends=bends, barriers=tuple(barriers), pointed=pointed
+    )
 
 
 def sag_of(region: SearchRegion) -> float:
-    """Return the largest distance in metres of a side that is straight in degrees from a side that is straight in metres.
+    """Return the largest distance in metres of a side that is straight in degrees from a side that
+    is straight in metres.
 
-    Autopilots take the sides of a fence as straight lines in longitude and latitude. Along a parallel, such a side leaves the
-    straight line of a plane by L² tan(latitude) / 8R in its middle.
+    Autopilots take the sides of a fence as straight lines in longitude and latitude. Along a
+    parallel, such a side leaves the straight line of a plane by L² tan(latitude) / 8R in its
+    middle.
     """
     if region.frame is None:
         return 0.0
     left, _, right, _ = region.outline.bounds
-    return float((right - left) ** 2 * abs(np.tan(np.radians(region.frame.latitude))) / (8 * _EARTH))
+    return float(
+        (right - left) ** 2 * abs(np.tan(np.radians(region.frame.latitude))) / (8 * _EARTH)
+    )
 
 
 def without_margin(region: SearchRegion) -> SearchRegion:
     """Return a region in which robots may be everywhere in the outline."""
-    return replace(region, area=region.outline, free=region.outline, margin=0.0, bends=None, barriers=(), pointed=False)
+    return replace(
+        region,
+        area=region.outline,
+        free=region.outline,
+        margin=0.0,
+        bends=None,
+        barriers=(),
+        pointed=False,
+    )
 
 
 def with_default_margin(
@@ -89,10 +130,12 @@ def with_default_margin(
     divided: bool = False,
     pointed: bool = False,
 ) -> SearchRegion:
-    """Return a region with the margin ``wanted``, or with the largest smaller margin that takes nothing from the search.
+    """Return a region with the margin ``wanted``, or with the largest smaller margin that takes
+    nothing from the search.
 
-    A smaller margin is chosen if the margin ``wanted`` would divide the region, leave more than 0.05 % of it unseen, or bar a
-    start, launch or landing point. Shoal prints a notice that names the chosen margin and the reason.
+    A smaller margin is chosen if the margin ``wanted`` would divide the region, leave more than
+    0.05 % of it unseen, or bar a start, launch or landing point. Shoal prints a notice that names
+    the chosen margin and the reason.
 
     Parameters
     ----------
@@ -129,11 +172,15 @@ def with_default_margin(
     if outer is not None and len(outer) and not region.no_go.is_empty:
         near.append(float(shapely.distance(region.no_go, shapely.points(outer)).min()))
     parts = len(shapely.get_parts(outline))
-    shape: dict[str, Any] = {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": 4}
+    shape: dict[str, Any] = (
+        {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": 4}
+    )
     for share in _SHARES:
         margin = round(share * wanted, 3)
         if margin <= 0 or margin > min(near):
-            reason = reason or "a start, launch or landing point is nearer to a border or a no-go zone"
+            reason = (
+                reason or "a start, launch or landing point is nearer to a border or a no-go zone"
+            )
             continue
         free = polygons_in(outline.buffer(-margin, **shape))
         if free.is_empty or (len(shapely.get_parts(free)) != parts and not divided):
@@ -145,22 +192,32 @@ def with_default_margin(
     else:
         margin = 0.0
     if margin < wanted:
-        tell_once(f"margin: {margin:g} m in place of the default {wanted:g} m, because {reason}; --margin sets another one")
+        tell_once(
+            f"margin: {margin:g} m in place of the default {wanted:g} m, because {reason}; --margin"
+            " sets another one"
+        )
     return with_margin(region, margin, pointed=pointed)
 
 
 def grown(shape: Any, margin: float, *, pointed: bool = False) -> Any:
     """Return all points that are at most ``margin`` metres away from a Shapely geometry.
 
-    If ``pointed`` is true, the result has few corners in place of arcs, and contains some more points.
+    If ``pointed`` is true, the result has few corners in place of arcs, and contains some more
+    points.
     """
     if not margin:
         return shape
-    return shape.buffer(margin, join_style="mitre", mitre_limit=_POINTED) if pointed else shape.buffer(margin, quad_segs=_SEGMENTS)
+    return (
+        shape.buffer(margin, join_style="mitre", mitre_limit=_POINTED)
+        if pointed
+        else shape.buffer(margin, quad_segs=_SEGMENTS)
+    )
 
 
 def coarse(shape: Any, margin: float) -> Any:
-    """Return a shape with few corners that contains the shape ``grown(shape, margin)`` and is only slightly larger."""
+    """Return a shape with few corners that contains the shape ``grown(shape, margin)`` and is only
+    slightly larger.
+    """
     step = max(margin / 4, _COARSE * shape.area**0.5)
     return shape.buffer(margin + step, join_style="mitre", mitre_limit=_POINTED).simplify(step)
 
@@ -187,8 +244,14 @@ def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -
         return region
     import shapely
 
-    edges = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(region.free))]
-    around: list[Any] = [shape for ring in edges for shape in footprints_along(ring[:-1], ring[1:], footprint / 2, angle)]
+    edges = [
+        shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(region.free))
+    ]
+    around: list[Any] = [
+        shape
+        for ring in edges
+        for shape in footprints_along(ring[:-1], ring[1:], footprint / 2, angle)
+    ]
     seen = shapely.union_all([region.free, *around])
     if region.outline.difference(seen).area <= _SEEN * region.outline.area:
         return replace(region, area=region.outline)

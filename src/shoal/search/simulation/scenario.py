@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import field
 from functools import cached_property
 from itertools import pairwise
@@ -10,24 +11,35 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.allocation.layers import LayeredGrid, layers_of
-from shoal.search.allocation.plan import SearchPlan
 from shoal.search.cells.distances import CellDistances
-from shoal.search.cells.footprint import check_widths
-from shoal.search.flight.pace import climbing_seconds, working_seconds
+from shoal.search.cells.grid import check_widths
+from shoal.search.cells.layers import LayeredGrid, layers_of
+from shoal.search.flight.timing import climbing_seconds, working_seconds
+from shoal.search.planning.plan import SearchPlan
 from shoal.search.problem import SearchProblem
-from shoal.search.problem.faults import Crash, Fault, WrongPosition
-from shoal.search.problem.network import RadioNetwork, network_of
-from shoal.search.protocol.robot import Brief
+from shoal.search.problem.network import (
+    BadLinks,
+    Crash,
+    Fault,
+    Link,
+    RadioNetwork,
+    WrongPosition,
+    damage,
+    network_of,
+)
+from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat, Receiver, Sender
+from shoal.search.protocol.state import Brief
 from shoal.search.regions.places import read_points
-from shoal.search.tours.bitset import bitset_of
+from shoal.search.tours.masks import bitset_of
 
 TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
-RETRY = 0.25  # time between two attempts, in units of the time in which a robot of speed 1 searches one cell
+# time between two attempts, in units of the time in which a robot of speed 1 searches one cell
+RETRY = 0.25
 
 
 @dataclass(frozen=True)
@@ -50,15 +62,15 @@ class Scenario:
     false_alarm : float
         Probability that a robot reports a target in a cell without a target.
     obstacles : tuple of int
-        Tour indices of blocked cells. A robot discovers a blocked cell when it reaches the cell. Obstacles require that robots move
-        from cell to cell.
+        Tour indices of blocked cells. A robot discovers a blocked cell when it reaches the cell.
+        Obstacles require that robots move from cell to cell.
     widths : tuple of int
         Width of each robot's footprint, as an odd number of cells.
     signed : bool
         Whether robots sign their messages with a secret key.
     packet : int
-        Maximum length of a message in bytes. With 0, the maximum is 1200 bytes, but in a simulation without signatures and without
-        replays, every beacon is one message.
+        Maximum length of a message in bytes. With 0, the maximum is 1200 bytes, but in a simulation
+        without signatures and without replays, every beacon is one message.
     seed : int
         Seed of all random numbers in the simulation.
     """
@@ -80,11 +92,16 @@ class Scenario:
     def __post_init__(self) -> None:
         m, n = len(self.starts), len(self.brief.tour_cost)
         if not m or any(not 0 <= start < n for start in self.starts):
-            raise InvalidInputError(f"starts: expected one or more cells from 0 to {n - 1}, got {list(self.starts)!r:.200}")
+            raise InvalidInputError(
+                f"starts: expected one or more cells from 0 to {n - 1}, got"
+                f" {list(self.starts)!r:.200}"
+            )
         if not self.rates:
             object.__setattr__(self, "rates", (1.0,) * m)
         if len(self.rates) != m or any(not 0 < rate < inf for rate in self.rates):
-            raise InvalidInputError(f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}")
+            raise InvalidInputError(
+                f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}"
+            )
         if not self.widths:
             object.__setattr__(self, "widths", (1,) * m)
         check_widths(np.asarray(self.widths), m)
@@ -93,23 +110,35 @@ class Scenario:
                 raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
         if not self.signed and self.network.has("forgeries"):
             raise InvalidInputError(
-                "network: expected a key together with forged messages, because robots without a key believe them, got none"
+                "network: expected a key together with forged messages, because robots without a"
+                " key believe them, got none"
             )
         for name, cells in (("targets", self.targets), ("obstacles", self.obstacles)):
             if any(not 0 <= cell < n for cell in cells):
-                raise InvalidInputError(f"{name}: expected cells from 0 to {n - 1}, got {list(cells)!r:.200}")
+                raise InvalidInputError(
+                    f"{name}: expected cells from 0 to {n - 1}, got {list(cells)!r:.200}"
+                )
         self._check_obstacles()
 
     def _check_obstacles(self) -> None:
         if self.obstacles and not self.brief.tour_cost.stepwise:
-            raise InvalidInputError("obstacles: expected a tour with paths from cell to cell, got a tour with straight paths")
+            raise InvalidInputError(
+                "obstacles: expected a tour with paths from cell to cell, got a tour with straight"
+                " paths"
+            )
         for number, start in enumerate(self.starts, start=1):
             if start in self.obstacles:
                 raise InvalidInputError(
-                    f"obstacles: expected no obstacle at the start of a robot, got cell {start}, the start of robot {number}"
+                    f"obstacles: expected no obstacle at the start of a robot, got cell {start},"
+                    f" the start of robot {number}"
                 )
-        if self.brief.tour_cost.stepwise and any(isinstance(fault, WrongPosition) for fault in self.faults):
-            raise InvalidInputError("fault: expected no wrong positions of robots that go from cell to cell, got a wrong position")
+        if self.brief.tour_cost.stepwise and any(
+            isinstance(fault, WrongPosition) for fault in self.faults
+        ):
+            raise InvalidInputError(
+                "fault: expected no wrong positions of robots that go from cell to cell, got a"
+                " wrong position"
+            )
 
     @cached_property
     def blocked(self) -> int:
@@ -117,7 +146,8 @@ class Scenario:
         return bitset_of(self.obstacles)
 
     def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-        """Return the first obstacle on the path from ``here`` through the cells ``through``, and the number of cells before it.
+        """Return the first obstacle on the path from ``here`` through the cells ``through``, and
+        the number of cells before it.
 
         If the path is free, return None and the number of cells of the path.
         """
@@ -130,8 +160,12 @@ class Scenario:
         return None, len(through)
 
     def path_length(self, here: int, through: tuple[int, ...]) -> float:
-        """Return the length, in cell sides, of the path from the cell ``here`` through the cells ``through``."""
-        return sum(self.brief.tour_cost.length(one, other) for one, other in pairwise((here, *through)))
+        """Return the length, in cell sides, of the path from the cell ``here`` through the cells
+        ``through``.
+        """
+        return sum(
+            self.brief.tour_cost.length(one, other) for one, other in pairwise((here, *through))
+        )
 
     @cached_property
     def goal(self) -> int:
@@ -144,7 +178,9 @@ class Scenario:
     def seen(self, number: int, cell: int) -> int:
         """Return the bitset of cells that the robot with a given number sees from a cell."""
         width = self.widths[number - 1]
-        return 1 << cell if width == 1 else bitset_of(self.brief.tour_cost.seen(cell, width).tolist())
+        return (
+            1 << cell if width == 1 else bitset_of(self.brief.tour_cost.seen(cell, width).tolist())
+        )
 
     def reach(self, number: int) -> int:
         """Return the bitset of cells that the robot with a given number can reach."""
@@ -157,7 +193,8 @@ class Scenario:
 def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario:
     """Return the scenario in which robots carry out a plan.
 
-    Lengths in a scenario are in cell sides. A time of 1 in a scenario is the time in which a robot of speed 1 searches one cell.
+    Lengths in a scenario are in cell sides. A time of 1 in a scenario is the time in which a robot
+    of speed 1 searches one cell.
     """
     vehicle, cell = problem.chosen_vehicle, plan.cell_seconds
     brief = Brief(
@@ -167,7 +204,11 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         energy=working_seconds(vehicle) * float(plan.rates.min()) / cell,
         recharge=(vehicle.recharge_seconds + climbing_seconds(vehicle)) / cell,
         ways_out=plan.ways_out,
-        delays=tuple((plan.delays / cell).tolist()) if plan.delays.any() or plan.schedule is not None else (),
+        delays=(
+            tuple((plan.delays / cell).tolist())
+            if plan.delays.any() or plan.schedule is not None
+            else ()
+        ),
     )
     cells = np.arange(len(plan.tour_cost))
     return Scenario(
@@ -179,7 +220,9 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         targets=_cells_of(plan, problem.targets, "targets", cells, [seed, 1]),
         detection=problem.detection,
         false_alarm=problem.false_alarm,
-        obstacles=_cells_of(plan, problem.obstacles, "obstacles", np.setdiff1d(cells, plan.starts), [seed, 2]),
+        obstacles=_cells_of(
+            plan, problem.obstacles, "obstacles", np.setdiff1d(cells, plan.starts), [seed, 2]
+        ),
         widths=tuple(plan.widths.tolist()),
         signed=problem.key is not None,
         packet=problem.packet or 0,
@@ -190,19 +233,26 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
 def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:
     """Return crashes of different robots. The robots and the times of their crashes are random.
 
-    The latest possible time of a crash is twice the time in which a robot searches an equal share of the cells.
+    The latest possible time of a crash is twice the time in which a robot searches an equal share
+    of the cells.
     """
     rng = np.random.default_rng([seed, 2])
     dead = rng.choice(problem.robots, size=problem.crashes, replace=False) + 1
     layers = layers_of(plan.grid)
     cells_each = sum(layer.region.area_m2 / layer.footprint**2 for layer in layers) / problem.robots
-    return tuple(Crash(int(robot), float(rng.uniform(0, 2 * cells_each))) for robot in np.sort(dead))
+    return tuple(
+        Crash(int(robot), float(rng.uniform(0, 2 * cells_each))) for robot in np.sort(dead)
+    )
 
 
-def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]) -> tuple[int, ...]:
-    """Return the tour indices of cells that are given as a number of random cells, as points, or as a file of points.
+def _cells_of(
+    plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]
+) -> tuple[int, ...]:
+    """Return the tour indices of cells that are given as a number of random cells, as points, or as
+    a file of points.
 
-    A given point selects a cell in each layer. A random obstacle lies in all layers, but a random target lies in one layer.
+    A given point selects a cell in each layer. A random obstacle lies in all layers, but a random
+    target lies in one layer.
     """
     if isinstance(given, int):
         columns = what == "obstacles" and isinstance(plan.grid, LayeredGrid)
@@ -210,7 +260,9 @@ def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64
             allowed = allowed[plan.tour.cells[allowed, 0] == 0]
         if given > len(allowed):
             where = "one per cell" if what == "targets" else "no obstacle at the start of a robot"
-            raise InvalidInputError(f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}")
+            raise InvalidInputError(
+                f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}"
+            )
         chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
         if not columns:
             return tuple(sorted(int(cell) for cell in chosen))
@@ -221,5 +273,106 @@ def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64
         inside = region.check_inside(points, what=given if isinstance(given, str) else what)
     found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]
     if isinstance(plan.grid, LayeredGrid):
-        found = [np.column_stack([np.full(len(cells), up), cells]) for up, cells in enumerate(found)]
-    return tuple(sorted({int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]}))
+        found = [
+            np.column_stack([np.full(len(cells), up), cells]) for up, cells in enumerate(found)
+        ]
+    return tuple(
+        sorted({int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]})
+    )
+
+
+_RECORDED = 1000  # number of recorded messages for replay attacks
+_WINDOW = 100  # cells: maximum difference between a message's stamp and the receiver's clock
+_KEY, _OTHER_KEY = b"of the robots", b"of somebody else"
+
+Message = Beacon | bytes
+
+
+class Air:
+    """The radio channel between simulated robots.
+
+    The channel encodes beacons as bytes only if messages are signed, divided, recorded or damaged.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    rng : Generator
+        Generator of the random numbers of the network.
+    """
+
+    def __init__(self, scenario: Scenario, rng: Generator) -> None:
+        self.sent = self.lost = 0
+        self._scenario, self._rng = scenario, rng
+        self._split = scenario.signed or scenario.packet > 0 or scenario.network.has("replays")
+        self._bad = BadLinks(set)
+        self._recorded: list[bytes] = []
+        numbers = range(1, len(scenario.starts) + 1)
+        key, most = _KEY if scenario.signed else b"", scenario.packet or LONGEST
+        self._senders = {number: Sender(number, key, most) for number in numbers}
+        options = {
+            "robots": len(numbers),
+            "cells": len(scenario.brief.tour_cost),
+            "most": most,
+            "window": 1000 * _WINDOW,
+        }
+        self._receivers = {number: Receiver(key, **options) for number in numbers}
+
+    def messages(self, sender: int, beacon: Beacon, time: float) -> list[Message]:
+        """Return the messages that transmit a beacon."""
+        if not self._split:
+            return [beacon]
+        found = self._senders[sender].messages(beacon, _clock(time))
+        self._recorded = (self._recorded + found)[-_RECORDED:]
+        return list(found)
+
+    def carried(
+        self, message: Message, link: Link, *, reaches: bool
+    ) -> Iterator[tuple[float, Message]]:
+        """Yield pairs of a delay and a copy of a message that arrives at one receiver. If
+        ``reaches`` is false, no copy arrives.
+        """
+        self.sent += 1
+        copies = self._scenario.network.send(link, self._rng, self._bad) if reaches else []
+        self.lost += all(copy.damaged or copy.other for copy in copies)
+        for copy in copies:
+            come = message
+            if copy.other == "replay" and self._recorded:
+                come = self._recorded[int(self._rng.integers(len(self._recorded)))]
+            elif copy.other == "forgery":
+                come = self._forged(link)
+            if copy.damaged:
+                whole = (
+                    come
+                    if isinstance(come, bytes)
+                    else self._senders[link.sender].messages(come, _clock(link.time))[0]
+                )
+                come = damage(whole, self._rng)
+            yield copy.delay, come
+
+    def _forged(self, link: Link) -> bytes:
+        """Return a forged message by an attacker without the key. The message reports that all
+        robots have searched all cells.
+        """
+        everything, robots = (
+            self._scenario.brief.everything,
+            range(1, len(self._scenario.starts) + 1),
+        )
+        heartbeat = Heartbeat(link.sender, 1 << 30, 0, 1.0, "complete")
+        lie = Beacon(link.sender, (heartbeat,), tuple((number, everything) for number in robots))
+        return Sender(link.sender, _OTHER_KEY).messages(lie, _clock(link.time) + 1)[0]
+
+    def open(self, receiver: int, message: Message, time: float) -> Beacon | None:
+        """Return the beacon that a robot reads in a message, or None if the robot refuses the
+        message.
+        """
+        if isinstance(message, Beacon):
+            return message
+        try:
+            return self._receivers[receiver].open(message, _clock(time))
+        except InvalidInputError:
+            return None
+
+
+def _clock(time: float) -> int:
+    """Convert a time to milliseconds, as if a robot of speed 1 searched one cell per second."""
+    return int(1000 * time)

@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_integer, check_number, check_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.allocation.plan import SearchPlan
-from shoal.search.problem.faults import Liar
-from shoal.search.protocol.inference import step_cost
-from shoal.search.protocol.state import Brief
+from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.layers import layers_of
+from shoal.search.cells.routing import Route
+from shoal.search.planning.plan import SearchPlan
+from shoal.search.problem.network import Liar
+from shoal.search.protocol.state import Brief, step_cost
+from shoal.search.regions.region import AreaCoverage, coverage_check
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
-from shoal.search.tours.bitset import bits_to_array, members
+from shoal.search.tours.masks import bits_to_array, members
 
 _HORIZON = 60.0  # time limit of a simulation, divided by the time of one robot alone
 
@@ -32,16 +35,20 @@ class RobotLog:
     Parameters
     ----------
     cells : ndarray of int64, shape (k,)
-        Tour indices of the cells in which the robot stopped to search. A robot with a footprint wider than one cell also searches
-        the cells around each stop.
+        Tour indices of the cells in which the robot stopped to search. A robot with a footprint
+        wider than one cell also searches the cells around each stop.
     times : ndarray of float64, shape (k,)
-        Time at which the robot searched each cell, in units of the time in which a robot of speed 1 searches one cell.
+        Time at which the robot searched each cell, in units of the time in which a robot of speed 1
+        searches one cell.
     states : tuple of (float, str)
-        Pairs of a time and the status that began at this time: "listening", "searching", "waiting", "complete", "paused" or "dead".
+        Pairs of a time and the status that began at this time: "listening", "searching", "waiting",
+        "complete", "paused" or "dead".
     found : tuple of (int, tuple of int)
-        Findings that the robot knew at the end: pairs of a cell and the robots that found something in this cell.
+        Findings that the robot knew at the end: pairs of a cell and the robots that found something
+        in this cell.
     detours : tuple of tuple of int
-        The cells that the robot passed on its way to each stop. If robots do not move from cell to cell, ``detours`` is empty.
+        The cells that the robot passed on its way to each stop. If robots do not move from cell to
+        cell, ``detours`` is empty.
     obstructed : tuple of (float, int)
         Pairs of a time and a cell: at this time, the robot discovered an obstacle in this cell.
     """
@@ -67,17 +74,20 @@ class SearchTrace:
     ----------
     robots : tuple of RobotLog
     covered_at : float
-        Time at which the required number of robots had searched each reachable cell, or infinity if too few robots searched a
-        cell. The unit of time is the time in which a robot of speed 1 searches one cell.
+        Time at which the required number of robots had searched each reachable cell, or infinity if
+        too few robots searched a cell. The unit of time is the time in which a robot of speed 1
+        searches one cell.
     declared : dict of int to float
         Time at which each robot declared completion, by the number of the robot (from 1).
     sent, lost : int
-        Number of sent messages and number of lost messages. A message to several receivers counts once for each receiver.
+        Number of sent messages and number of lost messages. A message to several receivers counts
+        once for each receiver.
     takeovers : int
-        Number of times that a robot began to search the part of another robot that it presumed dead.
+        Number of times that a robot began to search the part of another robot that it presumed
+        dead.
     dropped : int
-        Number of messages that robots dropped in a live search, because the sender was no robot of the search or values were
-        impossible.
+        Number of messages that robots dropped in a live search, because the sender was no robot of
+        the search or values were impossible.
     """
 
     robots: tuple[RobotLog, ...]
@@ -89,26 +99,41 @@ class SearchTrace:
     dropped: int = 0
 
     def difference(self, other: SearchTrace) -> str:
-        """Return one sentence about the first difference from another trace. For equal traces, return an empty text."""
+        """Return one sentence about the first difference from another trace. For equal traces,
+        return an empty text.
+        """
         for number, (one, two) in enumerate(zip(self.robots, other.robots, strict=True), start=1):
-            same = np.array_equal(one.cells, two.cells) and np.allclose(one.times, two.times, rtol=0, atol=1e-9)
-            if not same or (one.states, one.detours, one.obstructed) != (two.states, two.detours, two.obstructed):
+            same = np.array_equal(one.cells, two.cells) and np.allclose(
+                one.times, two.times, rtol=0, atol=1e-9
+            )
+            if not same or (one.states, one.detours, one.obstructed) != (
+                two.states,
+                two.detours,
+                two.obstructed,
+            ):
                 return f"planned and simulated again, robot {number} does not act as in the episode"
         for name in ("covered_at", "declared", "sent", "lost"):
             if getattr(self, name) != getattr(other, name):
-                return f"planned and simulated again, {name} is {getattr(other, name)}, but {getattr(self, name)} in the episode"
+                return (
+                    f"planned and simulated again, {name} is {getattr(other, name)}, but"
+                    f" {getattr(self, name)} in the episode"
+                )
         return ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the trace as a mapping that can be written as JSON."""
         return vars(self) | {
-            "robots": [vars(log) | {"cells": log.cells.tolist(), "times": log.times.tolist()} for log in self.robots],
+            "robots": [
+                vars(log) | {"cells": log.cells.tolist(), "times": log.times.tolist()}
+                for log in self.robots
+            ],
             "covered_at": None if self.covered_at == inf else self.covered_at,
         }
 
     @classmethod
     def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
-        """Return the trace that a mapping from `to_dict` describes. The mapping must fit the numbers of robots and cells.
+        """Return the trace that a mapping from `to_dict` describes. The mapping must fit the
+        numbers of robots and cells.
 
         Raises
         ------
@@ -116,23 +141,46 @@ class SearchTrace:
         """
         names = {"robots", "covered_at", "declared", "sent", "lost", "takeovers", "dropped"}
         if not isinstance(data, dict) or set(data) != names or not isinstance(data["robots"], list):
-            raise InvalidInputError(f"trace: expected {', '.join(sorted(names))}, got {shortened(data)}")
-        logs = tuple(_log_from(log, f"robots: {number}", cells) for number, log in enumerate(data["robots"], start=1))
+            raise InvalidInputError(
+                f"trace: expected {', '.join(sorted(names))}, got {shortened(data)}"
+            )
+        logs = tuple(
+            _log_from(log, f"robots: {number}", cells)
+            for number, log in enumerate(data["robots"], start=1)
+        )
         if len(logs) != robots:
             raise InvalidInputError(f"robots: expected {robots} robots, got {len(logs)}")
-        declared = {int(number): check_number(moment, what="declared") for number, moment in dict(data["declared"]).items()}
+        declared = {
+            int(number): check_number(moment, what="declared")
+            for number, moment in dict(data["declared"]).items()
+        }
         if not set(declared) <= set(range(1, robots + 1)):
-            raise InvalidInputError(f"declared: expected robots from 1 to {robots}, got {shortened(sorted(declared))}")
-        covered_at = inf if data["covered_at"] is None else check_number(data["covered_at"], what="covered_at")
-        counts = [check_integer(data[name], what=name, least=0) for name in ("sent", "lost", "takeovers", "dropped")]
+            raise InvalidInputError(
+                f"declared: expected robots from 1 to {robots}, got {shortened(sorted(declared))}"
+            )
+        covered_at = (
+            inf
+            if data["covered_at"] is None
+            else check_number(data["covered_at"], what="covered_at")
+        )
+        counts = [
+            check_integer(data[name], what=name, least=0)
+            for name in ("sent", "lost", "takeovers", "dropped")
+        ]
         return cls(logs, covered_at, declared, *counts)
 
 
 def _log_from(data: Any, what: str, n: int) -> RobotLog:
     """Return the log of one robot from its entry in the mapping of `SearchTrace.to_dict`."""
     names = {one.name for one in fields(RobotLog)}
-    if not isinstance(data, dict) or set(data) != names or not all(isinstance(value, list) for value in data.values()):
-        raise InvalidInputError(f"{what}: expected lists {', '.join(sorted(names))}, got {shortened(data)}")
+    if (
+        not isinstance(data, dict)
+        or set(data) != names
+        or not all(isinstance(value, list) for value in data.values())
+    ):
+        raise InvalidInputError(
+            f"{what}: expected lists {', '.join(sorted(names))}, got {shortened(data)}"
+        )
 
     def cell(value: Any) -> int:
         return check_integer(value, what=f"{what}: cell", least=0, most=n - 1)
@@ -142,24 +190,35 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
 
     cells, times = [cell(one) for one in data["cells"]], [moment(one) for one in data["times"]]
     if len(cells) != len(times):
-        raise InvalidInputError(f"{what}: expected a time for each cell, got {len(cells)} cells and {len(times)} times")
+        raise InvalidInputError(
+            f"{what}: expected a time for each cell, got {len(cells)} cells and {len(times)} times"
+        )
     try:
         return RobotLog(
             np.array(cells, dtype=np.int64),
             np.array(times, dtype=np.float64),
-            tuple((moment(time), check_text(state, what=f"{what}: state")) for time, state in data["states"]),
-            tuple((cell(one), tuple(check_integer(robot, what=what) for robot in robots)) for one, robots in data["found"]),
+            tuple(
+                (moment(time), check_text(state, what=f"{what}: state"))
+                for time, state in data["states"]
+            ),
+            tuple(
+                (cell(one), tuple(check_integer(robot, what=what) for robot in robots))
+                for one, robots in data["found"]
+            ),
             tuple(tuple(cell(one) for one in passed) for passed in data["detours"]),
             tuple((moment(time), cell(one)) for time, one in data["obstructed"]),
         )
     except InvalidInputError:
         raise
     except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"{what}: expected times with states or cells, got something else: {error}") from None
+        raise InvalidInputError(
+            f"{what}: expected times with states or cells, got something else: {error}"
+        ) from None
 
 
 def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
-    """Compute, without a simulation, the trace of robots that follow a plan without faults and go home to recharge.
+    """Compute, without a simulation, the trace of robots that follow a plan without faults and go
+    home to recharge.
 
     Raises
     ------
@@ -172,9 +231,14 @@ def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
         cells = plan.stops(robot)
         times = np.zeros(0)
         if len(cells):
-            steps = np.array([1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())])
+            steps = np.array(
+                [1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())]
+            )
             route = plan.route(robot, cells[:1])
-            first = float(plan.leg_lengths(route.points[: route.stops[1] + 1]).sum()) / plan.grid.size + 1.0
+            first = (
+                float(plan.leg_lengths(route.points[: route.stops[1] + 1]).sum()) / plan.grid.size
+                + 1.0
+            )
             lasting = np.concatenate([[first], steps]) / plan.rates[robot]
             if brief.energy < inf:
                 lasting = _with_recharging(plan, brief, robot, cells, lasting)
@@ -186,25 +250,35 @@ def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
 
 
 def _with_recharging(
-    plan: SearchPlan, brief: Brief, robot: int, cells: NDArray[np.int64], lasting: NDArray[np.float64]
+    plan: SearchPlan,
+    brief: Brief,
+    robot: int,
+    cells: NDArray[np.int64],
+    lasting: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the time that a robot needs for each of its cells, with the times for recharging at home; float64, shape (k,).
+    """Return the time that a robot needs for each of its cells, with the times for recharging at
+    home; float64, shape (k,).
 
-    The robot goes home to recharge whenever `head_for` would send it home. The array ``lasting`` holds the times without
-    recharging.
+    The robot goes home to recharge whenever `head_for` would send it home. The array ``lasting``
+    holds the times without recharging.
     """
     tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
     found, left = lasting.copy(), brief.energy
-    away = [tour_cost.length(cell, start) + brief.from_launch(robot + 1, start, cell) for cell in cells.tolist()]
+    away = [
+        tour_cost.length(cell, start) + brief.from_launch(robot + 1, start, cell)
+        for cell in cells.tolist()
+    ]
     for k, cell in enumerate(cells.tolist()):
         cost = lasting[k] * rate
         if cost + away[k] > left and k:
-            cost = step_cost(tour_cost, start, cell, True) + brief.from_launch(robot + 1, start, cell)
+            cost = step_cost(tour_cost, start, cell, True) + brief.from_launch(
+                robot + 1, start, cell
+            )
             found[k], left = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
         if cost + away[k] > left:
             raise InvalidInputError(
-                f"endurance: expected energy for a cell that is {away[k]:.4g} cells from the home of robot {robot + 1}, "
-                f"got {brief.energy:.4g} cells"
+                f"endurance: expected energy for a cell that is {away[k]:.4g} cells from the home"
+                f" of robot {robot + 1}, got {brief.energy:.4g} cells"
             )
         left -= cost
     return found
@@ -213,31 +287,41 @@ def _with_recharging(
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
     """Simulate a scenario, and return the trace of the search."""
     late = max(scenario.brief.delays, default=0.0)
-    world = SearchWorld(scenario).run(until=late + _HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
+    world = SearchWorld(scenario).run(
+        until=late + _HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0
+    )
     logs = tuple(
         RobotLog(
             cells=np.array([cell for _, cell in vehicle.visits], dtype=np.int64),
             times=np.array([moment for moment, _ in vehicle.visits]),
             states=tuple(vehicle.states),
-            found=tuple(sorted((cell, tuple(members(bits))) for cell, bits in vehicle.robot.found.items())),
+            found=tuple(
+                sorted((cell, tuple(members(bits))) for cell, bits in vehicle.robot.found.items())
+            ),
             detours=tuple(vehicle.detours) if any(vehicle.detours) else (),
             obstructed=tuple(vehicle.obstructed),
         )
         for vehicle in world.vehicles.values()
     )
     covered_at = float(searched_at(scenario, logs).max())
-    return SearchTrace(logs, covered_at, world.declared, world.air.sent, world.air.lost, world.takeovers)
+    return SearchTrace(
+        logs, covered_at, world.declared, world.air.sent, world.air.lost, world.takeovers
+    )
 
 
 def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
-    """Return the time at which the required number of robots had searched each reachable cell; float64, shape (n,).
+    """Return the time at which the required number of robots had searched each reachable cell;
+    float64, shape (n,).
 
-    The required number of robots is the multiplicity, or less if fewer robots can reach the cell. Liars count as robots that
-    search, but at least one robot must be honest. A cell that too few robots searched gets an infinite time.
+    The required number of robots is the multiplicity, or less if fewer robots can reach the cell.
+    Liars count as robots that search, but at least one robot must be honest. A cell that too few
+    robots searched gets an infinite time.
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}
-    best = np.full((count, len(tour_cost)), inf)  # the earliest times of each cell, by different robots
+    best = np.full(
+        (count, len(tour_cost)), inf
+    )  # the earliest times of each cell, by different robots
     truly = np.full(len(tour_cost), inf)
     able = np.zeros(len(tour_cost), dtype=np.int64)
     for number, log in enumerate(logs, start=1):
@@ -255,3 +339,64 @@ def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.floa
     last = np.minimum(able, count) - 1
     found = np.maximum(best[last, np.arange(len(last))], truly)
     return np.asarray(found[bits_to_array(scenario.goal, len(last))])
+
+
+def coverages(
+    plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robots: Sequence[int]
+) -> tuple[AreaCoverage, ...]:
+    """Return, for each layer from the lowest to the highest, the coverage by the robots with the
+    numbers ``robots`` (from 0).
+    """
+    layers, found = layers_of(plan.grid), []
+    sides = plan.footprints / layers[0].footprint
+    for number, layer in enumerate(layers):
+        ways = [
+            (way, sides[robot] * layer.footprint)
+            for robot in robots
+            for way in _ways(plan, trace, routes, robot, number)
+        ]
+        footprints = [side for _, side in ways] or layer.footprint
+        found.append(
+            coverage_check(
+                layer.region,
+                [way for way, _ in ways],
+                footprints,
+                angle=layer.angle,
+                image=plan.image,
+            )
+        )
+    return tuple(found)
+
+
+def _ways(
+    plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: int, layer: int
+) -> list[NDArray[np.float64]]:
+    """Return a robot's paths inside a layer, without its path from a launch point outside the
+    region and without climbs.
+    """
+    route, log = routes[robot], trace.robots[robot]
+    if isinstance(plan.grid, CellGrid):
+        inside = len(route.stops) < 2 or plan.grid.region.contains(route.points[:1])[0]
+        return [route.points if inside else route.points[route.stops[1] :]]
+    spans, there = cell_spans(plan, route, log), plan.tour.cells[log.cells, 0]
+    borders = [0, *(np.flatnonzero(np.diff(there)) + 1).tolist(), len(there)]
+    return [
+        route.points[spans[begin, 0] : spans[end - 1, 1] + 1, :2]
+        for begin, end in pairwise(borders)
+        if there[begin] == layer
+    ]
+
+
+def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int64]:
+    """Return, for each cell of a robot's log, the indices of the cell's first and last point on the
+    route; int64, shape (k, 2).
+
+    If a robot passes other cells on its way to a cell, the first point of the cell lies in the
+    first of the passed cells.
+    """
+    index = plan.grid.ordinals(plan.tour.cells[log.cells])
+    counts = plan.grid.viewpoint_starts[index + 1] - plan.grid.viewpoint_starts[index]
+    if any(log.detours):
+        counts = counts + np.array([len(passed) for passed in log.detours], dtype=np.int64)
+    last = np.cumsum(counts)
+    return np.asarray(route.stops[np.stack([last - counts + 1, last], axis=1)])

@@ -1,19 +1,22 @@
-"""Deterministic simulation of a search, with one thread and one clock. Two simulations of the same scenario give equal traces."""
+"""Deterministic simulation of a search, with one thread and one clock. Two simulations of the same
+scenario give equal traces.
+"""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
 from dataclasses import field
-from math import inf
+from math import exp, inf, log
 from typing import Any
 
 import numpy as np
 
 from shoal.core.dataclass import dataclass
-from shoal.search.problem.faults import Battery, Crash, Liar, Pause, WrongPosition, true_rate
-from shoal.search.problem.network import Link
-from shoal.search.protocol.events import (
+from shoal.search.problem.network import Battery, Crash, Liar, Link, Pause, WrongPosition, true_rate
+from shoal.search.protocol.messages import Beacon
+from shoal.search.protocol.robot import LOOK, Decision, advance
+from shoal.search.protocol.state import (
     Action,
     Begin,
     Blocked,
@@ -24,22 +27,23 @@ from shoal.search.protocol.events import (
     Heard,
     Obstructed,
     Recharged,
+    Robot,
     Send,
     Sensed,
     Wake,
     WakeAt,
+    is_live,
+    step_cost,
 )
-from shoal.search.protocol.inference import is_live, step_cost
-from shoal.search.protocol.messages import Beacon
-from shoal.search.protocol.robot import LOOK, Decision, Robot, advance
-from shoal.search.simulation.air import Air
-from shoal.search.simulation.scenario import RETRY, TRIES, Scenario
-from shoal.search.tours.bitset import members
+from shoal.search.simulation.scenario import RETRY, TRIES, Air, Scenario
+from shoal.search.tours.masks import members
 
 
 @dataclass
 class SimulatedRobot:
-    """A simulated robot: its state machine, its true position and energy, and whether it still works."""
+    """A simulated robot: its state machine, its true position and energy, and whether it still
+    works.
+    """
 
     robot: Robot
     place: int  # tour index of the robot's true cell
@@ -57,8 +61,12 @@ class SimulatedRobot:
     waited: float = 0.0  # total time of waiting for other robots to leave a cell
     visits: list[tuple[float, int]] = field(default_factory=list)  # time and cell of each search
     passing: tuple[int, ...] = ()  # the cells passed since the latest search
-    detours: list[tuple[int, ...]] = field(default_factory=list)  # for each search, the cells passed on the way to it
-    obstructed: list[tuple[float, int]] = field(default_factory=list)  # time and cell of each discovery of an obstacle
+    detours: list[tuple[int, ...]] = field(
+        default_factory=list
+    )  # for each search, the cells passed on the way to it
+    obstructed: list[tuple[float, int]] = field(
+        default_factory=list
+    )  # time and cell of each discovery of an obstacle
     states: list[tuple[float, str]] = field(default_factory=list)
 
 
@@ -69,30 +77,35 @@ class SearchWorld:
     ----------
     scenario : Scenario
     check : callable, optional
-        Function that the simulation calls after every event, with the world and the number of the robot, for example to test
-        invariants.
+        Function that the simulation calls after every event, with the world and the number of the
+        robot, for example to test invariants.
     decide : callable, optional
-        Function that chooses the next actions of idle robots instead of the protocol; see `advance`. With ``decide``, robots start
-        without listening, and do not divide the tour.
+        Function that chooses the next actions of idle robots instead of the protocol; see
+        `advance`. With ``decide``, robots start without listening, and do not divide the tour.
 
     Attributes
     ----------
     covered : int
         Bitset of the cells that honest robots have searched.
     covered_at : float
-        Time at which honest robots had searched all reachable cells, or infinity if a reachable cell remained unsearched.
+        Time at which honest robots had searched all reachable cells, or infinity if a reachable
+        cell remained unsearched.
     declared : dict of int to float
         Time at which each robot declared completion.
     vehicles : dict of int to SimulatedRobot
         The simulated robots, by the number of the robot.
     takeovers : int
-        Number of times that a robot began to search the part of another robot that it presumed dead.
+        Number of times that a robot began to search the part of another robot that it presumed
+        dead.
     """
 
     def __init__(
-        self, scenario: Scenario, *, check: Callable[[SearchWorld, int], None] | None = None,
+        self,
+        scenario: Scenario,
+        *,
+        check: Callable[[SearchWorld, int], None] | None = None,
         decide: Callable[[Robot, float], Decision] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.scenario, self.check, self.decide = scenario, check, decide
         self.rng = np.random.default_rng(scenario.seed)
         self.time = 0.0
@@ -105,7 +118,9 @@ class SearchWorld:
         self.air = Air(scenario, self.rng)
         self._queue: list[tuple[float, int, int, str, Any]] = []
         self._number = 0
-        self.vehicles = {number: self._vehicle(number) for number in range(1, len(scenario.starts) + 1)}
+        self.vehicles = {
+            number: self._vehicle(number) for number in range(1, len(scenario.starts) + 1)
+        }
         for fault in scenario.faults:
             if isinstance(fault, Crash | Pause):
                 self._post(fault.time, fault.robot, "fault", fault)
@@ -114,9 +129,15 @@ class SearchWorld:
 
     def _vehicle(self, number: int) -> SimulatedRobot:
         scenario, brief = self.scenario, self.scenario.brief
-        start, rate, width = scenario.starts[number - 1], scenario.rates[number - 1], scenario.widths[number - 1]
+        start, rate, width = (
+            scenario.starts[number - 1],
+            scenario.rates[number - 1],
+            scenario.widths[number - 1],
+        )
         believed = start
-        body = SimulatedRobot(Robot(number, brief, start, rate, width), start, rate, energy=brief.energy)
+        body = SimulatedRobot(
+            Robot(number, brief, start, rate, width), start, rate, energy=brief.energy
+        )
         for fault in scenario.faults:
             if fault.robot != number:
                 continue
@@ -194,7 +215,9 @@ class SearchWorld:
             self._do_event(vehicle, Heard(self.time, beacon))
 
     def _do_enter(self, vehicle: SimulatedRobot, cell: int) -> None:
-        """Let a robot enter a cell and search it, or wait in front of the cell while another robot is in it."""
+        """Let a robot enter a cell and search it, or wait in front of the cell while another robot
+        is in it.
+        """
         others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
         rate = self._rate(vehicle)
         if any(other.searching == cell for other in others):
@@ -212,13 +235,19 @@ class SearchWorld:
         self._post(self.time + 1.0 / rate, vehicle.robot.number, "sense", cell)
 
     def _do_sense(self, vehicle: SimulatedRobot, cell: int) -> None:
-        if vehicle.searching != cell:  # a pause has interrupted the search, so the robot must enter the cell again
+        if (
+            vehicle.searching != cell
+        ):  # a pause has interrupted the search, so the robot must enter the cell again
             self._do_enter(vehicle, cell)
             return
         scenario, number = self.scenario, vehicle.robot.number
         found = self._finds(vehicle, cell)
         seen = scenario.seen(number, cell)
-        beside = () if seen == 1 << cell else tuple(one for one in members(seen) if one != cell and self._finds(vehicle, one))
+        beside = (
+            ()
+            if seen == 1 << cell
+            else tuple(one for one in members(seen) if one != cell and self._finds(vehicle, one))
+        )
         if not vehicle.liar:
             self.searched[number] |= seen
             if seen & ~self.covered:
@@ -232,9 +261,17 @@ class SearchWorld:
         self._do_event(vehicle, Sensed(self.time, cell, found, beside))
 
     def _finds(self, vehicle: SimulatedRobot, cell: int) -> bool:
-        """Decide at random whether a robot reports a target in a cell. The probability is a sensor rate, or 0.5 for a liar."""
-        chance = self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
-        return bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
+        """Decide at random whether a robot reports a target in a cell. The probability is a sensor
+        rate, or 0.5 for a liar.
+        """
+        chance = (
+            self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
+        )
+        return (
+            bool(self.rng.random() < (0.5 if vehicle.liar else chance))
+            if chance or vehicle.liar
+            else False
+        )
 
     def _do_obstructed(self, vehicle: SimulatedRobot, found: tuple[int, int]) -> None:
         cell, vehicle.place = found
@@ -259,7 +296,12 @@ class SearchWorld:
                 vehicle.searching = None
                 vehicle.passing += through
                 if self._spend(vehicle, away):
-                    self._post(self.time + away / self._rate(vehicle) + self.scenario.brief.recharge, number, "home", None)
+                    self._post(
+                        self.time + away / self._rate(vehicle) + self.scenario.brief.recharge,
+                        number,
+                        "home",
+                        None,
+                    )
             case Send(beacon):
                 self._broadcast(vehicle, beacon)
             case WakeAt(time):
@@ -278,7 +320,12 @@ class SearchWorld:
         if obstacle is not None:
             self._stop_before(vehicle, obstacle, through[:free])
             return
-        cost = robot.cost if through else step_cost(tour_cost, vehicle.place, cell, robot.fresh) + self._way_out(vehicle, cell)
+        cost = (
+            robot.cost
+            if through
+            else step_cost(tour_cost, vehicle.place, cell, robot.fresh)
+            + self._way_out(vehicle, cell)
+        )
         if not self._spend(vehicle, cost):
             return
         if cost > 1.0 + 1e-12:
@@ -286,29 +333,51 @@ class SearchWorld:
         self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
 
     def _stop_before(self, vehicle: SimulatedRobot, obstacle: int, way: tuple[int, ...]) -> None:
-        cost = self.scenario.path_length(vehicle.place, way) + LOOK + self._way_out(vehicle, vehicle.place)
+        cost = (
+            self.scenario.path_length(vehicle.place, way)
+            + LOOK
+            + self._way_out(vehicle, vehicle.place)
+        )
         vehicle.searching = None
         if self._spend(vehicle, cost):
             at = way[-1] if way else vehicle.place
             vehicle.passing += way
-            self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
+            self._post(
+                self.time + cost / self._rate(vehicle),
+                vehicle.robot.number,
+                "obstructed",
+                (obstacle, at),
+            )
 
     def _way_out(self, vehicle: SimulatedRobot, cell: int) -> float:
-        """Return the extra distance to a cell for a robot that is still at its launch point, and 0 for all other robots."""
+        """Return the extra distance to a cell for a robot that is still at its launch point, and 0
+        for all other robots.
+        """
         robot = vehicle.robot
-        return self.scenario.brief.from_launch(robot.number, vehicle.place, cell) if robot.at_launch else 0.0
+        return (
+            self.scenario.brief.from_launch(robot.number, vehicle.place, cell)
+            if robot.at_launch
+            else 0.0
+        )
 
     def _takes_over(self, vehicle: SimulatedRobot) -> bool:
-        """Return whether a robot begins to search the part of another robot that it presumes dead."""
+        """Return whether a robot begins to search the part of another robot that it
+        presumes dead.
+        """
         robot = vehicle.robot
-        part = next((part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1), None)
+        part = next(
+            (part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1),
+            None,
+        )
         if part is None:
             return False
         again = vehicle.aimed is not None and bool(part.bits >> vehicle.aimed & 1)
         return not again and not is_live(robot, part.robot, self.time)
 
     def _spend(self, vehicle: SimulatedRobot, cost: float) -> bool:
-        """Consume energy of a robot, and return whether the energy was enough. Otherwise, the robot stops for ever on its way."""
+        """Consume energy of a robot, and return whether the energy was enough. Otherwise, the robot
+        stops for ever on its way.
+        """
         vehicle.energy -= cost
         vehicle.travelled += cost
         if vehicle.energy >= -1e-9:
@@ -317,7 +386,11 @@ class SearchWorld:
         return False
 
     def _full(self, number: int) -> float:
-        limits = [fault.energy for fault in self.scenario.faults if isinstance(fault, Battery) and fault.robot == number]
+        limits = [
+            fault.energy
+            for fault in self.scenario.faults
+            if isinstance(fault, Battery) and fault.robot == number
+        ]
         return min([self.scenario.brief.energy, *limits])
 
     def _rate(self, vehicle: SimulatedRobot) -> float:
@@ -328,7 +401,77 @@ class SearchWorld:
         messages = self.air.messages(number, beacon, self.time)
         for other, receiver in self.vehicles.items():
             if other != number:
-                link = Link(number, other, self.time, tour_cost.between(sender.place, receiver.place))
+                link = Link(
+                    number, other, self.time, tour_cost.between(sender.place, receiver.place)
+                )
                 for message in messages:
                     for delay, arrived in self.air.carried(message, link, reaches=receiver.alive):
                         self._post(self.time + delay, other, "heard", arrived)
+
+
+_PRIOR = 0.01  # prior fraction of cells that contain a target
+_LEAST, _MOST = (
+    1e-3,
+    1 - 1e-3,
+)  # limits of a sensor's rates: no sensor counts as fully reliable, because robots can lie
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A cell in which at least one robot has found something.
+
+    Parameters
+    ----------
+    cell : int
+        Tour index of the cell.
+    found_by, missed_by : tuple of int
+        Numbers of the robots that found something in the cell, and of the robots that searched the
+        cell and found nothing.
+    confidence : float
+        Probability that the cell contains a target. The confidence follows from the sensors'
+        detection rate and false-alarm rate, and from a prior probability of 0.01.
+    """
+
+    cell: int
+    found_by: tuple[int, ...]
+    missed_by: tuple[int, ...]
+    confidence: float
+
+
+def merge_findings(
+    scenario: Scenario, reports: dict[int, set[int]], searched: dict[int, int]
+) -> tuple[Finding, ...]:
+    """Merge the reports of all robots to one finding for each cell in which a robot found
+    something.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The scenario, which gives the detection rate and the false-alarm rate of the sensors.
+    reports : dict of int to set of int
+        Numbers of the robots that found something in a cell, by the tour index of the cell.
+    searched : dict of int to int
+        Bitset of the cells that each robot reports as searched, by the number of the robot.
+    """
+    hit = min(max(scenario.detection, _LEAST), _MOST)
+    alarm = min(max(scenario.false_alarm, _LEAST), _MOST)
+    found = []
+    for cell, witnesses in sorted(reports.items()):
+        missed = tuple(
+            sorted(
+                robot
+                for robot, bits in searched.items()
+                if bits >> cell & 1 and robot not in witnesses
+            )
+        )
+        odds = (
+            log(_PRIOR / (1 - _PRIOR))
+            + len(witnesses) * log(hit / alarm)
+            + len(missed) * log((1 - hit) / (1 - alarm))
+        )
+        found.append(Finding(cell, tuple(sorted(witnesses)), missed, _chance(odds)))
+    return tuple(found)
+
+
+def _chance(odds: float) -> float:
+    return 1 / (1 + exp(-odds)) if odds > -700 else 0.0

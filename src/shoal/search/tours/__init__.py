@@ -9,12 +9,21 @@ from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import configured
-from shoal.search.tours import boustrophedon, comb, hilbert, hilbert_rectangle, spanning_tree
-from shoal.search.tours.base import TOURS, TourMaker, check_covers
-from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
-from shoal.search.tours.layers import joined
+from shoal.search.tours import curves as hilbert
+from shoal.search.tours import rows as boustrophedon
+from shoal.search.tours.curves import joined
 from shoal.search.tours.masks import check_mask, components
-from shoal.search.tours.tour import Tour, TourMetrics
+from shoal.search.tours.tour import (
+    TOURS,
+    Tour,
+    TourMaker,
+    TourMetrics,
+    check_covers,
+    hilbert_decode,
+    hilbert_encode,
+    moore_decode,
+    moore_encode,
+)
 
 __all__ = [
     "TOURS",
@@ -42,19 +51,21 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     Parameters
     ----------
     maker : str or TourMaker
-        One of the names "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "boustrophedon" and "spanning-tree", or an
-        object with the methods of `TourMaker`. A text of the form "module:attribute" names a tour maker object, or a class that
-        Shoal calls without arguments.
+        One of the names "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb",
+        "boustrophedon" and "spanning-tree", or an object with the methods of `TourMaker`. A text of
+        the form "module:attribute" names a tour maker object, or a class that Shoal calls without
+        arguments.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        A mask that is True for the cells to visit, with row 0 on top, or the shape of a full rectangle or box. For a 3-D mask, the
-        names "hilbert", "open-hilbert" and "hilbert-rectangle" give 3-D curves. With any other name, Shoal computes a plane tour of
+        A mask that is True for the cells to visit, with row 0 on top, or the shape of a full
+        rectangle or box. For a 3-D mask, the names "hilbert", "open-hilbert" and
+        "hilbert-rectangle" give 3-D curves. With any other name, Shoal computes a plane tour of
         each layer, and joins these tours.
 
     Returns
     -------
     Tour
-        A tour that visits each True cell once. The tour finishes each connected component of the mask before it starts another
-        component.
+        A tour that visits each True cell once. The tour finishes each connected component of the
+        mask before it starts another component.
 
     Raises
     ------
@@ -80,7 +91,9 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
 def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
     tour = maker.make(mask)
     if not isinstance(tour, Tour):
-        raise InvalidInputError(f"tour {maker.name}: expected make() to return a Tour, got {type(tour).__name__}")
+        raise InvalidInputError(
+            f"tour {maker.name}: expected make() to return a Tour, got {type(tour).__name__}"
+        )
     return check_covers(tour, mask)
 
 
@@ -97,7 +110,12 @@ def find_tour_maker(maker: str | TourMaker) -> TourMaker:
     try:
         made = found() if isinstance(found, type) else found
     except TypeError as error:
-        raise InvalidInputError(f"the tour {maker!r}: expected a class without arguments: {error}") from None
+        raise InvalidInputError(
+            f"the tour {maker!r}: expected a class without arguments: {error}"
+        ) from None
     if not isinstance(made, TourMaker):
-        raise InvalidInputError(f"the tour {maker!r}: expected name, dimensions and make(mask), got {type(made).__name__}")
+        raise InvalidInputError(
+            f"the tour {maker!r}: expected name, dimensions and make(mask), got"
+            f" {type(made).__name__}"
+        )
     return made

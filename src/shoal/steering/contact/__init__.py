@@ -1,1 +1,3 @@
-"""Contact between particles and walls: simulated worlds, limits due to friction, estimates of the gain, and moves off walls."""
+"""Contact between particles and walls: simulated worlds, limits due to friction, estimates of the
+gain, and moves off walls.
+"""

@@ -1,4 +1,6 @@
-"""Clearance: whether a plan reaches its goals in a world that differs slightly from the world in which it was planned."""
+"""Clearance: whether a plan reaches its goals in a world that differs slightly from the world in
+which it was planned.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.steering.workspaces.base import EXACT_TOUCH, TOUCH
-from shoal.steering.workspaces.convex import ConvexWorkspace
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.convex import EXACT_TOUCH, TOUCH, ConvexWorkspace, Points
 from shoal.steering.workspaces.region import Region
 
 CLEARANCE = 1e-6  # relative to the size: default of the option ``clearance``
 PLANNED = 2.5  # in clearances: distance that planners keep from all that must not be touched
 STEPS = 0.03, 0.3, 1.0  # in clearances: contact tolerances with which a plan is replayed
-ROUNDING, PATTERNS = 1e-12, 6  # relative to the size: errors of starts and moves, and number of patterns of such errors
-FORGIVEN = 1e-10  # relative to the size: effect of such errors on the end of a plan that amplifies nothing
-GRAZING = 1e-7  # relative to a move: slope below which a particle hardly leaves a wall; on a round wall, it meets the wall again
+ROUNDING, PATTERNS = (
+    1e-12,
+    6,
+)  # relative to the size: errors of starts and moves, and number of patterns of such errors
+FORGIVEN = (
+    1e-10  # relative to the size: effect of such errors on the end of a plan that amplifies nothing
+)
+# relative to a move: slope below which a particle hardly leaves a wall; on a round wall, it meets
+# the wall again
+GRAZING = 1e-7
 HELD = 1e-9  # relative to a move: slope up to which a wall holds a particle
 _TURN, _SCALE = 0.7, 3.0  # angle and scale of the turned copy of a world
 _SLACK = 1e-9  # relative to the tolerance: rounding in the turned copy
@@ -29,7 +36,9 @@ _SLACK = 1e-9  # relative to the tolerance: rounding in the turned copy
 
 @dataclass(frozen=True, eq=False)
 class _Copy:
-    """A world in which a plan is replayed, and the matrix that turns and scales points and moves into this world."""
+    """A world in which a plan is replayed, and the matrix that turns and scales points and moves
+    into this world.
+    """
 
     world: Any
     matrix: NDArray[np.float64]
@@ -37,12 +46,15 @@ class _Copy:
 
 @lru_cache(maxsize=64)
 def _disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
-    """Return copies of a world with other contact tolerances, and one copy that is turned and scaled.
+    """Return copies of a world with other contact tolerances, and one copy that is turned and
+    scaled.
 
     The contact tolerances lie between 1e-12 of the workspace's size and ``clearance``.
     """
     d = world.workspace.dimensions
-    touches = sorted({EXACT_TOUCH, TOUCH} | {share * clearance for share in STEPS if share * clearance > TOUCH})
+    touches = sorted(
+        {EXACT_TOUCH, TOUCH} | {share * clearance for share in STEPS if share * clearance > TOUCH}
+    )
     matrix = _SCALE * np.eye(d)
     matrix[:2, :2] = _SCALE * np.array([[cos(_TURN), -sin(_TURN)], [sin(_TURN), cos(_TURN)]])
     workspace = _turned(world.workspace, matrix)
@@ -59,13 +71,16 @@ def _disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
 
 
 def _turned(workspace: Any, matrix: NDArray[np.float64]) -> Any:
-    """Return a workspace whose corners are the products of ``matrix`` and the corners of ``workspace``.
+    """Return a workspace whose corners are the products of ``matrix`` and the corners of
+    ``workspace``.
 
     ``matrix`` is a rotation about the z axis, multiplied by a scale.
     """
     flat, scale = matrix[:2, :2], float(np.linalg.norm(matrix[:2, 0]))
     if isinstance(workspace, Region):
-        return Region(workspace.outline @ flat.T, tuple(ring @ flat.T for ring in workspace.obstacles))
+        return Region(
+            workspace.outline @ flat.T, tuple(ring @ flat.T for ring in workspace.obstacles)
+        )
     return ConvexWorkspace(
         workspace.kind,
         workspace.vertices @ flat.T,
@@ -76,13 +91,18 @@ def _turned(workspace: Any, matrix: NDArray[np.float64]) -> Any:
     )
 
 
-def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolerance: float, clearance: float) -> str | None:
-    """Return why a plan reaches its goals only in exact arithmetic, or None if it also reaches them with every disturbance.
+def why_sensitive(
+    world: Any, start: Points, goal: Points, moves: Points, tolerance: float, clearance: float
+) -> str | None:
+    """Return why a plan reaches its goals only in exact arithmetic, or None if it also reaches them
+    with every disturbance.
 
-    The function replays the plan with several contact tolerances up to ``clearance`` times the size of the workspace, in a turned
-    and scaled copy of the workspace, and with small errors of the starts and of all moves. In convex workspaces without friction,
-    it also measures the slopes at which particles leave walls. Around obstacles, it measures how near the particles come to corners
-    with more than 180 degrees of free space, which a slightly different path would not pass.
+    The function replays the plan with several contact tolerances up to ``clearance`` times the size
+    of the workspace, in a turned and scaled copy of the workspace, and with small errors of the
+    starts and of all moves. In convex workspaces without friction, it also measures the slopes at
+    which particles leave walls. Around obstacles, it measures how near the particles come to
+    corners with more than 180 degrees of free space, which a slightly different path would not
+    pass.
     """
     if not clearance:
         return None
@@ -92,13 +112,20 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
         end = copy.world.final(start @ copy.matrix.T, moves @ copy.matrix.T) / scale
         error = float(np.linalg.norm(end - goal @ copy.matrix.T / scale, axis=1).max())
         if error > tolerance * (1 + _SLACK) + 1e-15 * size:
-            how = "in turned coordinates" if scale != 1 else f"with a contact tolerance of {copy.world.touch:.2g} of the size"
+            how = (
+                "in turned coordinates"
+                if scale != 1
+                else f"with a contact tolerance of {copy.world.touch:.2g} of the size"
+            )
             return f"{how} it ends {error:.3g} from the goals"
     for shifts in _roundings(len(moves) + len(start), start.shape[1]):
         end = world.final(start + shifts[: len(start)] * size, moves + shifts[len(start) :] * size)
         error = float(np.linalg.norm(end - goal, axis=1).max())
         if error > tolerance + FORGIVEN * size:
-            return f"with moves that differ by {ROUNDING:.0e} of the size it ends {error:.3g} from the goals"
+            return (
+                f"with moves that differ by {ROUNDING:.0e} of the size it ends {error:.3g} from the"
+                " goals"
+            )
     if isinstance(world.workspace, ConvexWorkspace) and world.friction == np.inf:
         slope = _least_slope(world, start, moves)
         if slope < GRAZING:
@@ -106,13 +133,18 @@ def why_sensitive(world: Any, start: Points, goal: Points, moves: Points, tolera
     if isinstance(world.workspace, Region):
         near = _least_passage(world, start, goal, moves, clearance * size)
         if near < clearance * size:
-            return f"a particle passes a corner at {near:.2g}, nearer than the clearance of {clearance * size:.2g}"
+            return (
+                f"a particle passes a corner at {near:.2g}, nearer than the clearance of"
+                f" {clearance * size:.2g}"
+            )
     return None
 
 
 @lru_cache(maxsize=64)
 def _roundings(rows: int, d: int) -> tuple[Points, ...]:
-    """Return some arrays of random errors, float64, shape (rows, d), relative to the size of the workspace."""
+    """Return some arrays of random errors, float64, shape (rows, d), relative to the size of the
+    workspace.
+    """
     rng = np.random.default_rng(rows)
     return tuple(ROUNDING * rng.choice([-1.0, 1.0], size=(rows, d)) for _ in range(PATTERNS))
 
@@ -120,8 +152,8 @@ def _roundings(rows: int, d: int) -> tuple[Points, ...]:
 def _least_slope(world: Any, start: Points, moves: Points) -> float:
     """Return the smallest slope at which a move leads a particle off a wall that it touches.
 
-    The slope is the component of the move along the inward normal of the wall, divided by the length of the move. The result is
-    infinite if no particle leaves a wall.
+    The slope is the component of the move along the inward normal of the wall, divided by the
+    length of the move. The result is infinite if no particle leaves a wall.
     """
     room = world.room
     state, least = np.array(start, dtype=np.float64, order="C"), float("inf")
@@ -130,7 +162,9 @@ def _least_slope(world: Any, start: Points, moves: Points) -> float:
         near = room.wall_distances(state) <= TOUCH * room.size
         if room.round:
             flat = room.center - state[:, :2]
-            slopes = np.column_stack([slopes, flat @ move[:2] / np.maximum(np.hypot(*flat.T), 1e-300)])
+            slopes = np.column_stack(
+                [slopes, flat @ move[:2] / np.maximum(np.hypot(*flat.T), 1e-300)]
+            )
             near = np.column_stack([near, room.circle_distance(state) <= TOUCH * room.size])
         slopes = slopes / max(float(np.linalg.norm(move)), 1e-300)
         if near.any():
@@ -142,10 +176,11 @@ def _least_slope(world: Any, start: Points, moves: Points) -> float:
 
 
 def _least_passage(world: Any, start: Points, goal: Points, moves: Points, near: float) -> float:
-    """Return the smallest distance between a particle's path and a corner with more than 180 degrees of free space.
+    """Return the smallest distance between a particle's path and a corner with more than 180
+    degrees of free space.
 
-    Corners within ``near`` of the start or the goal of a particle do not count for this particle. The result is infinite if the
-    region has no such corner.
+    Corners within ``near`` of the start or the goal of a particle do not count for this particle.
+    The result is infinite if the region has no such corner.
     """
     edges = world.edges
     corners = edges.ends[edges.reflex, :2]

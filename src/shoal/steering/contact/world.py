@@ -1,27 +1,35 @@
-"""ContactWorld: motion of particles under one shared displacement, between walls that hold particles."""
+"""Worlds of steering: particles that move with one shared input, stop at walls, slide along them
+and leave them.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from math import inf
+from itertools import combinations
+from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.kernels import contact as kernels
-from shoal.steering.workspaces.convex import ConvexWorkspace
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.kernels import region_contact as region_kernels
+from shoal.steering.workspaces.convex import TOUCH, ConvexWorkspace, Points
+from shoal.steering.workspaces.region import Region
 
 PUSHED = kernels.PUSHED
 
 
 class SteeringWorld(ABC):
-    """Base class of the simulated worlds of steering, in which one shared displacement moves all particles in a workspace."""
+    """Base class of the simulated worlds of steering, in which one shared displacement moves all
+    particles in a workspace.
+    """
 
     workspace: Any
     friction: float
@@ -32,7 +40,8 @@ class SteeringWorld(ABC):
         return self.workspace
 
     def initial(self, points: ArrayLike) -> Points:
-        """Return ``points`` as the initial positions of the particles; float64, shape (n, dimensions).
+        """Return ``points`` as the initial positions of the particles; float64, shape (n,
+        dimensions).
 
         Raises
         ------
@@ -42,12 +51,15 @@ class SteeringWorld(ABC):
         return self.check_state(points, what="start")
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Return valid particle positions as float64, shape (n, dimensions), or raise InvalidInputError for invalid positions."""
+        """Return valid particle positions as float64, shape (n, dimensions), or raise
+        InvalidInputError for invalid positions.
+        """
         state: Points = self.room.check_inside(points, what=what)
         return state
 
     def step(self, points: ArrayLike, move: ArrayLike) -> Points:
-        """Return the positions of particles after one straight move from ``points``; float64, shape (n, dimensions).
+        """Return the positions of particles after one straight move from ``points``; float64, shape
+        (n, dimensions).
 
         Raises
         ------
@@ -60,77 +72,98 @@ class SteeringWorld(ABC):
         return self.moved(state, np.ascontiguousarray(vector))
 
     def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
-        """Return the positions of the particles at the start and after each move; float64, shape (moves + 1, n, dimensions)."""
+        """Return the positions of the particles at the start and after each move; float64, shape
+        (moves + 1, n, dimensions).
+        """
         d = self.workspace.dimensions
         vectors = np.asarray(moves, dtype=np.float64)
-        vectors = check_points(vectors.reshape(-1, d) if vectors.size == 0 else vectors, what="moves", dimensions=d)
+        vectors = check_points(
+            vectors.reshape(-1, d) if vectors.size == 0 else vectors, what="moves", dimensions=d
+        )
         states = [self.initial(points)]
         for move in vectors:
             states.append(self.moved(np.array(states[-1], order="C"), np.ascontiguousarray(move)))
         return np.array(states)
 
     def final(self, points: Points, moves: Points) -> Points:
-        """Return the positions of the particles after all moves, float64, shape (n, dimensions), without checks of the input."""
+        """Return the positions of the particles after all moves, float64, shape (n, dimensions),
+        without checks of the input.
+        """
         state = np.array(points, dtype=np.float64, order="C")
         for move in np.ascontiguousarray(moves):
             self.moved(state, move)
         return state
 
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
-        """Return which particles a wall with infinite friction would hold at the start of ``move``; bool, shape (n,)."""
-        state = np.ascontiguousarray(check_points(points, what="points", dimensions=self.workspace.dimensions))
+        """Return which particles a wall with infinite friction would hold at the start of ``move``;
+        bool, shape (n,).
+        """
+        state = np.ascontiguousarray(
+            check_points(points, what="points", dimensions=self.workspace.dimensions)
+        )
         vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
         return np.array([self.is_held(point, vector) for point in state])
 
     @abstractmethod
     def moved(self, state: Points, move: Points) -> Points:
-        """Apply the displacement ``move`` to the positions in the array ``state`` in place, without checks."""
+        """Apply the displacement ``move`` to the positions in the array ``state`` in place, without
+        checks.
+        """
 
     @abstractmethod
     def is_held(self, point: Points, move: Points) -> bool:
-        """Return whether a wall holds a particle at ``point`` at the start of the displacement ``move``."""
+        """Return whether a wall holds a particle at ``point`` at the start of the displacement
+        ``move``.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
-    With infinite friction, a particle stops at the first wall that it meets, and stays at this wall until the end of the straight
-    move. If the displacement u satisfies ``N u <= 0``, a wall with the inward normal N holds each particle that touches the wall,
-    even if u is parallel to the wall. In a corner, each wall alone can hold a particle. Particles without a radius do not stop each
-    other.
+    With infinite friction, a particle stops at the first wall that it meets, and stays at this wall
+    until the end of the straight move. If the displacement u satisfies ``N u <= 0``, a wall with
+    the inward normal N holds each particle that touches the wall, even if u is parallel to the
+    wall. In a corner, each wall alone can hold a particle. Particles without a radius do not stop
+    each other.
 
-    With finite friction, a particle that the displacement u pushes into a wall slides along the wall by ``|T u| - friction |N u|``,
-    where N is the normal and T the tangent of the wall. If this number is negative, the particle does not slide.
+    With finite friction, a particle that the displacement u pushes into a wall slides along the
+    wall by ``|T u| - friction |N u|``, where N is the normal and T the tangent of the wall. If this
+    number is negative, the particle does not slide.
 
-    The displacement u moves a particle at the point p by ``g(p) u``. The gain ``g(p) = 1 + gradient (p - c)`` can describe, for
-    example, that particles near a coil move faster. The point c is the centre of the workspace.
+    The displacement u moves a particle at the point p by ``g(p) u``. The gain ``g(p) = 1 + gradient
+    (p - c)`` can describe, for example, that particles near a coil move faster. The point c is the
+    centre of the workspace.
 
-    Particles with a radius above 0 are spheres. The centre of a sphere stays at least one radius away from each wall. A moving
-    sphere stops when it meets a stopped sphere.
+    Particles with a radius above 0 are spheres. The centre of a sphere stays at least one radius
+    away from each wall. A moving sphere stops when it meets a stopped sphere.
 
     Parameters
     ----------
     workspace : ConvexWorkspace
     friction : float
-        Coefficient of Coulomb friction, at least 0. With infinite friction, a particle that is pushed into a wall never slides.
+        Coefficient of Coulomb friction, at least 0. With infinite friction, a particle that is
+        pushed into a wall never slides.
     gradient : array_like of float, shape (dimensions,), optional
-        Gradient of the gain (displacement of a particle divided by the input), per unit of length of the workspace.
+        Gradient of the gain (displacement of a particle divided by the input), per unit of length
+        of the workspace.
     radius : float
         Radius of each particle, in the workspace's unit of length.
     touch : float
-        Contact tolerance, as a fraction of the workspace's size: a particle at most this far from a wall touches the wall.
+        Contact tolerance, as a fraction of the workspace's size: a particle at most this far from a
+        wall touches the wall.
 
     Raises
     ------
     InvalidInputError
-        If a number is out of range, the gain is not positive everywhere, or a particle does not fit into the workspace; or if a
-        radius above 0 is combined with finite friction or with ``gradient``.
+        If a number is out of range, the gain is not positive everywhere, or a particle does not fit
+        into the workspace; or if a radius above 0 is combined with finite friction or with
+        ``gradient``.
 
     Notes
     -----
-    Source: equation 1 in section III of paper W, and section VII.A of paper W for the gain. Finite friction, the linear gain and
-    the radius of particles are extensions by Shoal.
+    Source: equation 1 in section III of paper W, and section VII.A of paper W for the gain. Finite
+    friction, the linear gain and the radius of particles are extensions by Shoal.
 
     Examples
     --------
@@ -153,7 +186,8 @@ class ContactWorld(SteeringWorld):
         check_number(self.radius, what="particle radius", least=0)
         if self.radius and (self.friction < inf or self.gradient is not None):
             raise InvalidInputError(
-                "particle radius: expected no friction coefficient and no gain, which only particles without a radius allow"
+                "particle radius: expected no friction coefficient and no gain, which only"
+                " particles without a radius allow"
             )
         _ = self.room, self.gain  # raises an error if a particle does not fit
 
@@ -164,7 +198,9 @@ class ContactWorld(SteeringWorld):
 
     @cached_property
     def gain(self) -> NDArray[np.float64]:
-        """Coefficients (g, gx, gy, ...) of the gain, which is ``g + (gx, gy, ...) p`` at the point p."""
+        """Coefficients (g, gx, gy, ...) of the gain, which is ``g + (gx, gy, ...) p`` at the point
+        p.
+        """
         d = self.workspace.dimensions
         if self.gradient is None:
             return np.asarray(np.eye(d + 1)[0])
@@ -172,20 +208,26 @@ class ContactWorld(SteeringWorld):
         reach = self.workspace.extent(gradient)
         if reach >= 1:
             raise InvalidInputError(
-                f"gain: expected a gain that is positive everywhere, got variations of {100 * reach:.3g} % of its mean"
+                "gain: expected a gain that is positive everywhere, got variations of"
+                f" {100 * reach:.3g} % of its mean"
             )
         return np.concatenate([[1 - gradient @ self.workspace.middle], gradient])
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Return valid particle positions as float64, shape (n, dimensions), or raise InvalidInputError for invalid positions."""
+        """Return valid particle positions as float64, shape (n, dimensions), or raise
+        InvalidInputError for invalid positions.
+        """
         state = super().check_state(points, what=what)
         if self.radius:
-            away = np.linalg.norm(state[:, None] - state[None], axis=-1) + np.eye(len(state)) * 4 * self.radius
+            away = (
+                np.linalg.norm(state[:, None] - state[None], axis=-1)
+                + np.eye(len(state)) * 4 * self.radius
+            )
             if away.min() < 2 * self.radius * (1 - 1e-12):
                 one, other = np.unravel_index(int(away.argmin()), away.shape)
                 raise InvalidInputError(
-                    f"{what}: expected particles that do not overlap, {2 * self.radius:g} apart or more, "
-                    f"got {away.min():.3g} between points {one + 1} and {other + 1}"
+                    f"{what}: expected particles that do not overlap, {2 * self.radius:g} apart or"
+                    f" more, got {away.min():.3g} between points {one + 1} and {other + 1}"
                 )
         return state
 
@@ -198,19 +240,30 @@ class ContactWorld(SteeringWorld):
         return kernels.Walls(normals, room.offsets, circle, near, float(self.friction), self.gain)
 
     def is_held(self, point: Points, move: Points) -> bool:
-        """Return whether a wall holds a particle at ``point`` at the start of the displacement ``move``."""
+        """Return whether a wall holds a particle at ``point`` at the start of the displacement
+        ``move``.
+        """
         return bool(kernels.is_held(point, move, self.walls))
 
     def final(self, points: Points, moves: Points) -> Points:
-        """Return the positions of the particles after all moves, float64, shape (n, dimensions), without checks of the input."""
+        """Return the positions of the particles after all moves, float64, shape (n, dimensions),
+        without checks of the input.
+        """
         if self.radius or not len(moves):
             return super().final(points, moves)
         state = np.array(points, dtype=np.float64, order="C")
-        kernels.advance_plan(state, np.ascontiguousarray(moves, dtype=np.float64), self.walls, np.empty(state.shape[1]))
+        kernels.advance_plan(
+            state,
+            np.ascontiguousarray(moves, dtype=np.float64),
+            self.walls,
+            np.empty(state.shape[1]),
+        )
         return state
 
     def moved(self, state: Points, move: Points) -> Points:
-        """Apply the displacement ``move`` to the positions in the array ``state`` in place, without checks."""
+        """Apply the displacement ``move`` to the positions in the array ``state`` in place, without
+        checks.
+        """
         before, spare = state.copy(), np.empty_like(move)
         shares = np.array([kernels.advance(point, move, self.walls, spare) for point in state])
         if self.radius:
@@ -218,12 +271,14 @@ class ContactWorld(SteeringWorld):
         return state
 
 
-def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points) -> None:
+def stop_at_others(
+    before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points
+) -> None:
     """Stop each sphere that collides with a stopped sphere, in the order of the collisions.
 
-    Until a wall stops the first sphere, all spheres move by the same vector and cannot collide. ``shares`` holds, for each sphere,
-    the fraction of the move after which a wall stopped the sphere, or 1 if no wall stopped it. The function changes the end
-    positions ``after`` in place.
+    Until a wall stops the first sphere, all spheres move by the same vector and cannot collide.
+    ``shares`` holds, for each sphere, the fraction of the move after which a wall stopped the
+    sphere, or 1 if no wall stopped it. The function changes the end positions ``after`` in place.
     """
     if shares.min() == shares.max():  # no sphere moves on after another has stopped
         return
@@ -246,3 +301,299 @@ def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], ap
             return
         shares[who] = first
         after[who] = before[who] + first * move
+
+
+@dataclass(frozen=True, eq=False)
+class RegionWorld(SteeringWorld):
+    """The dynamics of particles under one shared displacement, in a region of any shape whose walls
+    hold particles.
+
+    If the displacement u satisfies ``N u <= 0``, an edge with the inward normal N holds each
+    particle that touches the edge. At a corner with less than 180 degrees of free space, each of
+    the two edges alone can hold a particle. At a corner with more than 180 degrees of free space,
+    such as most corners of obstacles, the two edges hold a particle only together, because
+    otherwise the space in the direction of the displacement is free. During a straight move, a
+    particle stops at the first edge that holds the particle, and stays at this edge until the end
+    of the move. Particles do not collide with each other.
+
+    Parameters
+    ----------
+    workspace : Region
+    touch : float
+        Contact tolerance, as a fraction of the workspace's size: a particle at most this far from
+        an edge touches the edge.
+
+    Notes
+    -----
+    Source: an extension by Shoal, after the outlook of paper W, section VIII. In a convex region,
+    the dynamics follow equation 1 of paper W, section III.
+
+    Examples
+    --------
+    >>> from shoal.steering import region
+    >>> yard = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1, 1), (2, 1), (2, 2), (1, 2)]])
+    >>> RegionWorld(yard).step([(0.5, 1.5), (0.5, 0.5)], (2.0, 0.0)).tolist()
+    [[1.0, 1.5], [2.5, 0.5]]
+    >>> RegionWorld(yard).step([(1.0, 1.0), (1.5, 1.0)], (0.25, -0.5)).tolist()
+    [[1.25, 0.5], [1.75, 0.5]]
+    """
+
+    workspace: Region
+    touch: float = TOUCH
+
+    friction = inf
+
+    @cached_property
+    def edges(self) -> region_kernels.Edges:
+        """The edges of the region, as arrays for the compiled functions."""
+        edges = np.ascontiguousarray(self.workspace.edges)
+        along = edges[:, 2:] - edges[:, :2]
+        lengths = np.hypot(*along.T)
+        normals = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]
+        links = np.empty((len(edges), 2), dtype=np.int64)
+        first = 0
+        for ring in self.workspace.rings:
+            places = first + np.arange(len(ring))
+            links[places] = np.stack([np.roll(places, 1), np.roll(places, -1)], axis=1)
+            first += len(ring)
+        before = along[links[:, 0]]
+        reflex = before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0] < 0
+        size = float(self.workspace.size) * self.touch / TOUCH
+        return region_kernels.Edges(
+            edges, normals, lengths, links, reflex, size, _boxes_of_runs(edges)
+        )
+
+    def is_held(self, point: Points, move: Points) -> bool:
+        """Return whether an edge holds a particle at ``point`` at the start of the displacement
+        ``move``.
+        """
+        return bool(region_kernels.is_held(point, move, *self.edges))
+
+    def final(self, points: Points, moves: Points) -> Points:
+        """Return the positions of the particles after all moves, float64, shape (n, dimensions),
+        without checks of the input.
+        """
+        state = np.array(points, dtype=np.float64, order="C")
+        if len(moves):
+            region_kernels.advance_plan(
+                state, np.ascontiguousarray(moves, dtype=np.float64), self.edges
+            )
+        return state
+
+    def moved(self, state: Points, move: Points) -> Points:
+        """Apply the displacement ``move`` to the positions in the array ``state`` in place, without
+        checks.
+        """
+        for point in state:
+            region_kernels.advance(point, move, self.edges)
+        return state
+
+
+def _boxes_of_runs(edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the bounding box of each group of consecutive edges; float64, shape (groups, 4).
+
+    The number of groups is about equal to the number of edges in a group.
+    """
+    runs = ceil(sqrt(len(edges)))
+    length = -(-len(edges) // runs)
+    ends = edges[np.minimum(np.arange(runs * length), len(edges) - 1)].reshape(runs, 2 * length, 2)
+    return np.stack([ends.min(axis=1), ends.max(axis=1)], axis=2).reshape(runs, 4)
+
+
+# relative to the size: lengths of a lift if there is no room for the clearance; the first length
+# that takes no particle into another wall is used
+RELEASE_LENGTHS = (1e-6, 1e-7, 2e-8)
+RELEASED = 5e-9  # relative to a move's length: minimum distance away from a wall for a safe release
+_STEEP = 0.01  # minimum slope of a lift
+
+
+def touched_normals(
+    workspace: ConvexWorkspace, point: Points, *, within: float = 2 * TOUCH
+) -> Points:
+    """Return the inward unit normals of the walls near a particle at ``point``; float64, shape
+    (walls, d).
+
+    A wall is near if its distance from the particle is at most ``within`` times the workspace's
+    size.
+    """
+    near = within * workspace.size
+    normals = workspace.normals[workspace.wall_distances(point) <= near]
+    if workspace.round and float(workspace.circle_distance(point)) <= near:
+        inward = np.zeros(len(point))
+        inward[:2] = workspace.center - point[:2]
+        normals = np.vstack([normals, inward / np.linalg.norm(inward)])
+    return normals
+
+
+def is_released(
+    workspace: ConvexWorkspace, points: Points, move: Points, *, clearance: float = 0.0
+) -> bool:
+    """Return whether a move leads each particle away from all walls that the particle touches, with
+    a safety margin.
+
+    Walls within ``clearance`` times the size count as touched, so that the move does not depend on
+    the contact tolerance.
+    """
+    length, within = float(np.linalg.norm(move)), max(2 * TOUCH, 1.25 * clearance)
+    slope = max(RELEASED, 2 * clearance)
+    return all(
+        (touched_normals(workspace, point, within=within) @ move > slope * length).all()
+        for point in points
+    )
+
+
+def released_translation(
+    workspace: ConvexWorkspace,
+    points: Points,
+    move: Points,
+    *,
+    clearance: float = 0.0,
+    least: float = 0.0,
+) -> list[Points] | None:
+    """Return one or two moves that together translate all particles by ``move``, or None if walls
+    prevent the translation.
+
+    If a wall blocks the direct move, the function returns a small move off the walls and the rest
+    of the translation. After the small move, all particles are farther from the walls than
+    ``clearance`` times the size, where there is room for that. If there is room, the small move has
+    a length of at least ``least`` times the size.
+    """
+    if is_released(workspace, points, move, clearance=clearance):
+        return [move]
+    lift = _lift_off(workspace, points, clearance=clearance, least=least)
+    return None if lift is None else [lift, move - lift]
+
+
+def _lift_off(
+    workspace: ConvexWorkspace,
+    points: Points,
+    others: Points | None = None,
+    *,
+    clearance: float = 0.0,
+    least: float = 0.0,
+) -> Points | None:
+    """Return a small move off all walls that the particles at ``points`` touch, or None if no
+    direction leads off all of them.
+
+    The move also has a positive component along each row of ``others``.
+    """
+    if least > PLANNED * clearance > 0:
+        rows = np.vstack(
+            [touched_normals(workspace, point, within=1.5 * least) for point in points]
+        )
+        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        if away is not None and (
+            not len(rows) or least * float((rows @ away).min()) >= PLANNED * clearance
+        ):
+            return np.asarray(least * workspace.size * away)
+    length = PLANNED * clearance
+    for _longer in range(4 if clearance else 0):
+        rows = np.vstack(
+            [touched_normals(workspace, point, within=1.5 * length) for point in points]
+        )
+        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        if away is None:
+            break
+        needed = PLANNED * clearance / float((rows @ away).min()) if len(rows) else length
+        if length >= needed * (1 - 1e-9):
+            return np.asarray(length * workspace.size * away)
+        length = needed
+    for length in RELEASE_LENGTHS:
+        rows = np.vstack(
+            [touched_normals(workspace, point, within=1.5 * length) for point in points]
+        )
+        away = direction_away_from(rows if others is None else np.vstack([rows, others]))
+        if away is not None:
+            return np.asarray(length * workspace.size * away)
+    return None
+
+
+def separations(
+    workspace: ConvexWorkspace, points: Points, *, clearance: float = 0.0
+) -> list[tuple[Points, Points]]:
+    """Return pairs (move, later positions): each move takes one particle off its walls while a wall
+    holds the other particle.
+
+    A planner needs a small move of one particle alone if no translation leads both particles off
+    their walls, for example if the particles touch opposite walls.
+    """
+    found = []
+    for held in (0, 1):
+        for wall in touched_normals(workspace, points[held]):
+            away = _lift_off(
+                workspace, points[1 - held : 2 - held], -wall[None], clearance=clearance
+            )
+            if away is not None:
+                after = points.copy()
+                after[1 - held] += away
+                found.append((away, after))
+    return found
+
+
+def direction_away_from(rows: Points) -> Points | None:
+    """Return the unit vector whose smallest scalar product with the unit vectors ``rows`` is as
+    large as possible.
+
+    The result is None if no unit vector has a scalar product above 0.01 with every row. In d
+    dimensions, the best vector is a linear combination of at most d rows, so the function tries all
+    sets of up to d rows.
+    """
+    d = rows.shape[1]
+    if not len(rows):
+        return np.asarray(np.eye(d)[0])
+    best, most = None, _STEEP
+    for count in range(1, min(d, len(rows)) + 1):
+        for some in combinations(rows, count):
+            vector = np.linalg.lstsq(np.array(some), np.ones(count), rcond=None)[0]
+            length = float(np.linalg.norm(vector))
+            least = float((rows @ vector).min()) / length if length > 0 else 0.0
+            if least > most * (1 + 1e-12):
+                best, most = vector / length, least
+    return best
+
+
+def make_world(
+    workspace: Any, *, friction: float = inf, radius: float = 0.0, gain: float = 0.0, seed: int = 0
+) -> Any:
+    """Return the simulated world for a workspace: a `ContactWorld`, or a `RegionWorld` if the
+    workspace has obstacles.
+
+    Parameters
+    ----------
+    workspace : ConvexWorkspace or Region
+    friction : float
+        Coefficient of friction between particles and walls. With an infinite friction coefficient,
+        a particle that is pushed into a wall never slides.
+    radius : float
+        Radius of each particle, in the workspace's unit of length.
+    gain : float
+        Largest gain minus smallest gain in the workspace, divided by the mean gain. The gain of a
+        particle is its displacement divided by the input. The gain grows along a random direction,
+        which ``seed`` determines.
+    seed : int
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if isinstance(workspace, Region):
+        if friction < inf or gain or radius:
+            raise InvalidInputError(
+                "a region with obstacles: expected no friction, gain or particle radius, which only"
+                " convex workspaces allow"
+            )
+        return RegionWorld(workspace)
+    gradient = None
+    if gain:
+        direction = generators(seed)[0].normal(size=workspace.dimensions)
+        gradient = direction * (gain / 2 / workspace.extent(direction))
+    return ContactWorld(workspace, friction=friction, gradient=gradient, radius=radius)
+
+
+def generators(seed: int) -> tuple[Generator, Generator, Generator, Generator]:
+    """Return four random generators: for the direction of the gain's growth, for noise of moves,
+    for camera noise, for planners.
+    """
+    spawned = np.random.SeedSequence(seed).spawn(4)
+    # four children, four generators
+    return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]

@@ -1,9 +1,9 @@
 """Motion of one particle between walls for one straight move of the shared input.
 
-The tuple `Walls` describes flat walls and a circle. A point p is on the inner side of the flat wall w if ``normals[w] @ p >=
-offsets[w]``. The circle (x, y, radius) bounds the first two coordinates of a particle. The radius of the circle is 0 if the
-workspace has no round wall. If ``gain`` is (g, gx, gy, ...), a particle at the position p moves by ``g + (gx, gy, ...) @ p`` times
-the input.
+The tuple `Walls` describes flat walls and a circle. A point p is on the inner side of the flat wall
+w if ``normals[w] @ p >= offsets[w]``. The circle (x, y, radius) bounds the first two coordinates of
+a particle. The radius of the circle is 0 if the workspace has no round wall. If ``gain`` is (g, gx,
+gy, ...), a particle at the position p moves by ``g + (gx, gy, ...) @ p`` times the input.
 """
 
 from __future__ import annotations
@@ -14,8 +14,11 @@ from math import expm1, inf, log1p, sqrt
 from shoal.jit import in_place_kernel
 
 TOUCH = 1e-9  # fraction of the workspace size: a particle closer to a wall touches the wall
-PUSHED = 1e-9  # fraction of the length of a move: if a move leads off a wall by less, the wall holds the particle
-EVENTS = 4096  # maximum number of events in one move: wall contacts and short steps along the circle
+# fraction of the length of a move: if a move leads off a wall by less, the wall holds the particle
+PUSHED = 1e-9
+EVENTS = (
+    4096  # maximum number of events in one move: wall contacts and short steps along the circle
+)
 SLOW = 1e-14  # the kernels ignore smaller relative changes of the gain along a path
 ARC = 1 / 400  # fraction of the radius: length of one step of a slide along the circle
 
@@ -57,7 +60,9 @@ def touches(point, wall, walls, near):
 
 @in_place_kernel
 def normal_part(point, wall, walls, i):
-    """Return coordinate ``i`` of a wall's inward normal at a point. At the centre of the circle, the circle's normal is zero."""
+    """Return coordinate ``i`` of a wall's inward normal at a point. At the centre of the circle,
+    the circle's normal is zero.
+    """
     if wall < walls.normals.shape[0]:
         return walls.normals[wall, i]
     away = walls.circle[2] - circle_distance(point, walls.circle)
@@ -75,7 +80,9 @@ def inward(point, wall, vector, walls):
 
 @in_place_kernel
 def is_held(point, move, walls):
-    """Return whether a wall that the particle touches would prevent the move if the friction were infinite."""
+    """Return whether a wall that the particle touches would prevent the move if the friction were
+    infinite.
+    """
     near, least = TOUCH * walls.size, PUSHED * norm(move)
     for wall in range(walls.normals.shape[0] + 1):
         if touches(point, wall, walls, near) and inward(point, wall, move, walls) <= least:
@@ -87,9 +94,10 @@ def is_held(point, move, walls):
 def velocity_at(point, move, walls, velocity):
     """Write to ``velocity`` the velocity of a particle per unit of input.
 
-    Return the wall along which the particle slides, -1 if the particle is free, and -2 if walls hold the particle. A particle
-    pushed into a wall slides by ``along - friction * into``, where ``along`` and ``into`` are the components of the move along and
-    into the wall. The particle does not slide if this number is negative, or if another wall blocks the slide.
+    Return the wall along which the particle slides, -1 if the particle is free, and -2 if walls
+    hold the particle. A particle pushed into a wall slides by ``along - friction * into``, where
+    ``along`` and ``into`` are the components of the move along and into the wall. The particle does
+    not slide if this number is negative, or if another wall blocks the slide.
     """
     for i in range(move.shape[0]):
         velocity[i] = move[i]
@@ -114,7 +122,11 @@ def velocity_at(point, move, walls, velocity):
             velocity[i] *= left / along
         free = True
         for other in range(count):
-            if other != wall and touches(point, other, walls, near) and inward(point, other, velocity, walls) < -least:
+            if (
+                other != wall
+                and touches(point, other, walls, near)
+                and inward(point, other, velocity, walls) < -least
+            ):
                 free = False
         if free:
             return wall
@@ -123,7 +135,8 @@ def velocity_at(point, move, walls, velocity):
 
 @in_place_kernel
 def first_contact(point, velocity, walls, sliding):
-    """Return how far a particle can move before it meets a wall, in multiples of ``velocity``, and the index of this wall.
+    """Return how far a particle can move before it meets a wall, in multiples of ``velocity``, and
+    the index of this wall.
 
     The function ignores the wall ``sliding``, along which the particle slides.
     """
@@ -142,7 +155,8 @@ def first_contact(point, velocity, walls, sliding):
         b = x * velocity[0] + y * velocity[1]
         c = min(x * x + y * y - circle[2] ** 2, 0.0)
         root = sqrt(b * b - a * c)
-        # Of the two formulas for the larger root, this code uses the one that never subtracts almost equal numbers.
+        # Of the two formulas for the larger root, this code uses the one that never subtracts
+        # almost equal numbers.
         found = (root - b) / a if b <= 0 else -c / (b + root)
         if found < share:
             share, met = found, normals.shape[0]
@@ -151,9 +165,11 @@ def first_contact(point, velocity, walls, sliding):
 
 @in_place_kernel
 def input_for(share, speed, rate):
-    """Return the fraction of the input that moves a particle by ``share`` times its velocity vector.
+    """Return the fraction of the input that moves a particle by ``share`` times its velocity
+    vector.
 
-    ``speed`` is the gain at the start of the path. On a path of the length of the velocity vector, the gain changes by ``rate``.
+    ``speed`` is the gain at the start of the path. On a path of the length of the velocity vector,
+    the gain changes by ``rate``.
     """
     grown = share * rate / speed
     if abs(grown) < SLOW:
@@ -163,7 +179,9 @@ def input_for(share, speed, rate):
 
 @in_place_kernel
 def way_of(share, speed, rate):
-    """Return how far the fraction ``share`` of the input moves a particle, in multiples of its velocity. Inverse of `input_for`."""
+    """Return how far the fraction ``share`` of the input moves a particle, in multiples of its
+    velocity. Inverse of `input_for`.
+    """
     return speed * share if abs(rate * share) < SLOW else speed / rate * expm1(rate * share)
 
 
@@ -183,9 +201,11 @@ def snap(point, wall, walls):
 
 @in_place_kernel
 def advance(point, move, walls, velocity):
-    """Move one particle in place. Return the fraction of the input after which a wall first held or braked the particle, or 1.
+    """Move one particle in place. Return the fraction of the input after which a wall first held or
+    braked the particle, or 1.
 
-    The result is 1 if the particle was free during the whole move. The array ``velocity`` is working memory.
+    The result is 1 if the particle was free during the whole move. The array ``velocity`` is
+    working memory.
     """
     if norm(move) == 0:
         return 1.0
@@ -227,7 +247,9 @@ def advance(point, move, walls, velocity):
 
 @in_place_kernel
 def advance_all(state, move, walls, velocity):
-    """Move all particles in place. Return the smallest fraction of the input after which a wall first held or braked a particle."""
+    """Move all particles in place. Return the smallest fraction of the input after which a wall
+    first held or braked a particle.
+    """
     least = 1.0
     for p in range(state.shape[0]):
         least = min(least, advance(state[p], move, walls, velocity))
@@ -243,13 +265,16 @@ def advance_plan(state, moves, walls, velocity):
 
 @in_place_kernel
 def advance_worlds(states, moves, chosen, gains, walls, shares, velocity):
-    """Move all particles of the worlds ``chosen`` in place. Each world has its own move and its own gain.
+    """Move all particles of the worlds ``chosen`` in place. Each world has its own move and its own
+    gain.
 
     Write the result of `advance` for each particle to ``shares``, shape (worlds, particles).
     """
     for k in range(chosen.shape[0]):
         world = chosen[k]
-        own = Walls(walls.normals, walls.offsets, walls.circle, walls.size, walls.friction, gains[world])
+        own = Walls(
+            walls.normals, walls.offsets, walls.circle, walls.size, walls.friction, gains[world]
+        )
         for p in range(states.shape[1]):
             shares[world, p] = advance(states[world, p], moves[world], own, velocity)
 

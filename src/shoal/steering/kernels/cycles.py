@@ -1,14 +1,4 @@
-"""Search for the position difference nearest to the goals' difference, among all position differences that one cycle can produce.
-
-Source: algorithms 2 and 3 (corrected) of paper W.
-
-A cycle changes the position difference of two particles: a wall holds one particle (the toucher) while the other particle moves. In
-the code, ``sign`` is 1 if the wall holds the first particle, and -1 if the wall holds the second particle. A cycle is possible if
-the other particle is inside the workspace before and after its move, and if the push of the toucher into the wall lies in the
-friction cone of the wall. On a polygon, the vectors from the toucher to the other particle after all possible cycles on one wall
-form a convex polygon. To construct this polygon, shift the workspace by the negative of each possible contact, form the union of
-the shifted workspaces, and cut the union by the friction cone.
-"""
+"""Cycles of contacts in compiled code, with and without friction."""
 
 from __future__ import annotations
 
@@ -17,14 +7,15 @@ from math import acos, atan2, cos, sin, sqrt
 
 import numpy as np
 
-from shoal.jit import in_place_kernel
+from shoal.jit import in_place_kernel, kernel
 from shoal.steering.kernels.contact import dot
 
 CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
 """The walls, and the constants that define which cycles are possible.
 
-The walls have the form of `NormalizedWalls`. ``friction`` is the friction coefficient. ``margin`` is the least distance of the
-other particle (not the toucher) from walls. ``push`` is the least component of an adjustment into the wall that holds the toucher.
+The walls have the form of `NormalizedWalls`. ``friction`` is the friction coefficient. ``margin``
+is the least distance of the other particle (not the toucher) from walls. ``push`` is the least
+component of an adjustment into the wall that holds the toucher.
 """
 
 ANGLES = 96
@@ -34,15 +25,22 @@ DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deeper` cuts polygon
 
 @in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
-    """Return the range of the toucher's contacts on a wall for which the other particle keeps ``margin`` from all walls.
+    """Return the range of the toucher's contacts on a wall for which the other particle keeps
+    ``margin`` from all walls.
 
-    The result is the part of the range from ``low`` to ``high`` that satisfies this condition. Its two ends are positions along the
-    wall, measured from the wall's midpoint. If no contact satisfies the condition, the first end is greater than the second end.
+    The result is the part of the range from ``low`` to ``high`` that satisfies this condition. Its
+    two ends are positions along the wall, measured from the wall's midpoint. If no contact
+    satisfies the condition, the first end is greater than the second end.
     """
     frames, normals, offsets = model.frames, model.normals, model.offsets
     for other in range(normals.shape[0]):
         rate = dot(normals[other], frames[wall, 1])
-        clear = dot(normals[other], frames[wall, 0]) + sign * dot(normals[other], delta) - offsets[other] - margin
+        clear = (
+            dot(normals[other], frames[wall, 0])
+            + sign * dot(normals[other], delta)
+            - offsets[other]
+            - margin
+        )
         if abs(rate) <= FLAT:
             if other != wall and clear < 0:
                 return 1.0, 0.0
@@ -55,7 +53,9 @@ def contact_range(delta, sign, wall, model, low, high, margin):
 
 @in_place_kernel
 def clip(corners, count, across, up, offset, spare):
-    """Cut a convex polygon in place: keep its points p with ``(across, up) @ p >= offset``. Return the number of corners left."""
+    """Cut a convex polygon in place: keep its points p with ``(across, up) @ p >= offset``. Return
+    the number of corners left.
+    """
     kept = 0
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
@@ -81,7 +81,8 @@ def copy_rows(source, count, target):
 
 @in_place_kernel
 def nearest_in(corners, count, point, found):
-    """Write to ``found[3:5]`` the point of a convex counter-clockwise polygon that is nearest to ``point``.
+    """Write to ``found[3:5]`` the point of a convex counter-clockwise polygon that is nearest to
+    ``point``.
 
     Return the distance from ``point`` to the polygon, 0 if ``point`` is inside the polygon.
     """
@@ -106,7 +107,8 @@ def nearest_in(corners, count, point, found):
 
 @in_place_kernel
 def cycle_outline(delta, sign, wall, model, corners, spare):
-    """Write to ``corners`` the polygon of all vectors from the toucher to the other particle after a cycle on one wall.
+    """Write to ``corners`` the polygon of all vectors from the toucher to the other particle after
+    a cycle on one wall.
 
     Return the number of corners, or 0 if no cycle is possible.
     """
@@ -115,7 +117,9 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
     height = sign * dot(normals[wall], delta)
     if height <= margin + push:
         return 0
-    low, high = contact_range(delta, sign, wall, model, margin - reaches[wall], reaches[wall] - margin, margin)
+    low, high = contact_range(
+        delta, sign, wall, model, margin - reaches[wall], reaches[wall] - margin, margin
+    )
     if high < low:
         return 0
     wide = 0.0
@@ -123,29 +127,39 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
         wide = max(wide, 2 * reaches[other])
     wide *= 4 * normals.shape[0]
     for i in range(4):
-        corners[i, 0], corners[i, 1] = wide * (-1 if i in (0, 3) else 1), wide * (-1 if i < 2 else 1)
+        corners[i, 0], corners[i, 1] = (
+            wide * (-1 if i in (0, 3) else 1),
+            wide * (-1 if i < 2 else 1),
+        )
     count = 4
     for other in range(normals.shape[0]):
         rate = dot(normals[other], frames[wall, 1])
         base = dot(normals[other], frames[wall, 0])
-        least = 0.0 if other == wall else offsets[other] - max(base + low * rate, base + high * rate) + margin
+        least = (
+            0.0
+            if other == wall
+            else offsets[other] - max(base + low * rate, base + high * rate) + margin
+        )
         count = clip(corners, count, normals[other, 0], normals[other, 1], least, spare)
     count = clip(corners, count, -normals[wall, 0], -normals[wall, 1], push - height, spare)
     if friction < np.inf:
         for side in (-1.0, 1.0):
             across = side * frames[wall, 1, 0] - friction * normals[wall, 0]
             up = side * frames[wall, 1, 1] - friction * normals[wall, 1]
-            count = clip(corners, count, across, up, sign * (across * delta[0] + up * delta[1]), spare)
+            count = clip(
+                corners, count, across, up, sign * (across * delta[0] + up * delta[1]), spare
+            )
     return count
 
 
 @in_place_kernel
 def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
-    """Write to ``found``, for each wall and toucher, the cycle that ends nearest to the position difference ``goal``.
+    """Write to ``found``, for each wall and toucher, the cycle that ends nearest to the position
+    difference ``goal``.
 
-    The array ``found`` has the shape (walls, 2, 5). The five entries for a wall and a toucher are: the distance from ``goal``
-    (infinite if no cycle is possible), the two ends of the range of contacts, and the two coordinates of the position difference
-    after the cycle.
+    The array ``found`` has the shape (walls, 2, 5). The five entries for a wall and a toucher are:
+    the distance from ``goal`` (infinite if no cycle is possible), the two ends of the range of
+    contacts, and the two coordinates of the position difference after the cycle.
     """
     reaches, margin = model.reaches, model.margin
     for wall in range(model.normals.shape[0]):
@@ -162,7 +176,9 @@ def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
             for i in range(2):
                 target[i] = sign * one[3 + i]
                 one[3 + i] = target[i]
-            low, high = contact_range(delta, sign, wall, model, margin - reaches[wall], reaches[wall] - margin, margin)
+            low, high = contact_range(
+                delta, sign, wall, model, margin - reaches[wall], reaches[wall] - margin, margin
+            )
             low, high = contact_range(target, sign, wall, model, low, high, margin * 0.999)
             if high < low:
                 low = high = (low + high) / 2
@@ -171,15 +187,17 @@ def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
 
 @in_place_kernel
 def nearest_from(angle, delta, goal, model, candidates, found):
-    """Write to ``found`` the position difference nearest to ``goal`` that a cycle with particle 1 at a given contact can produce.
+    """Write to ``found`` the position difference nearest to ``goal`` that a cycle with particle 1
+    at a given contact can produce.
 
-    ``angle`` is the angle of the contact on the circle, whose centre is the origin. Return the distance of the position difference
-    from ``goal``, or infinity if no cycle is possible.
+    ``angle`` is the angle of the contact on the circle, whose centre is the origin. Return the
+    distance of the position difference from ``goal``, or infinity if no cycle is possible.
     """
     radius, friction, margin, push = model.circle[2], model.friction, model.margin, model.push
     ex, ey = cos(angle), sin(angle)
     height = -(delta[0] * ex + delta[1] * ey)
-    # Coordinates at the contact: a points to the left along the wall, and h is the depth below the wall.
+    # Coordinates at the contact: a points to the left along the wall, and h is the depth below the
+    # wall.
     along, deep = -goal[0] * ey + goal[1] * ex, -(goal[0] * ex + goal[1] * ey)
     start = -delta[0] * ey + delta[1] * ex
     top = height - push
@@ -203,7 +221,8 @@ def nearest_from(angle, delta, goal, model, candidates, found):
         count += 2
     if friction < np.inf:
         for side in (-1.0, 1.0):
-            # The edge of the friction cone is a ray from (start, height) in the direction (side * friction, -1).
+            # The edge of the friction cone is a ray from (start, height) in the direction (side *
+            # friction, -1).
             slope = side * friction
             share = ((along - start) * slope - (deep - height)) / (1 + slope * slope)
             share = max(share, push)
@@ -230,9 +249,11 @@ def nearest_from(angle, delta, goal, model, candidates, found):
 
 @in_place_kernel
 def nearest_on_circle(delta, goal, model, candidates, found, nearest):
-    """Write to ``nearest`` the position difference nearest to ``goal`` that any cycle with a contact of particle 1 can produce.
+    """Write to ``nearest`` the position difference nearest to ``goal`` that any cycle with a
+    contact of particle 1 can produce.
 
-    Return the distance of this position difference from ``goal`` (infinite if no cycle is possible), and the angle of the contact.
+    Return the distance of this position difference from ``goal`` (infinite if no cycle is
+    possible), and the angle of the contact.
     """
     radius, margin = model.circle[2], model.margin
     best, at = np.inf, 0.0
@@ -267,14 +288,16 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 
 @in_place_kernel
 def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
-    """Write to ``best``, shape (2, contacts), the largest depth for each toucher and contact after one more cycle.
+    """Write to ``best``, shape (2, contacts), the largest depth for each toucher and contact after
+    one more cycle.
 
-    While the toucher is at a contact, the depth is the distance of the other particle from the line of the contact's wall.
-    ``depths`` holds the largest depths before the cycle. A depth is -1 if the contact is impossible. The kernel combines each
-    cycle, at a contact c, with each following contact d. The cycle can bring the other particle to each point of the polygon whose
-    depth below the wall of c is at most ``depths[toucher, c]``. At the contact d, the particle that does not touch the wall must be
-    inside the polygon. The points that satisfy both conditions form a convex polygon, so the largest depth occurs at one of its
-    corners.
+    While the toucher is at a contact, the depth is the distance of the other particle from the line
+    of the contact's wall. ``depths`` holds the largest depths before the cycle. A depth is -1 if
+    the contact is impossible. The kernel combines each cycle, at a contact c, with each following
+    contact d. The cycle can bring the other particle to each point of the polygon whose depth below
+    the wall of c is at most ``depths[toucher, c]``. At the contact d, the particle that does not
+    touch the wall must be inside the polygon. The points that satisfy both conditions form a convex
+    polygon, so the largest depth occurs at one of its corners.
     """
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):
@@ -293,22 +316,170 @@ def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other,
                 turn = sign * (1.0 if t == 0 else -1.0)
                 for d in range(n):
                     copy_rows(other, slab, one)
-                    count = inside_shifted(one, slab, contacts[c], contacts[d], turn, normals, offsets, spare)
+                    count = inside_shifted(
+                        one, slab, contacts[c], contacts[d], turn, normals, offsets, spare
+                    )
                     across, up = normals[walls[d], 0], normals[walls[d], 1]
                     for k in range(count):
-                        depth = turn * (across * (one[k, 0] - contacts[c, 0]) + up * (one[k, 1] - contacts[c, 1]))
+                        depth = turn * (
+                            across * (one[k, 0] - contacts[c, 0])
+                            + up * (one[k, 1] - contacts[c, 1])
+                        )
                         best[t, d] = max(best[t, d], depth)
 
 
 @in_place_kernel
 def inside_shifted(corners, count, used, following, turn, normals, offsets, spare):
-    """Cut a polygon in place: keep its points q for which the point ``following + turn (q - used)`` is inside the workspace.
+    """Cut a polygon in place: keep its points q for which the point ``following + turn (q - used)``
+    is inside the workspace.
 
     Return the number of corners left.
     """
     for wall in range(normals.shape[0]):
         least = offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
-        count = clip(corners, count, turn * normals[wall, 0], turn * normals[wall, 1], least - DEPTH_SLACK, spare)
+        count = clip(
+            corners,
+            count,
+            turn * normals[wall, 0],
+            turn * normals[wall, 1],
+            least - DEPTH_SLACK,
+            spare,
+        )
         if count == 0:
             return 0
     return count
+
+
+SWEEPS = 12
+HALVINGS = 24
+SAME = 1e-9
+FLAT_BARRIER = 1e-9  # in radians: wall reactions that leave a half-plane by less count as inside
+
+
+@kernel
+def touchable(angle, step, most, model, ends, turns):
+    """Compute, for each wall and particle, up to which length of the position difference Δ the
+    particle can touch the wall.
+
+    ``ends`` receives the greatest length of Δ at which the particle can touch the wall. The length
+    is at most ``most``, and 0 if the particle can never touch the wall. The kernel allows all
+    directions of Δ that differ from ``angle`` by at most half of ``step``. ``turns`` receives the
+    angles of the wall reactions without friction, for the direction ``angle``.
+    """
+    normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
+    ray = np.array([np.cos(angle), np.sin(angle)])
+    delta = np.empty(2)
+    for wall in range(walls):
+        height = dot(normals[wall], ray)
+        across = ray[0] * normals[wall, 1] - ray[1] * normals[wall, 0]
+        for toucher in range(2):
+            sign = 1.0 if toucher == 0 else -1.0
+            row = 2 * wall + toucher
+            ends[row] = 0.0
+            if sign * height <= 0:
+                continue
+            turns[row] = np.arctan2(
+                sign * across, sign * height
+            )  # angle from -Δ to -sign N, or from Δ to sign N
+            inner, outer = 0.0, most
+            for halving in range(HALVINGS):
+                middle = outer if halving == 0 else (inner + outer) / 2
+                delta[:] = middle * ray
+                near = step * middle
+                low, high = contact_range(
+                    delta, sign, wall, model, -near - reaches[wall], reaches[wall] + near, -near
+                )
+                if low <= high:
+                    inner = middle
+                else:
+                    outer = middle
+                if inner == outer:
+                    break
+            ends[row] = outer
+
+
+@kernel
+def carried(radius, side, step, most, ends, turns, cone):
+    """Return the largest length of the position difference Δ after wall reactions turn Δ by one
+    step, and before this turn.
+
+    At first, the length of Δ is at most ``radius``. Before the turn, wall reactions may already
+    increase this length, but not if all possible wall reactions point into one half-plane.
+    """
+    rows = ends.shape[0]
+    before = radius
+    for row in range(rows):
+        if ends[row] > before:
+            low, high = spread_at(ends[row], ends, turns, cone)
+            if high - low > np.pi + FLAT_BARRIER:
+                before = min(ends[row], most)
+    after = 0.0
+    for row in range(
+        rows + 1
+    ):  # at the lengths on the ray where a particle loses touch with a wall, and at ``before``
+        place = before if row == rows else ends[row]
+        if not 0 < place <= before:
+            continue
+        low, high = spread_at(place, ends, turns, cone)
+        way = -low if side > 0 else high  # a reaction on one side of -Δ turns Δ to the other side
+        if way > 0:
+            after = max(
+                after, most if way + step >= np.pi else place * np.sin(way) / np.sin(way + step)
+            )
+    return after, before
+
+
+@kernel
+def spread_at(place, ends, turns, cone):
+    """Return the smallest and the largest angle of the wall reactions on a position difference of
+    length ``place``.
+    """
+    low, high = np.inf, -np.inf
+    for row in range(ends.shape[0]):
+        if ends[row] >= place:
+            low, high = min(low, turns[row] - cone), max(high, turns[row] + cone)
+    return low, high
+
+
+@kernel
+def kept_out(start, radius, angles, farthest, model, first, last, goal):
+    """Return whether wall reactions can never bring the position difference to the length ``goal``
+    at any of the given angles.
+
+    The array ``angles`` ascends over the full circle. The given angles have the indices from
+    ``first`` to ``last`` in this array. At the start, the position difference has the angle with
+    the index ``start`` and the length ``radius``. Between two neighbouring angles in ``angles``,
+    the position difference is never parallel to a wall. The array ``farthest`` contains the largest
+    possible length of the position difference at each angle. The result is also False if the
+    computation does not converge.
+    """
+    count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
+    ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
+    for k in range(count):
+        steps[k] = (angles[(k + 1) % count] - angles[k]) % (2 * np.pi)
+        most = max(farthest[k], farthest[(k + 1) % count])
+        touchable(angles[k] + steps[k] / 2, steps[k], most, model, ends[k], turns[k])
+    radii = np.zeros(count)
+    radii[start] = radius
+    for _sweep in range(SWEEPS):
+        settled = True
+        for side in (1, -1):
+            for turn in range(count):
+                k = (start + side * turn) % count
+                if radii[k] <= 0:
+                    continue
+                following = (k + side) % count
+                cell = k if side > 0 else following
+                after, before = carried(
+                    radii[k], side, steps[cell], farthest[k], ends[cell], turns[cell], cone
+                )
+                after = min(after, farthest[following])
+                if before > radii[k] * (1 + SAME) or after > radii[following] * (1 + SAME):
+                    settled = False
+                radii[k], radii[following] = max(before, radii[k]), max(after, radii[following])
+            for k in range(first, last + 1):
+                if radii[k % count] >= goal:
+                    return False
+        if settled:
+            return True
+    return False

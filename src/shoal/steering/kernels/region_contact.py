@@ -9,16 +9,19 @@ from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import PUSHED, TOUCH
 
 Edges = namedtuple("Edges", "ends normals lengths links reflex size boxes")
-"""The boundary of a region. Every field except ``size`` and ``boxes`` has one entry for each edge of the boundary.
+"""The boundary of a region. Every field except ``size`` and ``boxes`` has one entry for each edge
+of the boundary.
 
-``ends``: x and y of both ends of each edge, with the free side on the left of the edge. ``normals``: inward unit normals of the
-edges. ``lengths``: lengths of the edges. ``links``: indices of the previous and the next edge. ``reflex``: whether the corner at
-the beginning of an edge has more than 180 degrees of free space. ``size``: size of the region. ``boxes``: bounding boxes of groups
-of consecutive edges, as smallest x, largest x, smallest y and largest y. If a path is far from a box, the edges in the box need no
-test.
+``ends``: x and y of both ends of each edge, with the free side on the left of the edge.
+``normals``: inward unit normals of the edges. ``lengths``: lengths of the edges. ``links``: indices
+of the previous and the next edge. ``reflex``: whether the corner at the beginning of an edge has
+more than 180 degrees of free space. ``size``: size of the region. ``boxes``: bounding boxes of
+groups of consecutive edges, as smallest x, largest x, smallest y and largest y. If a path is far
+from a box, the edges in the box need no test.
 """
 
-GAP = 1e-12  # fraction of the region's size: extension of edges, so that no particle passes between two edges
+# fraction of the region's size: extension of edges, so that no particle passes between two edges
+GAP = 1e-12
 
 
 @in_place_kernel
@@ -52,11 +55,13 @@ def pushes(move, edge, normals, length):
 
 @in_place_kernel
 def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
-    """Return whether the other edge of a reflex corner releases a particle that the edge ``edge`` would hold.
+    """Return whether the other edge of a reflex corner releases a particle that the edge ``edge``
+    would hold.
 
-    A reflex corner has more than 180 degrees of free space. At the corner, the edge ``other`` releases the particle if the move
-    leads away from the edge ``other``. Near the corner, the wall between the two edges may be thinner than ``touch``, and only the
-    edge on the particle's side can hold the particle.
+    A reflex corner has more than 180 degrees of free space. At the corner, the edge ``other``
+    releases the particle if the move leads away from the edge ``other``. Near the corner, the wall
+    between the two edges may be thinner than ``touch``, and only the edge on the particle's side
+    can hold the particle.
     """
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, normals, length)
@@ -67,7 +72,9 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
 
 @in_place_kernel
 def run_near(run, x, y, x_after, y_after, near, boxes, count):
-    """Return the index range (first, last + 1) of a group of edges, or (0, 0) if a path is farther than ``near`` from the group."""
+    """Return the index range (first, last + 1) of a group of edges, or (0, 0) if a path is farther
+    than ``near`` from the group.
+    """
     size = -(-count // boxes.shape[0])
     if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
         return 0, 0
@@ -84,13 +91,19 @@ def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
     for run in range(boxes.shape[0]):
         first, last = run_near(run, x, y, x, y, touch, boxes, ends.shape[0])
         for edge in range(first, last):
-            if not pushes(move, edge, normals, length) or not is_on(x, y, edge, ends, normals, lengths, touch):
+            if not pushes(move, edge, normals, length) or not is_on(
+                x, y, edge, ends, normals, lengths, touch
+            ):
                 continue
             before, after = links[edge, 0], links[edge, 1]
             x0, y0, x1, y1 = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
-            if reflex[edge] and is_excused(x, y, move, length, edge, before, x0, y0, ends, normals, lengths, touch):
+            if reflex[edge] and is_excused(
+                x, y, move, length, edge, before, x0, y0, ends, normals, lengths, touch
+            ):
                 continue
-            if reflex[after] and is_excused(x, y, move, length, edge, after, x1, y1, ends, normals, lengths, touch):
+            if reflex[after] and is_excused(
+                x, y, move, length, edge, after, x1, y1, ends, normals, lengths, touch
+            ):
                 continue
             return True
     return False
@@ -98,22 +111,31 @@ def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
-    """Return how much of a move a free particle makes before it meets an edge, the edge's index, and the position along the edge.
+    """Return how much of a move a free particle makes before it meets an edge, the edge's index,
+    and the position along the edge.
 
-    If the particle meets no edge, the index is -1. An edge that the particle touches at the start does not stop the particle. A
-    reflex corner (more than 180 degrees of free space) on the path does not stop the particle if one of the corner's two edges lets
-    the particle continue.
+    If the particle meets no edge, the index is -1. An edge that the particle touches at the start
+    does not stop the particle. A reflex corner (more than 180 degrees of free space) on the path
+    does not stop the particle if one of the corner's two edges lets the particle continue.
     """
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
     share, met, along = 1.0, -1, 0.0
     for run in range(boxes.shape[0]):
-        first, last = run_near(run, x, y, x + share * move[0], y + share * move[1], touch, boxes, ends.shape[0])
+        first, last = run_near(
+            run, x, y, x + share * move[0], y + share * move[1], touch, boxes, ends.shape[0]
+        )
         for edge in range(first, last):
             speed = normals[edge, 0] * move[0] + normals[edge, 1] * move[1]
             away = signed_distance(x, y, edge, ends, normals)
-            # A particle behind the line of an edge cannot meet the edge's free side; ``touch`` allows for rounding.
-            if speed >= 0 or away > -speed * share or away < -touch or is_on(x, y, edge, ends, normals, lengths, touch):
+            # A particle behind the line of an edge cannot meet the edge's free side; ``touch``
+            # allows for rounding.
+            if (
+                speed >= 0
+                or away > -speed * share
+                or away < -touch
+                or is_on(x, y, edge, ends, normals, lengths, touch)
+            ):
                 continue
             found = max(away / -speed, 0.0)
             place = place_along(x + found * move[0], y + found * move[1], edge, ends, normals)
@@ -121,7 +143,11 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
                 continue
             if reflex[edge] and place < touch and not pushes(move, links[edge, 0], normals, length):
                 continue
-            if reflex[links[edge, 1]] and place > lengths[edge] - touch and not pushes(move, links[edge, 1], normals, length):
+            if (
+                reflex[links[edge, 1]]
+                and place > lengths[edge] - touch
+                and not pushes(move, links[edge, 1], normals, length)
+            ):
                 continue
             share, met, along = found, edge, min(max(place, 0.0), lengths[edge])
     return share, met, along
@@ -129,7 +155,9 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def advance(point, move, edges):
-    """Move one particle in place. Return the fraction of the input after which an edge stopped it, or 1 if no edge stopped it."""
+    """Move one particle in place. Return the fraction of the input after which an edge stopped it,
+    or 1 if no edge stopped it.
+    """
     if move[0] == 0 and move[1] == 0:
         return 1.0
     ends, normals, lengths, links, reflex, size, boxes = edges
@@ -147,7 +175,9 @@ def advance(point, move, edges):
 
 @in_place_kernel
 def advance_all(state, move, edges):
-    """Move all particles in place. Return the smallest fraction of the input after which an edge stopped a particle, or 1."""
+    """Move all particles in place. Return the smallest fraction of the input after which an edge
+    stopped a particle, or 1.
+    """
     least = 1.0
     for p in range(state.shape[0]):
         least = min(least, advance(state[p], move, edges))

@@ -1,15 +1,18 @@
-"""Plans of few straight moves: trials in simulations give all moves except the last two, and formulas give the last two moves.
+"""Plans of few straight moves: trials in simulations give all moves except the last two, and
+formulas give the last two moves.
 
-The second-last move of a plan changes the position difference of the particles to the position difference of the goals. The move
-brings one particle (the toucher) to a wall, and then moves the other particle while the wall holds the toucher. While the wall
-holds the toucher, the displacement of the other particle is the missing change of the position difference, with the opposite sign
-if the toucher is the second particle. This displacement determines the direction of the move. The length of the move is the
-distance from the toucher to its wall in this direction, plus the length of the displacement. The last move of a plan brings both
-particles to their goals.
+The second-last move of a plan changes the position difference of the particles to the position
+difference of the goals. The move brings one particle (the toucher) to a wall, and then moves the
+other particle while the wall holds the toucher. While the wall holds the toucher, the displacement
+of the other particle is the missing change of the position difference, with the opposite sign if
+the toucher is the second particle. This displacement determines the direction of the move. The
+length of the move is the distance from the toucher to its wall in this direction, plus the length
+of the displacement. The last move of a plan brings both particles to their goals.
 
-The last two moves are feasible if the other particle meets no wall during the second-last move. The *shortage* of a plan is the
-length of the second-last move, minus the distance that the other particle can move before it meets a wall. If no random plan is
-feasible, the search repairs the plans with the smallest shortage by small changes of their moves.
+The last two moves are feasible if the other particle meets no wall during the second-last move. The
+*shortage* of a plan is the length of the second-last move, minus the distance that the other
+particle can move before it meets a wall. If no random plan is feasible, the search repairs the
+plans with the smallest shortage by small changes of their moves.
 """
 
 from __future__ import annotations
@@ -19,19 +22,25 @@ import numpy as np
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import advance_all, copy, first_contact, is_held, norm
 
-EXACT = 1e-9  # fraction of the workspace size: maximum distance of a particle from its goal at the end of a plan
+# fraction of the workspace size: maximum distance of a particle from its goal at the end of a plan
+EXACT = 1e-9
 WIDEST = 0.1  # fraction of the workspace size: first change of a move in `repair`
 FINEST = 1e-5
-HOPELESS = 10.0  # largest shortage that `repair` tries to remove, as a multiple of the change of a move
-WORTH = 0.01  # smallest improvement of the shortage that `repair` accepts, as a multiple of the change of a move
+HOPELESS = (
+    10.0  # largest shortage that `repair` tries to remove, as a multiple of the change of a move
+)
+# smallest improvement of the shortage that `repair` accepts, as a multiple of the change of a move
+WORTH = 0.01
 
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write trial lengths of a move in a given direction to ``lengths``. Return the number of trial lengths.
+    """Write trial lengths of a move in a given direction to ``lengths``. Return the number of trial
+    lengths.
 
-    The shortest trial length brings one particle to a wall, and the longest trial length brings both particles to walls. A shorter
-    move would not change the position difference. For a particle that a wall already holds, the length of the move to a wall is 0.
+    The shortest trial length brings one particle to a wall, and the longest trial length brings
+    both particles to walls. A shorter move would not change the position difference. For a particle
+    that a wall already holds, the length of the move to a wall is 0.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -52,11 +61,13 @@ def lengths_along(points, direction, shares, walls, lengths):
 
 @kernel
 def shortage(points, goal, toucher, walls, direction):
-    """Return the shortage of the second-last move with the given toucher, and the length of this move.
+    """Return the shortage of the second-last move with the given toucher, and the length of this
+    move.
 
-    The shortage is the length of the move, minus the distance that the other particle (not the toucher) can move before it meets a
-    wall. The shortage is infinite if the toucher meets no wall. ``direction`` receives the direction of the move. Shortage and
-    length are 0 if the position difference of the particles already equals the position difference of the goals.
+    The shortage is the length of the move, minus the distance that the other particle (not the
+    toucher) can move before it meets a wall. The shortage is infinite if the toucher meets no wall.
+    ``direction`` receives the direction of the move. Shortage and length are 0 if the position
+    difference of the particles already equals the position difference of the goals.
     """
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
@@ -81,10 +92,12 @@ def shortage(points, goal, toucher, walls, direction):
 
 @kernel
 def finish(points, goal, toucher, walls, clear, moves):
-    """Write to ``moves`` the last two moves of a plan with the given toucher (the particle that a wall holds).
+    """Write to ``moves`` the last two moves of a plan with the given toucher (the particle that a
+    wall holds).
 
-    During the second-last move, the other particle stays farther from the walls than ``clear``. Return the largest remaining
-    distance of a particle from its goal, or infinity if no feasible moves exist.
+    During the second-last move, the other particle stays farther from the walls than ``clear``.
+    Return the largest remaining distance of a particle from its goal, or infinity if no feasible
+    moves exist.
     """
     d = points.shape[1]
     direction = np.empty(d)
@@ -119,7 +132,8 @@ def total_length(moves):
 def holds_nearby(start, goal, toucher, trial, nudges, walls, clear):
     """Return whether a plan still ends at the goals after small changes of its third-last move.
 
-    After each change, the kernel computes the last two moves anew. The test rejects plans that depend on rounding errors.
+    After each change, the kernel computes the last two moves anew. The test rejects plans that
+    depend on rounding errors.
     """
     tried = trial.shape[0] - 2
     moves = np.empty((2, start.shape[1]))
@@ -137,10 +151,12 @@ def holds_nearby(start, goal, toucher, trial, nudges, walls, clear):
 
 @kernel
 def search(start, goal, directions, shares, nudges, enough, walls, clear, best_moves):
-    """Search for plans of three moves: try many first moves, and compute the last two moves for each first move.
+    """Search for plans of three moves: try many first moves, and compute the last two moves for
+    each first move.
 
-    Write the shortest plan to ``best_moves``. Return the number of records. A record is a plan that is shorter than all plans found
-    before it. The search ends when the number of records is ``enough``.
+    Write the shortest plan to ``best_moves``. Return the number of records. A record is a plan that
+    is shorter than all plans found before it. The search ends when the number of records is
+    ``enough``.
     """
     d = start.shape[1]
     best, found = np.inf, 0
@@ -169,7 +185,8 @@ def search(start, goal, directions, shares, nudges, enough, walls, clear, best_m
 
 @kernel
 def improve(start, goal, tried, step, nudges, walls, clear, best_moves):
-    """Shorten a plan in place by small changes of all moves except the last two moves. Return the length of the plan.
+    """Shorten a plan in place by small changes of all moves except the last two moves. Return the
+    length of the plan.
 
     After each change, the kernel computes the last two moves anew.
     """
@@ -191,7 +208,9 @@ def improve(start, goal, tried, step, nudges, walls, clear, best_moves):
                             continue
                         copy(moves, trial[tried:])
                         length = total_length(trial)
-                        if length < best - 1e-9 * walls.size and holds_nearby(start, goal, toucher, trial, nudges, walls, clear):
+                        if length < best - 1e-9 * walls.size and holds_nearby(
+                            start, goal, toucher, trial, nudges, walls, clear
+                        ):
                             best, moved = length, True
                             copy(trial, best_moves)
         if not moved:
@@ -201,10 +220,12 @@ def improve(start, goal, tried, step, nudges, walls, clear, best_moves):
 
 @kernel
 def least_shortage(start, goal, trial, walls, state, direction):
-    """Simulate all moves of a plan except the last two. Return the smaller of the shortages for the two possible touchers.
+    """Simulate all moves of a plan except the last two. Return the smaller of the shortages for the
+    two possible touchers.
 
-    The shortage is the length of the second-last move, minus the distance that the other particle (not the toucher) can move before
-    it meets a wall. Write the positions of the particles before the second-last move to ``state``.
+    The shortage is the length of the second-last move, minus the distance that the other particle
+    (not the toucher) can move before it meets a wall. Write the positions of the particles before
+    the second-last move to ``state``.
     """
     copy(start, state)
     for m in range(trial.shape[0] - 2):
@@ -216,10 +237,12 @@ def least_shortage(start, goal, trial, walls, state, direction):
 
 @kernel
 def repair(start, goal, walls, clear, trial):
-    """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the remaining shortage.
+    """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the
+    remaining shortage.
 
-    The shortage is the length of the second-last move, minus the distance that the other particle (not the toucher) can move before
-    it meets a wall. If the shortage is negative, the last two moves of the plan are feasible.
+    The shortage is the length of the second-last move, minus the distance that the other particle
+    (not the toucher) can move before it meets a wall. If the shortage is negative, the last two
+    moves of the plan are feasible.
     """
     d = start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)
@@ -248,8 +271,8 @@ def repair(start, goal, walls, clear, trial):
 def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
     """Write to ``trial`` a random move for each row of ``picks``.
 
-    The two random numbers in a row of ``picks`` choose the direction and the length of the move. Return whether a move exists for
-    every row of ``picks``.
+    The two random numbers in a row of ``picks`` choose the direction and the length of the move.
+    Return whether a move exists for every row of ``picks``.
     """
     copy(start, state)
     for m in range(picks.shape[0]):
@@ -265,11 +288,13 @@ def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
 
 @kernel
 def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, clear, plan):
-    """Search for plans with as many moves as ``plan`` has rows, and write the shortest plan to ``plan``.
+    """Search for plans with as many moves as ``plan`` has rows, and write the shortest plan to
+    ``plan``.
 
-    Return the number of records. A record is a plan that is shorter than all plans found before it. The array ``picks`` holds
-    random integers, int64, shape (tries, wide, moves - 2, 2). In each try, the search draws ``wide`` random plans, and repairs the
-    plan with the smallest shortage (see `shortage`). The search ends when the number of records is ``enough``.
+    Return the number of records. A record is a plan that is shorter than all plans found before it.
+    The array ``picks`` holds random integers, int64, shape (tries, wide, moves - 2, 2). In each
+    try, the search draws ``wide`` random plans, and repairs the plan with the smallest shortage
+    (see `shortage`). The search ends when the number of records is ``enough``.
     """
     d = start.shape[1]
     lengths, state, direction = np.empty(shares.shape[0]), np.empty((2, d)), np.empty(d)
@@ -292,7 +317,9 @@ def search_guided(start, goal, directions, shares, picks, nudges, enough, walls,
                 continue
             copy(moves, nearest[nearest.shape[0] - 2 :])
             length = total_length(nearest)
-            if length < shortest and holds_nearby(start, goal, toucher, nearest, nudges, walls, clear):
+            if length < shortest and holds_nearby(
+                start, goal, toucher, nearest, nudges, walls, clear
+            ):
                 shortest = length
                 found += 1
                 copy(nearest, plan)

@@ -1,10 +1,13 @@
-"""Improvement of plans for two particles: simulated annealing changes the steps of a plan at random.
+"""Improvement of plans for two particles: simulated annealing changes the steps of a plan at
+random.
 
-Each step has a target, and makes the move that leads from the present positions of the particles to this target. The target of a
-contact is a point on a wall, or behind a wall, towards which one particle moves. The target of an adjustment is a position
-difference, which the particles reach while a wall holds one of them. The target of a translation is a point, to which the midpoint
-between the two particles moves. Without noise, the last adjustment has the position difference of the goals as its target, and the
-cost of a plan is its length. With noise, the cost of a plan is the mean number of moves.
+Each step has a target, and makes the move that leads from the present positions of the particles to
+this target. The target of a contact is a point on a wall, or behind a wall, towards which one
+particle moves. The target of an adjustment is a position difference, which the particles reach
+while a wall holds one of them. The target of a translation is a point, to which the midpoint
+between the two particles moves. Without noise, the last adjustment has the position difference of
+the goals as its target, and the cost of a plan is its length. With noise, the cost of a plan is the
+mean number of moves.
 """
 
 from __future__ import annotations
@@ -15,32 +18,42 @@ import numpy as np
 
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import copy
-from shoal.steering.kernels.sampling import passes_corner, step, step_wide, wall_point
+from shoal.steering.kernels.roadmap import passes_corner, step, step_wide, wall_point
 
 Steps = namedtuple("Steps", "kinds particles targets along moves")
 """The steps of a plan. Each field of ``Steps`` has one entry for each step.
 
-``kinds``: CONTACT, ADJUSTMENT or TRANSLATION. ``particles``: for a contact, the particle that moves to a wall; for an adjustment,
-the particle that a wall holds. ``targets``: a point or a position difference. ``along``: for a contact, the direction of the wall.
-``moves``: the move of each step in the last simulation."""
+``kinds``: CONTACT, ADJUSTMENT or TRANSLATION. ``particles``: for a contact, the particle that moves
+to a wall; for an adjustment, the particle that a wall holds. ``targets``: a point or a position
+difference. ``along``: for a contact, the direction of the wall. ``moves``: the move of each step in
+the last simulation.
+"""
 
 Noise = namedtuple("Noise", "starts errors deviation cycle")
 """Scenarios of noise, with which simulations judge a plan.
 
-``starts``: possible start positions, float64, shape (scenarios, 2, 2). ``errors``: errors of moves, shape (scenarios, moves, 2).
-``deviation``: standard deviation of the errors. ``cycle``: estimated number of moves that correct a wrong position difference and
-then reach the goals."""
+``starts``: possible start positions, float64, shape (scenarios, 2, 2). ``errors``: errors of moves,
+shape (scenarios, moves, 2). ``deviation``: standard deviation of the errors. ``cycle``: estimated
+number of moves that correct a wrong position difference and then reach the goals.
+"""
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
-WIDEST, FINEST = 0.3, 1e-6  # fractions of the workspace size: largest and smallest typical change of a target
+WIDEST, FINEST = (
+    0.3,
+    1e-6,
+)  # fractions of the workspace size: largest and smallest typical change of a target
 WARMTH = 0.05  # fraction of the cost: typical increase that annealing accepts at the beginning
-FAR = 4.0  # relative increase of ``Noise.cycle`` for a position difference with an error as large as the workspace
+# relative increase of ``Noise.cycle`` for a position difference with an error as large as the
+# workspace
+FAR = 4.0
 BLOCKED = 2.0  # number of additional moves after a wall has stopped the last move
 
 
 @kernel
 def make_move(steps, k, state, move):
-    """Write to ``move`` the move that leads from the particle positions ``state`` to the target of step ``k``."""
+    """Write to ``move`` the move that leads from the particle positions ``state`` to the target of
+    step ``k``.
+    """
     p, kind = steps.particles[k], steps.kinds[k]
     for i in range(2):
         if kind == CONTACT:
@@ -53,7 +66,9 @@ def make_move(steps, k, state, move):
 
 @kernel
 def is_near(state, goal, tolerance):
-    """Return whether the distance of each of the two particles from its goal is at most ``tolerance``."""
+    """Return whether the distance of each of the two particles from its goal is at most
+    ``tolerance``.
+    """
     for q in range(2):
         if np.sqrt((state[q, 0] - goal[q, 0]) ** 2 + (state[q, 1] - goal[q, 1]) ** 2) > tolerance:
             return False
@@ -62,12 +77,14 @@ def is_near(state, goal, tolerance):
 
 @kernel
 def play(steps, count, start, goal, tolerance, bound, world, state):
-    """Simulate a plan without noise. Return its length, or infinity if it misses the goals or is longer than ``bound``.
+    """Simulate a plan without noise. Return its length, or infinity if it misses the goals or is
+    longer than ``bound``.
 
-    The length is also infinite if a particle passes a corner nearer than ``world.clear``, or if the same moves miss the goals with
-    the largest contact tolerance.
+    The length is also infinite if a particle passes a corner nearer than ``world.clear``, or if the
+    same moves miss the goals with the largest contact tolerance.
 
-    If a step misses its target, the next step moves the particles from their actual positions to the next target.
+    If a step misses its target, the next step moves the particles from their actual positions to
+    the next target.
     """
     last = count - 2
     while last >= 0 and steps.kinds[last] != ADJUSTMENT:
@@ -107,7 +124,9 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
 
 @kernel
 def moves_left(state, goal, tolerance, noise, world, move):
-    """Return an estimate of the number of further moves that bring both particles to their goals. Overwrite ``state``."""
+    """Return an estimate of the number of further moves that bring both particles to their goals.
+    Overwrite ``state``.
+    """
     if is_near(state, goal, tolerance):
         return 0.0
     apart, way = 0.0, 0.0
@@ -120,17 +139,22 @@ def moves_left(state, goal, tolerance, noise, world, move):
     if room > 0:
         arrives = 1.0 if noise.deviation == 0 else 1 - np.exp(-0.5 * (room / noise.deviation) ** 2)
     if arrives * noise.cycle <= 1:
-        return noise.cycle * (1 + FAR * np.sqrt(apart) / world.walls.size) + np.sqrt(way) / world.walls.size
+        return (
+            noise.cycle * (1 + FAR * np.sqrt(apart) / world.walls.size)
+            + np.sqrt(way) / world.walls.size
+        )
     step(state, move, world)
-    return 1 / arrives + (0.0 if is_near(state, goal, tolerance) else BLOCKED + np.sqrt(way) / world.walls.size)
+    return 1 / arrives + (
+        0.0 if is_near(state, goal, tolerance) else BLOCKED + np.sqrt(way) / world.walls.size
+    )
 
 
 @kernel
 def expected_moves(steps, count, goal, tolerance, noise, world, state, move):
     """Return the mean number of moves over all noise scenarios.
 
-    In each scenario, the kernel counts the simulated moves of the plan, and adds an estimate of the number of moves that are
-    necessary after the plan.
+    In each scenario, the kernel counts the simulated moves of the plan, and adds an estimate of the
+    number of moves that are necessary after the plan.
     """
     total, scenarios = 0.0, noise.starts.shape[0]
     for s in range(scenarios):
@@ -157,12 +181,17 @@ def copy_steps(source, count, target):
 
 @kernel
 def shift(steps, first, count, by):
-    """Move the steps with the indices ``first`` to ``count - 1`` by ``by`` places. Return the new number of steps."""
+    """Move the steps with the indices ``first`` to ``count - 1`` by ``by`` places. Return the new
+    number of steps.
+    """
     for n in range(count - first):
         k = first + n if by < 0 else count - 1 - n
         steps.kinds[k + by], steps.particles[k + by] = steps.kinds[k], steps.particles[k]
         for i in range(2):
-            steps.targets[k + by, i], steps.along[k + by, i] = steps.targets[k, i], steps.along[k, i]
+            steps.targets[k + by, i], steps.along[k + by, i] = (
+                steps.targets[k, i],
+                steps.along[k, i],
+            )
     return count + by
 
 
@@ -170,8 +199,8 @@ def shift(steps, first, count, by):
 def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
     """Replace step ``k`` by a contact of a particle with a random point of the walls.
 
-    The target of the contact lies at a random distance behind the wall. The mean distance is proportional to ``over``, the standard
-    deviation of the noise.
+    The target of the contact lies at a random distance behind the wall. The mean distance is
+    proportional to ``over``, the standard deviation of the noise.
     """
     wall_point(near[particle], world, rng, place, normal)
     steps.kinds[k], steps.particles[k] = CONTACT, particle
@@ -185,12 +214,16 @@ def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
 def vary(steps, k, width, world, rng, over):
     """Change the target of step ``k`` by a random vector, whose length is about ``width``.
 
-    The target of a contact changes by about ``width`` along its wall, but by at most about ``over`` across its wall.
+    The target of a contact changes by about ``width`` along its wall, but by at most about ``over``
+    across its wall.
     """
     x, y = width * rng.normal(), width * rng.normal()
     if steps.kinds[k] == CONTACT:
         off = min(width, over) * rng.normal()
-        x, y = x * steps.along[k, 0] + off * steps.along[k, 1], x * steps.along[k, 1] - off * steps.along[k, 0]
+        x, y = (
+            x * steps.along[k, 0] + off * steps.along[k, 1],
+            x * steps.along[k, 1] - off * steps.along[k, 0],
+        )
     steps.targets[k, 0] += x
     steps.targets[k, 1] += y
     circle = world.walls.circle
@@ -199,12 +232,17 @@ def vary(steps, k, width, world, rng, over):
         away = np.sqrt(x * x + y * y)
         steps.along[k, 0], steps.along[k, 1] = -y / away, x / away
         if over == 0:
-            steps.targets[k, 0], steps.targets[k, 1] = circle[0] + circle[2] * x / away, circle[1] + circle[2] * y / away
+            steps.targets[k, 0], steps.targets[k, 1] = (
+                circle[0] + circle[2] * x / away,
+                circle[1] + circle[2] * y / away,
+            )
 
 
 @kernel
 def play_before(steps, k, start, world, state, move):
-    """Simulate the steps of a plan before step ``k``. Write the resulting positions of the particles to ``state``."""
+    """Simulate the steps of a plan before step ``k``. Write the resulting positions of the
+    particles to ``state``.
+    """
     copy(start, state)
     for n in range(k):
         make_move(steps, n, state, move)
@@ -215,11 +253,15 @@ def play_before(steps, k, start, world, state, move):
 def aim_near(steps, k, width, rng, state):
     """Give the new step ``k`` a random target.
 
-    For an adjustment, the target is near the present position difference of the particles; for a translation, the target is near
-    their present midpoint.
+    For an adjustment, the target is near the present position difference of the particles; for a
+    translation, the target is near their present midpoint.
     """
     for i in range(2):
-        here = state[1, i] - state[0, i] if steps.kinds[k] == ADJUSTMENT else (state[0, i] + state[1, i]) / 2
+        here = (
+            state[1, i] - state[0, i]
+            if steps.kinds[k] == ADJUSTMENT
+            else (state[0, i] + state[1, i]) / 2
+        )
         steps.targets[k, i] = here + width * rng.normal()
 
 
@@ -227,9 +269,10 @@ def aim_near(steps, k, width, rng, state):
 def change(steps, count, start, goal, world, rng, odds, over, state, move, normal):
     """Change a plan at random, in place. Return the new number of steps.
 
-    The array ``odds`` contains the cumulative probabilities of six kinds of change. Change 1 alters one or two targets. Change 2
-    removes a step. Change 3 replaces a contact, in half of the cases by a contact of the other particle. Change 4 inserts a contact
-    before an adjustment, so that the wall holds the other particle during the adjustment. Change 5 inserts a contact and an
+    The array ``odds`` contains the cumulative probabilities of six kinds of change. Change 1 alters
+    one or two targets. Change 2 removes a step. Change 3 replaces a contact, in half of the cases
+    by a contact of the other particle. Change 4 inserts a contact before an adjustment, so that the
+    wall holds the other particle during the adjustment. Change 5 inserts a contact and an
     adjustment. Change 6 inserts a translation.
     """
     choice, size = rng.random(), world.walls.size
@@ -271,7 +314,17 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
             play_before(steps, k, start, world, state, move)
             count = shift(steps, k, count, 2)
             particle = 0 if rng.random() < 0.5 else 1
-            draw_contact(steps, k, particle, goal if rng.random() < 0.5 else state, world, rng, over, move, normal)
+            draw_contact(
+                steps,
+                k,
+                particle,
+                goal if rng.random() < 0.5 else state,
+                world,
+                rng,
+                over,
+                move,
+                normal,
+            )
             steps.kinds[k + 1], steps.particles[k + 1] = ADJUSTMENT, particle
             aim_near(steps, k + 1, width, rng, state)
     elif count < steps.kinds.shape[0]:
@@ -285,7 +338,8 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
 
 @kernel
 def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move):
-    """Return the length of a plan, or infinity if the plan misses the goals or is longer than ``bound``.
+    """Return the length of a plan, or infinity if the plan misses the goals or is longer than
+    ``bound``.
 
     With noise, return the mean number of moves of the plan instead of its length.
     """
@@ -295,11 +349,13 @@ def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move)
 
 
 @kernel
-def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best):
+def anneal(
+    steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best
+):
     """Try ``changes`` random changes of a plan, in place. Write the best plan to ``best``.
 
-    Return the number of steps and the cost of the best plan. Without noise, the cost is infinite if the initial plan does not end
-    at the goals. A changed plan has at most ``most`` steps.
+    Return the number of steps and the cost of the best plan. Without noise, the cost is infinite if
+    the initial plan does not end at the goals. A changed plan has at most ``most`` steps.
     """
     state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
     length = cost(steps, count, start, goal, tolerance, np.inf, noise, world, state, move)
@@ -309,7 +365,9 @@ def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, wor
         return few, length
     for done in range(changes):
         copy_steps(steps, count, trial)
-        number = change(trial, count, start, goal, world, rng, odds, noise.deviation, state, move, normal)
+        number = change(
+            trial, count, start, goal, world, rng, odds, noise.deviation, state, move, normal
+        )
         if number > most:
             continue
         bound = length - WARMTH * length * (1.0 - done / changes) ** 3 * np.log(1.0 - rng.random())
@@ -325,6 +383,8 @@ def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, wor
 
 @kernel
 def step_all(states, moves, world):
-    """Make one move in each of many simulated worlds, in place. ``moves[k]`` is the move of all particles of world k."""
+    """Make one move in each of many simulated worlds, in place. ``moves[k]`` is the move of all
+    particles of world k.
+    """
     for s in range(states.shape[0]):
         step(states[s], moves[s], world)

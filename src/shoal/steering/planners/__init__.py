@@ -8,13 +8,23 @@ from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import configured
 from shoal.steering.planners import fewest_moves, greedy, robust, sampling, shortest
-from shoal.steering.planners.protocol import PLANNERS, Planner
+from shoal.steering.planners.task import PLANNERS, Planner
 
-__all__ = ["PLANNERS", "Planner", "fewest_moves", "greedy", "make_planner", "robust", "sampling", "shortest"]
+__all__ = [
+    "PLANNERS",
+    "Planner",
+    "fewest_moves",
+    "greedy",
+    "make_planner",
+    "robust",
+    "sampling",
+    "shortest",
+]
 
 
 def make_planner(planner: str | Planner) -> Planner:
-    """Return the planner that a name or a text ``module:attribute`` denotes; a planner object is returned unchanged.
+    """Return the planner that a name or a text ``module:attribute`` denotes; a planner object is
+    returned unchanged.
 
     Raises
     ------
@@ -25,5 +35,8 @@ def make_planner(planner: str | Planner) -> Planner:
     found: Any = configured(PLANNERS, planner) if isinstance(planner, str) else planner
     made = found() if isinstance(found, type) and callable(getattr(found, "plan", None)) else found
     if isinstance(made, type) or not callable(getattr(made, "plan", None)):
-        raise InvalidInputError(f"planner: expected a name, or an object with a name and plan(task), got {shortened(made)}")
+        raise InvalidInputError(
+            "planner: expected a name, or an object with a name and plan(task), got"
+            f" {shortened(made)}"
+        )
     return cast("Planner", made)

@@ -7,18 +7,13 @@ from math import inf
 
 import numpy as np
 
-from shoal.steering.planners.chains.chain import refined
-from shoal.steering.planners.chains.roadmap import roadmap_chain
-from shoal.steering.planners.chains.search import shortest_chain
-from shoal.steering.planners.choice import choose, misses, plans_of
-from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.shooting import shooting_plan
-from shoal.steering.planners.shortest import Shortest
-from shoal.steering.planners.task import SteeringTask
-from shoal.steering.planners.vertical_moves import plan_from_base
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.planners.chain_search import roadmap_chain, shortest_chain
+from shoal.steering.planners.chains import refined
+from shoal.steering.planners.shortest import Shortest, plan_from_base, shooting_plan
+from shoal.steering.planners.task import PLANNERS, SteeringTask, choose, misses, plans_of
+from shoal.steering.workspaces.convex import Points
 
-DENSE_MAP = ((1500, 120, 1.01, 2500),)  # see `shoal.steering.planners.chains.roadmap.MAPS`
+DENSE_MAP = ((1500, 120, 1.01, 2500),)  # see `shoal.steering.planners.chain_search.MAPS`
 LONGEST = 15  # number of moves of a plan whose end is also searched among plans of four moves
 
 
@@ -28,10 +23,12 @@ class FewestMoves:
 
     Among plans with the same number of moves, the planner prefers the shortest plan.
 
-    A chain of m wall contacts takes 2 m + 1 moves. Fewer moves are often enough, because a single move can bring one particle to a
-    wall and then adjust the position of the other particle. The planner tries plans of three moves with many directions and lengths
-    of the first move. It then draws random plans of four to six moves, and repairs the plans that almost succeed. It compares all
-    these plans with the plans of chains, and with plans that begin like a chain and have other last moves.
+    A chain of m wall contacts takes 2 m + 1 moves. Fewer moves are often enough, because a single
+    move can bring one particle to a wall and then adjust the position of the other particle. The
+    planner tries plans of three moves with many directions and lengths of the first move. It then
+    draws random plans of four to six moves, and repairs the plans that almost succeed. It compares
+    all these plans with the plans of chains, and with plans that begin like a chain and have other
+    last moves.
     """
 
     name = "fewest-moves"
@@ -53,7 +50,9 @@ class FewestMoves:
             if found is not None and task.is_sure(found):
                 shot = True
                 break
-        if not shot and most > 3 and not task.late:  # the shortest chain may need fewer moves than its number of cycles suggests
+        if (
+            not shot and most > 3 and not task.late
+        ):  # the shortest chain may need fewer moves than its number of cycles suggests
             plans.append(Shortest().plan(task))
         few = choose(task, plans, by_moves=True)
         if not shot and few is not None:
@@ -61,7 +60,9 @@ class FewestMoves:
         return choose(task, plans, by_moves=True)
 
     def _chains(self, task: SteeringTask) -> Points | None:
-        """Return the moves of a chain of wall contacts with as few cycles as the searches find, or None if they find no chain."""
+        """Return the moves of a chain of wall contacts with as few cycles as the searches find, or
+        None if they find no chain.
+        """
         best = None
         for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)
@@ -72,7 +73,9 @@ class FewestMoves:
         return best
 
     def _long(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if this search finds no plan."""
+        """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if this
+        search finds no plan.
+        """
         if task.world.room.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
@@ -85,7 +88,9 @@ class FewestMoves:
 
 
 def _finished(task: SteeringTask, plan: Points) -> Points | None:
-    """Return ``plan`` with its last moves replaced by three or four moves, or None if no replacement saves moves."""
+    """Return ``plan`` with its last moves replaced by three or four moves, or None if no
+    replacement saves moves.
+    """
     states = task.world.play(task.start, plan)
     lasts = (3, 4) if len(plan) <= LONGEST else (3,)
     for total in range(lasts[0] + 1, len(plan)):

@@ -1,4 +1,6 @@
-"""Planner sampling: a random tree search, for regions with obstacles and for more than two particles."""
+"""Planner sampling: a random tree search, for regions with obstacles and for more than two
+particles.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +14,19 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.steering.contact.clearance import PLANNED
-from shoal.steering.contact.region_world import RegionWorld
-from shoal.steering.contact.world import ContactWorld
-from shoal.steering.kernels import sampling as kernels
+from shoal.steering.contact.world import ContactWorld, RegionWorld
+from shoal.steering.kernels import roadmap as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
-from shoal.steering.planners.choice import choose, with_fewer_moves
-from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.shortening import Shortening
-from shoal.steering.planners.task import SteeringTask, path_length
-from shoal.steering.workspaces.base import TOUCH
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.planners.shortest import Shortening
+from shoal.steering.planners.task import (
+    PLANNERS,
+    SteeringTask,
+    choose,
+    path_length,
+    with_fewer_moves,
+)
+from shoal.steering.workspaces.convex import TOUCH, Points
 from shoal.steering.workspaces.region import Region
 
 NODES = 60_000  # maximum number of nodes of one tree
@@ -35,11 +39,23 @@ MORE_TREES, FEW_TREES = 39, 8  # fewer for more particles and with sliding
 SLIDING = 0.1  # number of changes with sliding particles
 BEST = 6  # number of the shortest plans that lose unnecessary moves at the end
 LONG = 16  # moves: a plan of fewer moves loses unnecessary ones when it is changed
-NARROW = 10  # per tree: maximum number of plans without the clearance, until the search ends with the first of them
-HITS = 200  # per tree: maximum number of attempts to reach the goal by translations; another tree is worth more than many attempts
-USELESS = 2.0  # added to the key of a state from which no translation leads to the goals, so that other states grow, too
-MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # relative to the size: distance of translations from walls, if possible
-LIFT = 1e-6  # relative to the size: distance by which a lift without a clearance moves particles off walls
+# per tree: maximum number of plans without the clearance, until the search ends with the first of
+# them
+NARROW = 10
+# per tree: maximum number of attempts to reach the goal by translations; another tree is worth more
+# than many attempts
+HITS = 200
+# added to the key of a state from which no translation leads to the goals, so that other states
+# grow, too
+USELESS = 2.0
+MARGINS = (
+    1e-3,
+    1e-4,
+    1e-5,
+    1e-6,
+)  # relative to the size: distance of translations from walls, if possible
+# relative to the size: distance by which a lift without a clearance moves particles off walls
+LIFT = 1e-6
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
 
 
@@ -49,14 +65,17 @@ class Sampling:
 
     The search tree is complete when a translation leads from one of its states to the goals.
 
-    A manoeuvre brings one particle to a wall and then moves another particle. The second move of a manoeuvre corrects the relative
-    positions of the particles completely or partly, or is random. The planner simulates each manoeuvre and adds the resulting state
-    to the search tree. When the particles have the relative positions of their goals, the planner translates all particles around
-    obstacles on the shortest path without wall contact. With more than two particles, the planner ``sampling`` is experimental.
+    A manoeuvre brings one particle to a wall and then moves another particle. The second move of a
+    manoeuvre corrects the relative positions of the particles completely or partly, or is random.
+    The planner simulates each manoeuvre and adds the resulting state to the search tree. When the
+    particles have the relative positions of their goals, the planner translates all particles
+    around obstacles on the shortest path without wall contact. With more than two particles, the
+    planner ``sampling`` is experimental.
 
     Notes
     -----
-    Source: an addition by Shoal, after the outlook of paper W, section VIII. If the planner finds no plan, a plan may still exist.
+    Source: an addition by Shoal, after the outlook of paper W, section VIII. If the planner finds
+    no plan, a plan may still exist.
     """
 
     name = "sampling"
@@ -72,24 +91,39 @@ class Sampling:
         """
         room = task.world.room
         if room.dimensions != 2:
-            raise InvalidInputError(f"planner sampling: expected a plane workspace, got a {room.kind}")
+            raise InvalidInputError(
+                f"planner sampling: expected a plane workspace, got a {room.kind}"
+            )
         world, rng = world_of(task.world, task), np.random.default_rng(task.seed)
         simple = len(task.start) == 2 and task.world.friction == np.inf
-        # Between places on walls, plans may stand all disturbances although a move depends a little on the contact tolerance.
-        close = world if task.margin else world._replace(wide_edges=world.edges, wide_walls=world.walls)
+        # Between places on walls, plans may stand all disturbances although a move depends a little
+        # on the contact tolerance.
+        close = (
+            world if task.margin else world._replace(wide_edges=world.edges, wide_walls=world.walls)
+        )
         found, narrow = _grown(task, close, rng, simple=simple)
-        if task.world.friction < np.inf and task.clearance:  # nearer to walls, sliding particles often find much shorter plans
-            more, others = _grown(task, world_of(task.world), np.random.default_rng(task.seed), simple=simple)
+        if (
+            task.world.friction < np.inf and task.clearance
+        ):  # nearer to walls, sliding particles often find much shorter plans
+            more, others = _grown(
+                task, world_of(task.world), np.random.default_rng(task.seed), simple=simple
+            )
             found, narrow = found + more, narrow + others
         found = found + narrow if simple else found or narrow
         if simple and found:
             found = Shortening(task, world, rng).shortest(found)
-            found = sorted(found, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[:BEST]
+            found = sorted(found, key=lambda moves: (not task.is_sure(moves), path_length(moves)))[
+                :BEST
+            ]
         return choose(task, [_shortened(task, moves) for moves in found])
 
 
-def _grown(task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: bool) -> tuple[list[Points], list[Points]]:
-    """Return the plans of several search trees: plans that stand all disturbances, and other plans."""
+def _grown(
+    task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: bool
+) -> tuple[list[Points], list[Points]]:
+    """Return the plans of several search trees: plans that stand all disturbances, and
+    other plans.
+    """
     # Simulation takes many times as long for sliding particles.
     share = 1.0 if task.world.friction == np.inf else SLIDING
     translations = Translations(task)
@@ -107,7 +141,9 @@ def _grown(task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: 
             (found if task.is_sure(moves) else narrow).append(moves)
         elif grown.total == 1:
             break  # no manoeuvre leads away from the start
-    for _tree in range((MORE_TREES if simple else FEW_TREES) if found else 0):  # these trees are smaller
+    for _tree in range(
+        (MORE_TREES if simple else FEW_TREES) if found else 0
+    ):  # these trees are smaller
         if task.late:
             break
         moves = Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
@@ -117,7 +153,8 @@ def _grown(task: SteeringTask, world: Any, rng: np.random.Generator, *, simple: 
 
 
 def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
-    """Return the walls and the friction of a world, as arrays for the compiled functions of the planner ``sampling``.
+    """Return the walls and the friction of a world, as arrays for the compiled functions of the
+    planner ``sampling``.
 
     With ``task``, simulated plans keep the clearance of this task.
     """
@@ -133,7 +170,9 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
     unused = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), size, np.inf, np.eye(3)[0])
     walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
     clearance = task.clearance if task is not None else 0.0
-    wide = max(1.25 * clearance / TOUCH, 1.0) * size  # the kernels multiply the size by the contact tolerance
+    wide = (
+        max(1.25 * clearance / TOUCH, 1.0) * size
+    )  # the kernels multiply the size by the contact tolerance
     corners = np.zeros((0, 2))
     if clearance and task is not None and isinstance(room, Region):
         corners = edges.ends[edges.reflex, :2]
@@ -142,14 +181,22 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
         corners = np.ascontiguousarray(corners[far.all(axis=1)])
     lift = size * (PLANNED * clearance or LIFT)
     return kernels.World(
-        bool(not room.round and world.friction == np.inf), edges, walls, edges._replace(size=wide), walls._replace(size=wide),
-        corners, 1.5 * clearance * size, lift,
-    )  # fmt: skip
+        bool(not room.round and world.friction == np.inf),
+        edges,
+        walls,
+        edges._replace(size=wide),
+        walls._replace(size=wide),
+        corners,
+        1.5 * clearance * size,
+        lift,
+    )
 
 
 @dataclass
 class Tree:
-    """A search tree of particle positions: the state and the parent of each node, and the moves from the parent to the node."""
+    """A search tree of particle positions: the state and the parent of each node, and the moves
+    from the parent to the node.
+    """
 
     task: SteeringTask
     world: kernels.World
@@ -167,10 +214,11 @@ class Tree:
         self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
 
     def search(self, translations: Translations) -> Points | None:
-        """Grow the tree until it contains a plan; return this plan, or None if the search ends without a plan.
+        """Grow the tree until it contains a plan; return this plan, or None if the search ends
+        without a plan.
 
-        The method removes unnecessary moves from a long plan. If no plan keeps the clearance of the task, the method returns the
-        first plan that reaches the goals.
+        The method removes unnecessary moves from a long plan. If no plan keeps the clearance of the
+        task, the method returns the first plan that reaches the goals.
         """
         narrow: list[Points] = []
         for _hit in range(HITS):
@@ -189,19 +237,25 @@ class Tree:
         return narrow[0] if narrow else None
 
     def grow(self) -> bool:
-        """Grow the tree until a new state has the relative positions of the goals; return whether the search finds such a state."""
+        """Grow the tree until a new state has the relative positions of the goals; return whether
+        the search finds such a state.
+        """
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
         hit, before = False, (0, 0)
         while not hit and before != (self.total, self.left) and not task.late:
             before, rounds = (self.total, self.left), min(self.left, STRETCH)
-            self.total, left, hit = grow(self.nodes, self.total, rounds, *limits, self.world, size, self.rng)
+            self.total, left, hit = grow(
+                self.nodes, self.total, rounds, *limits, self.world, size, self.rng
+            )
             self.left -= rounds - left
         return bool(hit)
 
     def _direct(self, translations: Translations) -> Points | None:
-        """Return the moves to the last node, followed by translations to the goals, or None if no such translations exist."""
+        """Return the moves to the last node, followed by translations to the goals, or None if no
+        such translations exist.
+        """
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
@@ -219,7 +273,9 @@ class Tree:
         return None
 
     def path(self) -> Points:
-        """Return the moves from the start to the last node of the tree; float64, shape (moves, 2)."""
+        """Return the moves from the start to the last node of the tree; float64, shape
+        (moves, 2).
+        """
         parents, made, counts = self.nodes.parents, self.nodes.made, self.nodes.counts
         parts, node = [np.zeros((0, 2))], self.total - 1
         while node:
@@ -229,7 +285,8 @@ class Tree:
 
 
 class Translations:
-    """Translation paths to the goals for particles that already have the relative positions of their goals.
+    """Translation paths to the goals for particles that already have the relative positions of
+    their goals.
 
     An offset is the common displacement of all particles from their goals.
     """
@@ -239,7 +296,8 @@ class Translations:
         self._offsets: dict[float, FreeOffsets | None] = {}
 
     def around(self, offset: Points) -> Iterator[Points]:
-        """Yield the moves of paths around obstacles from ``offset`` to the goals, one path for each possible margin from the walls.
+        """Yield the moves of paths around obstacles from ``offset`` to the goals, one path for each
+        possible margin from the walls.
 
         In a convex workspace, the method yields no paths.
         """
@@ -249,7 +307,9 @@ class Translations:
             if margin < least:
                 break
             if margin not in self._offsets and not self._task.late:
-                self._offsets[margin] = free_offsets(room, self._task.goal, margin * float(room.size))
+                self._offsets[margin] = free_offsets(
+                    room, self._task.goal, margin * float(room.size)
+                )
             free = self._offsets.get(margin)
             path = None if free is None else free.path(offset, self._task)
             if path is not None:
@@ -258,20 +318,23 @@ class Translations:
 
 @dataclass
 class FreeOffsets:
-    """The offsets (common displacements of all particles from their goals) from which a collision-free path leads to the goals.
+    """The offsets (common displacements of all particles from their goals) from which a
+    collision-free path leads to the goals.
 
     Attributes
     ----------
     free, inner : shapely.Polygon
-        ``free``: the area of the offsets without collision. ``inner``: the slightly smaller area in which paths may bend, so that
-        paths stay inside ``free`` despite rounding errors.
+        ``free``: the area of the offsets without collision. ``inner``: the slightly smaller area in
+        which paths may bend, so that paths stay inside ``free`` despite rounding errors.
     places : ndarray of float64, shape (n, 2)
-        The point of ``inner`` nearest to the goals, followed by the reflex corners of ``inner``, at which shortest paths bend.
+        The point of ``inner`` nearest to the goals, followed by the reflex corners of ``inner``, at
+        which shortest paths bend.
     reach : float
-        Maximum distance of an offset from ``inner``. If an offset is farther away, the search does not connect it with ``inner``.
+        Maximum distance of an offset from ``inner``. If an offset is farther away, the search does
+        not connect it with ``inner``.
     seen : dict of int to ndarray of bool, shape (n,)
-        Stored results, by the index of a place that the search has visited: whether a straight collision-free path leads from this
-        place to each of the n places.
+        Stored results, by the index of a place that the search has visited: whether a straight
+        collision-free path leads from this place to each of the n places.
     """
 
     free: Any
@@ -281,16 +344,21 @@ class FreeOffsets:
     seen: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
 
     def path(self, offset: Points, task: SteeringTask) -> Points | None:
-        """Return the corners of the shortest path from ``offset`` to the goals; float64, shape (points, 2).
+        """Return the corners of the shortest path from ``offset`` to the goals; float64, shape
+        (points, 2).
 
-        The method is an A* search that starts at the goals. The result is None if no path exists, or if the planning time ends.
+        The method is an A* search that starts at the goals. The result is None if no path exists,
+        or if the planning time ends.
         """
         first = _nearest(self.inner, offset, self.reach)
         if first is None:
             return None
         left = np.linalg.norm(self.places - first, axis=1)
         joined = _sees(self.free, first, self.places)
-        lengths, before = np.where(np.arange(len(left)) == 0, 0.0, np.inf), np.zeros(len(left), dtype=np.int64)
+        lengths, before = (
+            np.where(np.arange(len(left)) == 0, 0.0, np.inf),
+            np.zeros(len(left), dtype=np.int64),
+        )
         waiting = lengths + left
         best, end = np.inf, -1
         while waiting.min() < best and not task.late:
@@ -314,7 +382,9 @@ class FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
-    """Return the offsets from which a path leads to the goals at least ``margin`` from all walls, or None if none exist."""
+    """Return the offsets from which a path leads to the goals at least ``margin`` from all walls,
+    or None if none exist.
+    """
     import shapely
     from shapely import affinity
 
@@ -329,19 +399,29 @@ def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | Non
         if last is not None:
             shapely.prepare(part)
             turned = shapely.orient_polygons(inner)
-            bends = [_reflex_corners(np.asarray(ring.coords)[:-1]) for ring in (turned.exterior, *turned.interiors)]
+            bends = [
+                _reflex_corners(np.asarray(ring.coords)[:-1])
+                for ring in (turned.exterior, *turned.interiors)
+            ]
             return FreeOffsets(part, inner, np.vstack([last, *bends]), reach)
     return None
 
 
 def _reflex_corners(ring: Points) -> Points:
-    """Return the corners of a closed line at which the angle on its left side exceeds 180 degrees."""
-    (x, y), (x_after, y_after) = (ring - np.roll(ring, 1, axis=0)).T, (np.roll(ring, -1, axis=0) - ring).T
+    """Return the corners of a closed line at which the angle on its left side exceeds
+    180 degrees.
+    """
+    (x, y), (x_after, y_after) = (
+        (ring - np.roll(ring, 1, axis=0)).T,
+        (np.roll(ring, -1, axis=0) - ring).T,
+    )
     return np.asarray(ring[x * y_after < y * x_after])
 
 
 def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
-    """Return, for each point of ``others``, whether a straight path inside the area ``free`` connects it with ``place``."""
+    """Return, for each point of ``others``, whether a straight path inside the area ``free``
+    connects it with ``place``.
+    """
     import shapely
 
     lines = shapely.linestrings(np.stack([np.broadcast_to(place, others.shape), others], axis=1))
@@ -349,7 +429,9 @@ def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
 
 
 def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
-    """Return the point of the area ``inner`` nearest to ``offset``, or None if this point is farther away than ``reach``."""
+    """Return the point of the area ``inner`` nearest to ``offset``, or None if this point is
+    farther away than ``reach``.
+    """
     import shapely
 
     line = shapely.shortest_line(inner, shapely.Point(offset))
@@ -359,7 +441,8 @@ def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
 
 
 def _shortened(task: SteeringTask, moves: Points) -> Points:
-    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the plan reaches the goals.
+    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the
+    plan reaches the goals.
 
     A plan that keeps the clearance of the task still keeps it afterwards.
     """

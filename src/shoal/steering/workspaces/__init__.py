@@ -1,1 +1,3 @@
-"""Workspaces of steering: convex workspaces, regions with obstacles, and files that describe workspaces."""
+"""Workspaces of steering: convex workspaces, regions with obstacles, and files that describe
+workspaces.
+"""

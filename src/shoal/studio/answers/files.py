@@ -1,4 +1,6 @@
-"""Answers that all pages of the studio use: episodes for the player, and a problem as Python code, command or file."""
+"""Answers that all pages of the studio use: episodes for the player, and a problem as Python code,
+command or file.
+"""
 
 from __future__ import annotations
 
@@ -19,23 +21,34 @@ def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     episode: Any = shoal.load(folder.path(name))
     data: dict[str, Any] = import_module(f"shoal.views.{episode.part}.page").page_data(episode)
     fields = episode.problem.to_dict()
-    return {"part": episode.part, "data": data, "problem": fields, "seed": episode.seed, "sentence": episode.sentence}
+    return {
+        "part": episode.part,
+        "data": data,
+        "problem": fields,
+        "seed": episode.seed,
+        "sentence": episode.sentence,
+    }
 
 
 def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a problem, or the problem of an episode file, in three forms: as Python code, as a command and as the text of a file.
+    """Return a problem, or the problem of an episode file, in three forms: as Python code, as a
+    command and as the text of a file.
 
     The seed of an episode is the episode's own.
     """
     if (about.get("file") is None) == (about.get("problem") is None):
-        raise InvalidInputError("copies: expected either a problem or the file of an episode, got both or none")
+        raise InvalidInputError(
+            "copies: expected either a problem or the file of an episode, got both or none"
+        )
     if about.get("file") is None:
         problem, seed = checked_problem(about["problem"], folder), checked_seed(about)
     else:
         episode: Any = shoal.load(folder.path(about["file"]))
         problem, seed = episode.problem, episode.seed
         if seed is None:
-            raise InvalidInputError(f"{about['file']}: expected an episode with a seed, got one that no seed repeats")
+            raise InvalidInputError(
+                f"{about['file']}: expected an episode with a seed, got one that no seed repeats"
+            )
     return copies_of(problem, seed=seed) | {"problem": problem.to_dict(), "seed": str(seed)}
 
 

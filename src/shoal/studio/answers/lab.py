@@ -1,4 +1,6 @@
-"""Answers for the studio's page Lab: the sweeps in the folder, their results, drafts of new sweeps, and pictures of episodes."""
+"""Answers for the studio's page Lab: the sweeps in the folder, their results, drafts of new sweeps,
+and pictures of episodes.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +11,18 @@ from typing import Any
 import shoal
 from shoal.core.checks import check_text, parse_toml
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.parts import PARTS
-from shoal.lab.storage.rows import StoredSweep
-from shoal.lab.storage.store import Store
-from shoal.lab.summaries import compare_along, first_measure, summarise
-from shoal.lab.sweeps.sweep import trial_seed
-from shoal.lab.sweeps.toml_writing import as_toml
+from shoal.lab.schema import StoredSweep
+from shoal.lab.statistics import compare_along, first_measure, summarise
+from shoal.lab.store import Store
+from shoal.lab.sweep import as_toml, trial_seed
+from shoal.parts import PARTS
 from shoal.studio.folder import Folder
-from shoal.studio.forms import checked_seed
-from shoal.studio.sweeps import checked_sweep, sweep_copies
+from shoal.studio.forms import checked_seed, checked_sweep, sweep_copies
 
 MOST_SHOWN = 300
-"""Maximum number of points of a sweep that a page shows. An exported table contains all points of the sweep."""
+"""Maximum number of points of a sweep that a page shows. An exported table contains all points of
+the sweep.
+"""
 
 
 def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -30,7 +32,9 @@ def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         if file["kind"] == "store":
             try:
                 with Store(folder.path(file["name"])) as store:
-                    told += [{"store": file["name"], **_status(store, name)} for name in store.names]
+                    told += [
+                        {"store": file["name"], **_status(store, name)} for name in store.names
+                    ]
             except ShoalError as error:
                 told.append({"store": file["name"], "error": str(error)})
     return {"sweeps": told}
@@ -38,12 +42,19 @@ def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 def _status(store: Store, name: str) -> dict[str, Any]:
     status, form = store.status(name), store.stored(name).form
-    more = {"complete": status.complete, "left": status.left, "kind": form.problem.get("kind"), "paired": form.paired}
+    more = {
+        "complete": status.complete,
+        "left": status.left,
+        "kind": form.problem.get("kind"),
+        "paired": form.paired,
+    }
     return asdict(status) | more | {"axes": list(form.axes)}
 
 
 def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the results of one sweep: means with confidence intervals, and comparisons of settings with equal seeds."""
+    """Return the results of one sweep: means with confidence intervals, and comparisons of settings
+    with equal seeds.
+    """
     with Store(folder.path(str(about["store"]))) as store:
         name = store.only(about.get("sweep"))
         stored = store.stored(name)
@@ -53,18 +64,33 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
             for k, measure in enumerate(stored.measures)
             if first is None or not isinstance(first[len(stored.axes) + 2 + k], str)
         ]
-        measure = about.get("measure") if about.get("measure") in measures else first_measure(measures)
+        measure = (
+            about.get("measure") if about.get("measure") in measures else first_measure(measures)
+        )
         axis = next(iter(stored.form.paired), None)
         rows = summarise(store, name, measure) if measure else []
         pairs = compare_along(store, name, measure, axis) if axis and measure else []
         text = as_toml(stored.spec)
-        told = _status(store, name) | {"measures": measures, "measure": measure, "compared": axis, "toml": text}
+        told = _status(store, name) | {
+            "measures": measures,
+            "measure": measure,
+            "compared": axis,
+            "toml": text,
+        }
         told["failed"] = [error for *_, error in store.failures(name, limit=3)]
     watched = _first_trials(stored, folder, text)
     told["points"] = [
-        {"axes": row.values, "trials": row.counted, "missing": row.missing, "completed": row.completed, "bound": row.bound}
+        {
+            "axes": row.values,
+            "trials": row.counted,
+            "missing": row.missing,
+            "completed": row.completed,
+            "bound": row.bound,
+        }
         | {"estimate": row.estimate and asdict(row.estimate), "watch": watch}
-        for row, watch in zip(rows[:MOST_SHOWN], watched[:MOST_SHOWN] or [None] * len(rows), strict=False)
+        for row, watch in zip(
+            rows[:MOST_SHOWN], watched[:MOST_SHOWN] or [None] * len(rows), strict=False
+        )
     ]
     told["comparisons"] = [
         {"axes": others, "first": first, "second": second, "comparison": found and asdict(found)}
@@ -74,9 +100,11 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
-    """Return the problem and the seed of the first trial at each point of a sweep, so that a page can play these trials.
+    """Return the problem and the seed of the first trial at each point of a sweep, so that a page
+    can play these trials.
 
-    Return an empty list if the trials of the sweep are not episodes, or if the sweep needs third-party code.
+    Return an empty list if the trials of the sweep are not episodes, or if the sweep needs
+    third-party code.
     """
     if stored.form.problem.get("kind") not in PARTS:
         return []
@@ -91,13 +119,16 @@ def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
 
 
 def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Convert the draft of a sweep from fields to TOML, or from TOML to fields. Return the draft as fields and as TOML.
+    """Convert the draft of a sweep from fields to TOML, or from TOML to fields. Return the draft as
+    fields and as TOML.
 
     For an invalid draft, the answer contains the error message.
     """
     text = about.get("toml")
     if (text is None) == (about.get("sweep") is None):
-        raise InvalidInputError("new sweep: expected either its fields or its TOML text, got both or none")
+        raise InvalidInputError(
+            "new sweep: expected either its fields or its TOML text, got both or none"
+        )
     told: dict[str, Any] = {"error": None}
     try:
         if text is None:
@@ -106,23 +137,32 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         else:
             text = check_text(text, what="toml")
             fields = parse_toml(text, where="sweep")
-        told["sweep"] = fields | {"seed": str(fields.get("seed", 0))}  # as text, because numbers in pages have 53 bits
+        told["sweep"] = fields | {
+            "seed": str(fields.get("seed", 0))
+        }  # as text, because numbers in pages have 53 bits
         made = checked_sweep(text, folder)
     except ShoalError as error:
         return told | {"error": str(error)}
     store = f"{made.name}.sqlite"
     return told | {
-        "points": made.n_points, "trials": made.total, "store": store, "taken": folder.path(store).exists(),
+        "points": made.n_points,
+        "trials": made.total,
+        "store": store,
+        "taken": folder.path(store).exists(),
         "copies": sweep_copies(made, store, text),
-    }  # fmt: skip
+    }
 
 
 def episode_picture(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return a small figure of an episode, and a sentence with the result of the episode."""
     from shoal.views import figure
-    from shoal.views.drawing.notebook_figure import encode_figure
+    from shoal.views.drawing.encoding import encode_figure
 
     episode: Any = shoal.load(folder.path(str(about["file"])))
     drawn = figure(episode)
     drawn.set_dpi(72)
-    return {"picture": base64.b64encode(encode_figure(drawn)).decode(), "sentence": episode.sentence, "part": episode.part}
+    return {
+        "picture": base64.b64encode(encode_figure(drawn)).decode(),
+        "sentence": episode.sentence,
+        "part": episode.part,
+    }

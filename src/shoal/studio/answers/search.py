@@ -1,4 +1,6 @@
-"""Answers for the studio's page Search: plans, missions, simulations, drawn regions, and the map projection."""
+"""Answers for the studio's page Search: plans, missions, simulations, drawn regions, and the map
+projection.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.search.allocation.plan import SearchPlan, end_of, plan_search
 from shoal.search.flight.timing import turns_of
+from shoal.search.planning.plan import SearchPlan, end_of, plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.projection import LocalFrame
@@ -26,7 +28,10 @@ _STRAIGHT = 1 - 1e-9  # cosine of the largest angle that does not count as a tur
 
 Points = NDArray[np.float64]
 
-_DEGREE, _REACH = 4, 20_000.0  # of the polynomials of `earth`, and radius in metres within which they are fitted
+_DEGREE, _REACH = (
+    4,
+    20_000.0,
+)  # of the polynomials of `earth`, and radius in metres within which they are fitted
 
 
 def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -43,7 +48,10 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     except ShoalError as error:
         return told | {"problem": str(error)}
     allocation = made.allocation
-    tour, robots = _Way(_tour(made), made.altitudes), [_robot(made, robot, canvas) for robot in range(problem.robots)]
+    tour, robots = (
+        _Way(_tour(made), made.altitudes),
+        [_robot(made, robot, canvas) for robot in range(problem.robots)],
+    )
     corners = len(tour.corners) + sum(len(way.corners) for _, way in robots)
     drawn = corners <= MOST_DRAWN
     return told | {
@@ -60,27 +68,38 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "bound": made.seconds(allocation.lower_bound),
         "drawn": drawn,
         "closed": tour.pieces(canvas) if drawn else [],
-        "robots": [told_robot | {"way": way.pieces(canvas) if drawn else []} for told_robot, way in robots],
+        "robots": [
+            told_robot | {"way": way.pieces(canvas) if drawn else []} for told_robot, way in robots
+        ],
     }
 
 
 class _Canvas:
-    """The coordinates in which a page draws: metres in the region's own local frame, or in the frame around another position."""
+    """The coordinates in which a page draws: metres in the region's own local frame, or in the
+    frame around another position.
+    """
 
     def __init__(self, own: LocalFrame | None, shown: LocalFrame | None) -> None:
         self.own, self.shown = own, own if shown is None or own is None else shown
 
     def points(self, metres: Any) -> list[Any]:
-        """Convert points from metres in the region's frame to the page's coordinates, and round to a millimetre."""
+        """Convert points from metres in the region's frame to the page's coordinates, and round to
+        a millimetre.
+        """
         given = np.asarray(metres, dtype=np.float64).reshape(-1, 2)
-        if self.own is not None and self.shown is not None and self.shown != self.own and len(given):
+        if (
+            self.own is not None
+            and self.shown is not None
+            and self.shown != self.own
+            and len(given)
+        ):
             given = self.shown.to_metres(self.own.to_degrees(given))
         told: list[Any] = np.round(given, 3).tolist()
         return told
 
 
 def _region(region: SearchRegion, canvas: _Canvas) -> dict[str, Any]:
-    from shoal.views.drawing.polygon_paths import rings_of
+    from shoal.views.drawing.canvas import rings_of
 
     def polygons(shape: Any) -> list[Any]:
         return [[canvas.points(ring) for ring in rings] for rings in rings_of(shape)]
@@ -110,7 +129,10 @@ class _Way:
         lengths = np.linalg.norm(steps, axis=1)
         self.length = float(lengths.sum())
         moved = lengths > 0
-        points, steps = points[np.concatenate([[True], moved])[: len(points)]], steps[moved] / lengths[moved, None]
+        points, steps = (
+            points[np.concatenate([[True], moved])[: len(points)]],
+            steps[moved] / lengths[moved, None],
+        )
         turned = np.ones(len(points), dtype=np.bool_)
         turned[1:-1] = np.sum(steps[1:] * steps[:-1], axis=1) < _STRAIGHT
         self.corners = points[turned]
@@ -118,10 +140,16 @@ class _Way:
         self.layers = np.abs(heights - np.asarray(altitudes)).argmin(axis=1)
 
     def pieces(self, canvas: _Canvas) -> list[dict[str, Any]]:
-        """Divide the path into pieces that each lie in one altitude layer, and return the pieces."""
+        """Divide the path into pieces that each lie in one altitude layer, and return
+        the pieces.
+        """
         cuts = np.flatnonzero(np.diff(self.layers)) + 1
         found = zip(np.split(self.corners, cuts), np.split(self.layers, cuts), strict=True)
-        return [{"layer": int(layer[0]), "points": canvas.points(part[:, :2])} for part, layer in found if len(part) > 1]
+        return [
+            {"layer": int(layer[0]), "points": canvas.points(part[:, :2])}
+            for part, layer in found
+            if len(part) > 1
+        ]
 
 
 def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any], _Way]:
@@ -130,7 +158,9 @@ def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any
     way = _Way(points, plan.altitudes)
     return {
         "place": canvas.points(plan.places[robot])[0],
-        "seconds": end_of(plan.sorties[robot]) if plan.flies else plan.seconds(float(plan.allocation.times[robot])),
+        "seconds": end_of(plan.sorties[robot])
+        if plan.flies
+        else plan.seconds(float(plan.allocation.times[robot])),
         "stops": len(stops),
         "length": way.length,
         "turns": int(turns_of(points).sum()) if len(stops) else 0,
@@ -138,11 +168,15 @@ def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any
 
 
 def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the missions of a plan: the sorties, their heights and start delays, and the nearest approach of two vehicles."""
+    """Return the missions of a plan: the sorties, their heights and start delays, and the nearest
+    approach of two vehicles.
+    """
     from shoal.views.search.mission_folder import MissionFolder
 
     problem = flown(placed_problem(folder, about))
-    made = MissionFolder(Path(), problem, checked_fields(MissionOptions, about.get("missions") or {}, folder))
+    made = MissionFolder(
+        Path(), problem, checked_fields(MissionOptions, about.get("missions") or {}, folder)
+    )
     plan = made.planned(seed=checked_seed(about))
     told = made.report(plan)
     if made.approach is not None:
@@ -154,23 +188,38 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def flown(problem: SearchProblem) -> SearchProblem:
-    """Return the problem with a vehicle, because missions need one. The default is a multirotor, as in ``shoal search``."""
-    return problem if problem.vehicle is not None else problem.replaced(vehicle="multirotor").at_place(problem.place)
+    """Return the problem with a vehicle, because missions need one. The default is a multirotor, as
+    in ``shoal search``.
+    """
+    return (
+        problem
+        if problem.vehicle is not None
+        else problem.replaced(vehicle="multirotor").at_place(problem.place)
+    )
 
 
 def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Simulate a search, and return the data of the search for the player, without writing a file."""
+    """Simulate a search, and return the data of the search for the player, without
+    writing a file.
+    """
     from shoal.search.run import run
     from shoal.views.search.page import page_data
 
     problem = placed_problem(folder, about)
     if problem.live is not None:
-        raise InvalidInputError("live: expected a simulated search in a preview, got a live search: run it as a job")
+        raise InvalidInputError(
+            "live: expected a simulated search in a preview, got a live search: run it as a job"
+        )
     episode = run(problem, seed=checked_seed(about))
     return {
-        "data": page_data(episode), "sentence": episode.sentence, "seen": episode.coverage.covered_fraction,
-        "takeovers": episode.trace.takeovers, "lost": episode.trace.lost, "sent": episode.trace.sent, "makespan": episode.makespan,
-    }  # fmt: skip
+        "data": page_data(episode),
+        "sentence": episode.sentence,
+        "seen": episode.coverage.covered_fraction,
+        "takeovers": episode.trace.takeovers,
+        "lost": episode.trace.lost,
+        "sent": episode.trace.sent,
+        "makespan": episode.makespan,
+    }
 
 
 def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -183,12 +232,14 @@ def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return polynomials that convert metres to degrees and back near a position, as lists of (i, j, coefficient, coefficient).
+    """Return polynomials that convert metres to degrees and back near a position, as lists of (i,
+    j, coefficient, coefficient).
 
-    An entry contains the exponents i and j, and the coefficients of x**i * y**j in two polynomials: the first polynomial gives the
-    longitude or the metres to the east, and the second polynomial gives the latitude or the metres to the north. The variables x
-    and y are metres divided by ``reach``, or degrees from the position. The polynomials differ from the map projection by at most
-    0.1 mm within 30 km of the position, and by at most 2 cm within 100 km.
+    An entry contains the exponents i and j, and the coefficients of x**i * y**j in two polynomials:
+    the first polynomial gives the longitude or the metres to the east, and the second polynomial
+    gives the latitude or the metres to the north. The variables x and y are metres divided by
+    ``reach``, or degrees from the position. The polynomials differ from the map projection by at
+    most 0.1 mm within 30 km of the position, and by at most 2 cm within 100 km.
     """
     frame = frame_of(about.get("frame"))
     if frame is None:
@@ -204,6 +255,8 @@ def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         return [[i, j, *map(float, pair)] for (i, j), pair in zip(powers, found, strict=True)]
 
     return {
-        "frame": [frame.longitude, frame.latitude], "reach": _REACH,
-        "degrees": fitted(scaled, away), "metres": fitted(away, scaled),
-    }  # fmt: skip
+        "frame": [frame.longitude, frame.latitude],
+        "reach": _REACH,
+        "degrees": fitted(scaled, away),
+        "metres": fitted(away, scaled),
+    }

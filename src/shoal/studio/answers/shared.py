@@ -17,7 +17,9 @@ _places: dict[str, Any] = {}
 
 
 def opened(problem: Any) -> Any:
-    """Return the map, workspace or region of a problem. A cache keeps eight opened places while their files are unchanged."""
+    """Return the map, workspace or region of a problem. A cache keeps eight opened places while
+    their files are unchanged.
+    """
     name = next(iter(problem.declarations()))
     path = getattr(problem, name)
     stamp = os.stat(path).st_mtime_ns if problem.place_is_file() else 0
@@ -30,7 +32,9 @@ def opened(problem: Any) -> Any:
 
 
 def fit_to_page(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return every k-th row and column of a picture, so that the result has at most `LARGEST_SHOWN` pixels on each side."""
+    """Return every k-th row and column of a picture, so that the result has at most `LARGEST_SHOWN`
+    pixels on each side.
+    """
     step = -(-max(pixels.shape[:2]) // LARGEST_SHOWN)
     return pixels[::step, ::step]
 
@@ -40,16 +44,22 @@ def picture_of(pixels: NDArray[Any], kind: str) -> str:
     from PIL import Image
 
     encoded = io.BytesIO()
-    Image.fromarray(pixels).save(encoded, format=kind, **({"quality": 88} if kind == "JPEG" else {"compress_level": 1}))
+    Image.fromarray(pixels).save(
+        encoded, format=kind, **({"quality": 88} if kind == "JPEG" else {"compress_level": 1})
+    )
     return base64_of(encoded.getvalue())
 
 
 def picture_of_mask(mask: NDArray[np.bool_]) -> str:
-    """Return a mask as a one-bit PNG picture, which is white where the mask is True and transparent where it is False."""
+    """Return a mask as a one-bit PNG picture, which is white where the mask is True and transparent
+    where it is False.
+    """
     from PIL import Image
 
     encoded = io.BytesIO()
-    Image.fromarray(mask.astype(np.uint8) * 255).convert("1").save(encoded, format="PNG", transparency=0, compress_level=1)
+    Image.fromarray(mask.astype(np.uint8) * 255).convert("1").save(
+        encoded, format="PNG", transparency=0, compress_level=1
+    )
     return base64_of(encoded.getvalue())
 
 

@@ -16,7 +16,9 @@ from shoal.studio.forms import checked_problem, checked_seed
 
 
 def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the plan for a steering problem: the moves, the paths of the particles, and the result."""
+    """Return the plan for a steering problem: the moves, the paths of the particles, and the
+    result.
+    """
     from shoal.views.steering.trajectories import trajectories_of
 
     problem: Any = checked_problem(about["problem"], folder, part="steering")
@@ -26,44 +28,70 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         for particle, way in enumerate(ways):
             way.extend(_for_drawing(trajectory.points[:, particle], problem.place.size).tolist())
     return {
-        "planner": episode.planner, "status": str(episode.status), "reason": episode.reason, "moves": episode.moves,
-        "length": episode.length, "bound": episode.lower_bound, "error": episode.error, "inputs": episode.inputs.tolist(),
-        "ways": ways, "seconds": episode.seconds,
-    }  # fmt: skip
+        "planner": episode.planner,
+        "status": str(episode.status),
+        "reason": episode.reason,
+        "moves": episode.moves,
+        "length": episode.length,
+        "bound": episode.lower_bound,
+        "error": episode.error,
+        "inputs": episode.inputs.tolist(),
+        "ways": ways,
+        "seconds": episode.seconds,
+    }
 
 
 def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the outline of a workspace, and the starts and goals of the particles."""
-    from shoal.views.steering.axes import outlines_of
+    from shoal.views.steering.figures import outlines_of
 
     problem: Any = checked_problem(about["problem"], folder, part="steering")
     place, (start, goal) = opened(problem), problem.endpoints(checked_seed(about))
     rings = [_for_drawing(ring, place.size).tolist() for ring in outlines_of(place)]
     return {
-        "kind": place.kind, "dimensions": place.dimensions, "size": place.size, "rings": rings, "start": start.tolist(),
-        "goal": goal.tolist(), "convex": hasattr(place, "vertices"),
-    }  # fmt: skip
+        "kind": place.kind,
+        "dimensions": place.dimensions,
+        "size": place.size,
+        "rings": rings,
+        "start": start.tolist(),
+        "goal": goal.tolist(),
+        "convex": hasattr(place, "vertices"),
+    }
 
 
 def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the outline of the Δ configuration space, and the position differences that two, four, ... moves reach."""
+    """Return the outline of the Δ configuration space, and the position differences that two, four,
+    ... moves reach.
+    """
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
-    from shoal.views.steering.axes import outlines_of
+    from shoal.views.steering.figures import outlines_of
 
     problem: Any = checked_problem(about["problem"], folder, part="steering")
     place, start = opened(problem), problem.endpoints(checked_seed(about))[0]
     if not isinstance(place, ConvexWorkspace) or place.dimensions == 3 or len(start) != 2:
         return {"sets": [], "rings": []}
-    moves = check_integer(4 if about.get("moves") is None else about["moves"], what="moves", least=2, most=6)
+    moves = check_integer(
+        4 if about.get("moves") is None else about["moves"], what="moves", least=2, most=6
+    )
     delta = start[1] - start[0]
     turned = np.eye(2)
     if place.round:
         sets: Any = disk_reach(float(np.hypot(*delta)), moves=moves, radius=place.radius)
-        (cosine, sine), length = delta, max(float(np.hypot(*delta)), 1e-300)  # its sets are rotated as if Δ pointed to the right
+        (cosine, sine), length = (
+            delta,
+            max(float(np.hypot(*delta)), 1e-300),
+        )  # its sets are rotated as if Δ pointed to the right
         turned = np.array([[cosine, sine], [-sine, cosine]]) / length
     else:
         sets = polygon_reach(place, delta, moves=moves)
-    told = [{"moves": one.moves, "fraction": one.fraction(), "rings": _rings(one.outline, turned, place.size)} for one in sets]
+    told = [
+        {
+            "moves": one.moves,
+            "fraction": one.fraction(),
+            "rings": _rings(one.outline, turned, place.size),
+        }
+        for one in sets
+    ]
     return {"rings": [outlines_of(place.differences)[0]], "delta": delta, "sets": told}
 
 
@@ -75,5 +103,9 @@ def _for_drawing(points: Any, size: float) -> NDArray[np.float64]:
 
 def _rings(outline: Any, turned: NDArray[np.float64], size: float) -> list[Any]:
     """Return the outlines and holes of a planar set, rounded for drawing."""
-    pieces = [outline] if isinstance(outline, np.ndarray) else [part for ring, holes in outline for part in (ring, *holes)]
+    pieces = (
+        [outline]
+        if isinstance(outline, np.ndarray)
+        else [part for ring, holes in outline for part in (ring, *holes)]
+    )
     return [_for_drawing(np.asarray(piece) @ turned, size) for piece in pieces]

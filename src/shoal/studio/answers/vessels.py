@@ -1,4 +1,6 @@
-"""Answers for the studio's page Vessels: maps, photographs, the vessels in photographs, and painted cells."""
+"""Answers for the studio's page Vessels: maps, photographs, the vessels in photographs, and painted
+cells.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,14 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer, check_text, shortened
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.studio.answers.shared import LARGEST_SHOWN, base64_of, fit_to_page, opened, picture_of, picture_of_mask
+from shoal.studio.answers.shared import (
+    LARGEST_SHOWN,
+    base64_of,
+    fit_to_page,
+    opened,
+    picture_of,
+    picture_of_mask,
+)
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
 
@@ -24,16 +33,21 @@ MOST_CELLS = 4_000_000
 def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the cells of a map, and the start cells of the particles.
 
-    If the page has painted cells over the map (``about["cells"]``), the particles start in the painted map.
+    If the page has painted cells over the map (``about["cells"]``), the particles start in the
+    painted map.
     """
     from shoal.swarm.maps.workspace import GridWorkspace
 
     problem: Any = checked_problem(about["problem"], folder, part="swarm")
     workspace = opened(problem)
     if about.get("cells") is not None:
-        workspace = GridWorkspace(_cells(about["cells"]), name=workspace.name, spacing=workspace.spacing)
+        workspace = GridWorkspace(
+            _cells(about["cells"]), name=workspace.name, spacing=workspace.spacing
+        )
     if workspace.free.size > MOST_CELLS:
-        raise InvalidInputError(f"map: expected at most {MOST_CELLS} cells for the studio, got {workspace.free.size}")
+        raise InvalidInputError(
+            f"map: expected at most {MOST_CELLS} cells for the studio, got {workspace.free.size}"
+        )
     told = {
         "name": workspace.name,
         "shape": list(workspace.shape),
@@ -44,8 +58,8 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "problem": None,
     }
     try:
-        from shoal.swarm.grid.randomness import trial_rng
-        from shoal.swarm.simulation.starts import draw_start
+        from shoal.swarm.grid.board import trial_rng
+        from shoal.swarm.simulation.swarms import draw_start
 
         placed = problem.at_place(workspace)
         placed.check_at_place()
@@ -64,11 +78,12 @@ def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the vessels in a photograph as a picture, which has the size of the picture that `photograph` returns.
+    """Return the vessels in a photograph as a picture, which has the size of the picture that
+    `photograph` returns.
 
     If ``exact`` is true, the answer includes the confidence that the photograph shows vessels.
     """
-    from shoal.swarm.maps.open import finder_of, vessels_in
+    from shoal.swarm.maps.files import finder_of, vessels_in
 
     problem: Any = checked_problem(about["problem"], folder, part="swarm")
     fields = {name: getattr(problem, name) for name in ("bright", "thickest", "channel", "frame")}
@@ -88,7 +103,9 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write the cells that a user has painted to a new map file. Return the name of the new map file."""
+    """Write the cells that a user has painted to a new map file. Return the name of the new map
+    file.
+    """
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -100,7 +117,8 @@ def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _cells(painted: dict[str, Any]) -> NDArray[np.bool_]:
-    """Return painted cells: the ``shape`` of a map, and its ``free`` cells as bits, encoded in base64.
+    """Return painted cells: the ``shape`` of a map, and its ``free`` cells as bits, encoded in
+    base64.
 
     Raises
     ------
@@ -108,13 +126,19 @@ def _cells(painted: dict[str, Any]) -> NDArray[np.bool_]:
     """
     sides, packed = painted.get("shape"), painted.get("free")
     if not isinstance(sides, list) or len(sides) != 2:
-        raise InvalidInputError(f"shape: expected the numbers of rows and columns, got {shortened(sides)}")
+        raise InvalidInputError(
+            f"shape: expected the numbers of rows and columns, got {shortened(sides)}"
+        )
     shape = [check_integer(side, what="shape", least=1, most=MOST_CELLS) for side in sides]
     cells = math.prod(shape)
     if cells > MOST_CELLS:
-        raise InvalidInputError(f"shape: expected rows and columns of at most {MOST_CELLS} cells, got {shape}")
+        raise InvalidInputError(
+            f"shape: expected rows and columns of at most {MOST_CELLS} cells, got {shape}"
+        )
     try:
-        bits = np.frombuffer(base64.b64decode(check_text(packed, what="free"), validate=True), dtype=np.uint8)
+        bits = np.frombuffer(
+            base64.b64decode(check_text(packed, what="free"), validate=True), dtype=np.uint8
+        )
     except ValueError:
         raise InvalidInputError(f"free: expected bits in base64, got {shortened(packed)}") from None
     if len(bits) != -(-cells // 8):

@@ -1,9 +1,5 @@
-"""Boards: sets of cells, packed into 64-bit words, with the operators of Python sets.
-
-A board covers a window: the workspace and a rim of one cell around the workspace. The window needs a rim because a swarm must find
-the walls at the edge of the map like all other walls. The cell in row r and column c of the workspace is bit ``(c + 1) % 64`` of
-word ``(c + 1) // 64`` in row ``r + 1`` of the window. In 3-D, the rim includes one layer in front of the workspace and one layer
-behind the workspace. A 3-D board stores the rows of all layers one after the other.
+"""Boards: sets of cells as bits in rows of 64-bit words, the commands that shift them, and random
+numbers of trials.
 """
 
 from __future__ import annotations
@@ -13,12 +9,95 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.maps import raster
+from shoal.core.registry import Registry
+from shoal.swarm.maps import workspace as raster
+
+LETTERS = "lurdio"
+"""The command letters for left, up, right and down. In 3-D, two more letters mean in (towards layer
+0) and out.
+"""
+
+RULES: Registry[str] = Registry("move rule", open_to_others=False)
+RULES.add(
+    "block", "a particle stays if the next cell is an obstacle or holds a particle that stays"
+)
+RULES.add("merge", "particles may share a cell; only obstacles stop them")
+RULES.add("tilt", "one command slides every particle until it is stopped")
+
+_CODES = {letter: code for code, letter in enumerate(LETTERS)}
+
+
+def letters_of(ndim: int) -> str:
+    """Return the command letters of a 2-D ("lurd") or 3-D ("lurdio") workspace."""
+    return LETTERS[: 2 * ndim]
+
+
+def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return how much one step in each direction changes the flat array index of a cell, in the
+    order of `letters_of`.
+
+    Examples
+    --------
+    >>> offsets_of((5, 7)).tolist()
+    [-1, -7, 1, 7]
+    """
+    row = shape[-1]
+    layer = row * shape[-2]
+    return np.array([-1, -row, 1, row, -layer, layer][: 2 * len(shape)], dtype=np.int64)
+
+
+def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
+    """Convert a text of command letters into an array of codes 0 to 5.
+
+    Parameters
+    ----------
+    commands : str
+        Command letters from ``lurd`` (2-D) or ``lurdio`` (3-D).
+    ndim : int
+        Number of dimensions of the workspace: 2 or 3.
+
+    Returns
+    -------
+    ndarray of int8, shape (len(commands),)
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if a letter is not a command. The error message contains the position of the wrong
+        letter.
+
+    Examples
+    --------
+    >>> encode("llurr").tolist()
+    [0, 0, 1, 2, 2]
+    """
+    known = letters_of(ndim)
+    for position, letter in enumerate(commands):
+        if letter not in known:
+            raise InvalidInputError(
+                f"expected commands out of {known!r} for a {ndim}-D workspace, got {letter!r} at"
+                f" position {position + 1}"
+            )
+    return np.array([_CODES[letter] for letter in commands], dtype=np.int8)
+
+
+def decode(codes: NDArray[np.int8]) -> str:
+    """Convert an array of codes 0 to 5 into a text of command letters. The function `encode` is the
+    inverse of `decode`.
+
+    Examples
+    --------
+    >>> decode(encode("llurr"))
+    'llurr'
+    """
+    table = np.frombuffer(LETTERS.encode(), dtype=np.uint8)
+    return table[np.asarray(codes, dtype=np.intp)].tobytes().decode()
+
 
 Words = NDArray[np.uint64]
 _ONE, _TOP = np.uint64(1), np.uint64(63)
@@ -43,12 +122,16 @@ class GridLayout:
 
     @cached_property
     def window(self) -> tuple[int, ...]:
-        """The shape of the window with its rim, in cells: (H + 2, W + 2) in 2-D, or (D + 2, H + 2, W + 2) in 3-D."""
+        """The shape of the window with its rim, in cells: (H + 2, W + 2) in 2-D, or (D + 2, H + 2,
+        W + 2) in 3-D.
+        """
         return tuple(size + 2 for size in self.shape)
 
     @cached_property
     def layers(self) -> int:
-        """Number of layers of the window, including the rim layers. In 2-D, the window has 1 layer."""
+        """Number of layers of the window, including the rim layers. In 2-D, the window
+        has 1 layer.
+        """
         return self.window[0] if self.ndim == 3 else 1
 
     @property
@@ -71,7 +154,9 @@ class GridLayout:
         flat = mask.reshape(self.layers * self.rows, self.columns)
         padded = np.zeros((flat.shape[0], self.words[1] * 64), dtype=np.bool_)
         padded[:, : self.columns] = flat
-        return np.packbits(padded, axis=1, bitorder="little").view("<u8").astype(np.uint64, copy=False)
+        return (
+            np.packbits(padded, axis=1, bitorder="little").view("<u8").astype(np.uint64, copy=False)
+        )
 
     def unpack(self, words: Words) -> NDArray[np.bool_]:
         """Unpack ``words`` into a boolean array of the window's shape."""
@@ -89,13 +174,13 @@ class Board:
     layout : GridLayout
         The window of cells that the board can contain.
     words : ndarray of uint64, shape ``layout.words``
-        The cells of the board, packed into words. The board does not copy the array ``words``, so do not change this array
-        afterwards.
+        The cells of the board, packed into words. The board does not copy the array ``words``, so
+        do not change this array afterwards.
 
     Notes
     -----
-    Cell coordinates refer to the workspace without the rim. In a workspace of H rows and W columns, a rim cell has the row -1 or H,
-    or the column -1 or W.
+    Cell coordinates refer to the workspace without the rim. In a workspace of H rows and W columns,
+    a rim cell has the row -1 or H, or the column -1 or W.
 
     Examples
     --------
@@ -124,13 +209,16 @@ class Board:
 
     @classmethod
     def of_mask(cls, mask: NDArray[np.bool_]) -> Board:
-        """Return a board with the True cells of a boolean array, which has the shape of the workspace."""
+        """Return a board with the True cells of a boolean array, which has the shape of the
+        workspace.
+        """
         layout = GridLayout(mask.shape)
         return cls(layout, layout.pack(np.pad(mask, 1)))
 
     @classmethod
     def of_cells(cls, layout: GridLayout, cells: NDArray[Any] | Iterable[tuple[int, ...]]) -> Board:
-        """Return a board with the given cells, which are the rows of an int array of shape (n, ndim).
+        """Return a board with the given cells, which are the rows of an int array of shape (n,
+        ndim).
 
         Raises
         ------
@@ -179,7 +267,11 @@ class Board:
         return inside and bool(self.mask[at])
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Board) and self.layout == other.layout and np.array_equal(self.words, other.words)
+        return (
+            isinstance(other, Board)
+            and self.layout == other.layout
+            and np.array_equal(self.words, other.words)
+        )
 
     def __hash__(self) -> int:
         return hash((self.layout, self.words.tobytes()))
@@ -200,11 +292,18 @@ class Board:
         return not (self - other)
 
     def shifted(self, command: str) -> Board:
-        """Return a board with all cells shifted by one in the direction of ``command``, without cells shifted out of the window."""
-        return Board(self.layout, shifted_words(self.layout, self.words, command) & _window_words(self.layout))
+        """Return a board with all cells shifted by one in the direction of ``command``, without
+        cells shifted out of the window.
+        """
+        return Board(
+            self.layout,
+            shifted_words(self.layout, self.words, command) & _window_words(self.layout),
+        )
 
     def dilated(self) -> Board:
-        """Return a board with all cells of the board and their direct neighbours (4 per cell in 2-D, 6 per cell in 3-D)."""
+        """Return a board with all cells of the board and their direct neighbours (4 per cell in
+        2-D, 6 per cell in 3-D).
+        """
         words = self.words.copy()
         for command in letters_of(self.layout.ndim):
             words |= shifted_words(self.layout, self.words, command)
@@ -226,7 +325,9 @@ def _window_words(layout: GridLayout) -> Words:
 
 
 def shifted_words(layout: GridLayout, words: Words, command: str) -> Words:
-    """Return packed words shifted by one cell in the direction of ``command``. Unused bits at the end of a row may become 1."""
+    """Return packed words shifted by one cell in the direction of ``command``. Unused bits at the
+    end of a row may become 1.
+    """
     out = np.zeros_like(words)
     if command == "l":
         out[:] = words >> _ONE
@@ -247,5 +348,19 @@ def shifted_words(layout: GridLayout, words: Words, command: str) -> Words:
     elif command == "o":
         target[1:] = source[:-1]
     else:
-        raise InvalidInputError(f"expected one command out of {letters_of(layout.ndim)!r}, got {command!r}")
+        raise InvalidInputError(
+            f"expected one command out of {letters_of(layout.ndim)!r}, got {command!r}"
+        )
     return out
+
+
+def trial_rng(seed: int, trial: int = 0) -> Generator:
+    """Return the random number generator for the start cells, the targets and the policy of a
+    trial.
+    """
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial,)))
+
+
+def noise_rng(seed: int, trial: int = 0) -> Generator:
+    """Return the random number generator for the noise of a trial."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, 1)))

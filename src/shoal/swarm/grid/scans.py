@@ -1,32 +1,28 @@
-"""Scan rules choose the number of equal commands before each scan. `states_of_run` infers the states between two scans.
-
-A run is a sequence of equal commands. During a run, the particles in a line along the direction of motion keep their order. The
-i-th particle of the line before the run is therefore the i-th particle after the run. Two scans, before and after a run, show the
-displacement of each particle, although particles have no labels. A particle that is displaced by d cells entered d free cells. If a
-particle is displaced by fewer cells than the run has commands, an obstacle or a stopped particle stopped it. The scans before and
-after a run determine the positions after every command of the run, because a stopped particle does not move again during the run. A
-single scan after a run gives the same information as one scan after each command of the run.
-"""
+"""Scans and traces: when the swarm looks, what each command did, and what it cost."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, Literal
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer, check_number
-from shoal.core.dataclass import dataclass
+from shoal.core.dataclass import dataclass, one_line
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.grid.commands import letters_of
+from shoal.swarm.grid.board import decode, encode, letters_of
 from shoal.swarm.grid.state import SwarmState
 
 Kind = Literal["equal", "doubling", "hyper", "adaptive"]
 SCAN_COST, MOVE_COST = 10.0, 1.0
 LONGEST = 1_000_000_000
 DEAREST = 1e100
-_LAST_DOUBLING, _LAST_HYPER = 40, 12  # after this number of runs, a run is longer than any map is wide, and grows no further
+_LAST_DOUBLING, _LAST_HYPER = (
+    40,
+    12,
+)  # after this number of runs, a run is longer than any map is wide, and grows no further
 AXES = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}
 """Axis and sign of each command's direction. Axis -1 is the last axis of the workspace."""
 
@@ -38,15 +34,16 @@ class ScanRule:
     Parameters
     ----------
     kind : str
-        The kind of the scan rule. "equal": scan after every ``step`` commands. "doubling": scan after 1, 2, 4, 8, ... commands in
-        one direction. "hyper": scan after 1, 4, 27, 256, ... commands in one direction. "adaptive": scan after the number of
-        commands with the highest expected number of classified cells per unit of price. The kind "adaptive" omits scans whose
+        The kind of the scan rule. "equal": scan after every ``step`` commands. "doubling": scan
+        after 1, 2, 4, 8, ... commands in one direction. "hyper": scan after 1, 4, 27, 256, ...
+        commands in one direction. "adaptive": scan after the number of commands with the highest
+        expected number of classified cells per unit of price. The kind "adaptive" omits scans whose
         outcome is certain.
     step : int
         Number of commands before each scan, for the kind "equal".
     scan_cost, move_cost : float
-        Price of one scan and price of one move, in any common unit. Neither price may be negative, and at least one price must
-        exceed 0.
+        Price of one scan and price of one move, in any common unit. Neither price may be negative,
+        and at least one price must exceed 0.
 
     Raises
     ------
@@ -70,15 +67,23 @@ class ScanRule:
     def __post_init__(self) -> None:
         if self.kind not in {"equal", "doubling", "hyper", "adaptive"}:
             raise _unknown(self.kind)
-        object.__setattr__(self, "step", check_integer(self.step, what="scan_every", least=1, most=LONGEST))
+        object.__setattr__(
+            self, "step", check_integer(self.step, what="scan_every", least=1, most=LONGEST)
+        )
         for name in ("scan_cost", "move_cost"):
-            object.__setattr__(self, name, check_number(getattr(self, name), what=name, least=0, most=DEAREST))
+            object.__setattr__(
+                self, name, check_number(getattr(self, name), what=name, least=0, most=DEAREST)
+            )
         if not self.scan_cost + self.move_cost:
-            raise InvalidInputError("prices: expected a price above 0 for a scan or a move, got 0 for both")
+            raise InvalidInputError(
+                "prices: expected a price above 0 for a scan or a move, got 0 for both"
+            )
 
     @property
     def every(self) -> str:
-        """The scan rule as a text: a number of commands, or the kind "doubling", "hyper" or "adaptive"."""
+        """The scan rule as a text: a number of commands, or the kind "doubling", "hyper" or
+        "adaptive".
+        """
         return str(self.step) if self.kind == "equal" else self.kind
 
     @property
@@ -87,7 +92,8 @@ class ScanRule:
         return self.kind == "equal" and self.step == 1
 
     def interval(self, streak: int) -> int:
-        """Return the number of commands in the next run, after ``streak`` runs in the same direction.
+        """Return the number of commands in the next run, after ``streak`` runs in the same
+        direction.
 
         A rule of the kind "adaptive" does not define the number of commands in advance.
 
@@ -109,7 +115,9 @@ class ScanRule:
         return self.move_cost * moves + self.scan_cost * scans
 
     @classmethod
-    def parse(cls, every: str | int, *, scan_cost: float = SCAN_COST, move_cost: float = MOVE_COST) -> ScanRule:
+    def parse(
+        cls, every: str | int, *, scan_cost: float = SCAN_COST, move_cost: float = MOVE_COST
+    ) -> ScanRule:
         """Parse the text of a scan rule: a number of commands, "doubling", "hyper" or "adaptive".
 
         Raises
@@ -124,24 +132,30 @@ class ScanRule:
         kind, step = str(every), 1
         if kind.isascii() and kind.isdigit() and len(kind) <= len(str(LONGEST)):
             kind, step = "equal", int(kind)
-        return cls(kind, step, scan_cost, move_cost)  # type: ignore[arg-type]  # checked by the class
+        # checked by the class
+        return cls(kind, step, scan_cost, move_cost)  # type: ignore[arg-type]
 
 
 EVERY_MOVE = ScanRule()
 
 
 def _unknown(every: object) -> InvalidInputError:
-    return InvalidInputError(f"scan-every: expected 1 to {LONGEST}, doubling, hyper or adaptive, got {str(every)[:80]!r}")
+    return InvalidInputError(
+        f"scan-every: expected 1 to {LONGEST}, doubling, hyper or adaptive, got {str(every)[:80]!r}"
+    )
 
 
-def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: int) -> Iterator[SwarmState]:
-    """Infer the state after each command of a run of equal commands from the scans before and after the run.
+def states_of_run(
+    before: SwarmState, after: SwarmState, command: str, steps: int
+) -> Iterator[SwarmState]:
+    """Infer the state after each command of a run of equal commands from the scans before and after
+    the run.
 
     Parameters
     ----------
     before, after : SwarmState
-        States that the scans before and after the run show. Under the rule merge, a state includes the number of particles per
-        cell.
+        States that the scans before and after the run show. Under the rule merge, a state includes
+        the number of particles per cell.
     command : str
         The command of the run, as a letter.
     steps : int
@@ -150,8 +164,8 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     Returns
     -------
     iterator of SwarmState
-        The states after command 1, 2, ..., ``steps`` of the run. After the last command that moves a particle, each state is
-        ``after`` itself.
+        The states after command 1, 2, ..., ``steps`` of the run. After the last command that moves
+        a particle, each state is ``after`` itself.
 
     Raises
     ------
@@ -160,8 +174,8 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
 
     Notes
     -----
-    The function supports the move rules block and merge. The function does not support the rule tilt, under which each run has one
-    command.
+    The function supports the move rules block and merge. The function does not support the rule
+    tilt, under which each run has one command.
 
     Examples
     --------
@@ -177,19 +191,26 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     across = np.arange(start.shape[1]) != start.shape[1] + axis
     if start.shape != end.shape or (start[:, across] != end[:, across]).any():
         raise InvalidInputError(
-            f"scan: expected every particle in its line after {steps} commands {command!r}, got a particle in another line"
+            f"scan: expected every particle in its line after {steps} commands {command!r}, got a"
+            " particle in another line"
         )
     if moved.min() < 0 or moved.max() > steps:
         wrong = int(np.argmax((moved < 0) | (moved > steps)))
         raise InvalidInputError(
-            f"scan: expected particles 0 to {steps} cells further after {steps} commands {command!r}, "
-            f"got a particle from {tuple(start[wrong].tolist())} at {tuple(end[wrong].tolist())}"
+            f"scan: expected particles 0 to {steps} cells further after {steps} commands"
+            f" {command!r}, got a particle from {tuple(start[wrong].tolist())} at"
+            f" {tuple(end[wrong].tolist())}"
         )
     return _states(before, after, start, moved * sign, axis, steps)
 
 
 def _states(
-    before: SwarmState, after: SwarmState, start: NDArray[np.int64], moved: NDArray[np.int64], axis: int, steps: int
+    before: SwarmState,
+    after: SwarmState,
+    start: NDArray[np.int64],
+    moved: NDArray[np.int64],
+    axis: int,
+    steps: int,
 ) -> Iterator[SwarmState]:
     last = int(np.abs(moved).max())
     for step in range(1, steps + 1):
@@ -202,7 +223,9 @@ def _states(
 
 
 def _by_line(cells: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
-    """Return cells sorted by their line along ``axis``. Cells in the same line are sorted by position."""
+    """Return cells sorted by their line along ``axis``. Cells in the same line are sorted by
+    position.
+    """
     others = [i for i in range(cells.shape[1]) if i != cells.shape[1] + axis]
     return cells[np.lexsort((cells[:, axis], *(cells[:, i] for i in others)))]
 
@@ -215,7 +238,8 @@ def lengths_and_times(
     move_seconds: float | None = None,
     scan_seconds: float | None = None,
 ) -> dict[str, Any]:
-    """Return the lengths and times of a run, for the results of commands. A quantity that is not known is None.
+    """Return the lengths and times of a run, for the results of commands. A quantity that is not
+    known is None.
 
     Parameters
     ----------
@@ -231,8 +255,9 @@ def lengths_and_times(
     Returns
     -------
     dict
-        ``cell_m`` and ``cell_mm``: size of a cell along each axis (list of float). ``distance_mm``: distance that all particles
-        together travelled. ``move_seconds`` and ``scan_seconds``. ``apparatus_seconds``: time of all moves and scans.
+        ``cell_m`` and ``cell_mm``: size of a cell along each axis (list of float). ``distance_mm``:
+        distance that all particles together travelled. ``move_seconds`` and ``scan_seconds``.
+        ``apparatus_seconds``: time of all moves and scans.
     """
     distance = None
     if spacing is not None:
@@ -245,5 +270,168 @@ def lengths_and_times(
         "distance_mm": distance,
         "move_seconds": move_seconds,
         "scan_seconds": scan_seconds,
-        "apparatus_seconds": trace.moves * (move_seconds or 0.0) + scans * (scan_seconds or 0.0) if known else None,
+        "apparatus_seconds": (
+            trace.moves * (move_seconds or 0.0) + scans * (scan_seconds or 0.0) if known else None
+        ),
     }
+
+
+Row = tuple[int, int, int]
+"""The entries (classified, frontier, travelled) of one command in a trace."""
+
+
+COLUMNS: dict[str, type[np.generic]] = {
+    "commands": np.int8,
+    "classified": np.int32,
+    "frontier": np.int32,
+    "travelled": np.int64,
+    "scanned": np.bool_,
+}
+"""The names of a trace's arrays, and the dtype of each array."""
+
+
+class Trace(NamedTuple):
+    """The effect of each command of an episode. Every array of a trace has one entry per command.
+
+    Parameters
+    ----------
+    commands : ndarray of int8
+        Commands as codes 0 to 5. The function `shoal.swarm.grid.board.decode` turns codes into
+        letters.
+    classified : ndarray of int32
+        Number of cells that each command classified. In a coverage, the number of target cells that
+        each command covered.
+    frontier : ndarray of int32
+        Number of frontier cells after each command.
+    travelled : ndarray of int64
+        Distance that all particles together travelled during each command, in cells.
+    scanned : ndarray of bool
+        Whether a scan followed each command. The array ``scanned`` has no entry for the scan before
+        the first command.
+    """
+
+    commands: NDArray[np.int8]
+    classified: NDArray[np.int32]
+    frontier: NDArray[np.int32]
+    travelled: NDArray[np.int64]
+    scanned: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        return one_line(self)
+
+    @classmethod
+    def empty(cls, moves: int) -> Trace:
+        """Return an empty trace with space for a given number of commands."""
+        columns: list[Any] = [np.zeros(moves, kind) for kind in COLUMNS.values()]
+        return cls(*columns)
+
+    @classmethod
+    def joined(cls, pieces: Iterable[Trace]) -> Trace:
+        """Return the concatenation of several traces."""
+        columns: list[Any] = [
+            np.concatenate(column) for column in zip(cls.empty(0), *pieces, strict=True)
+        ]
+        return cls(*columns)
+
+    def part(self, first: int, stop: int) -> Trace:
+        """Return the part of the trace from command number ``first`` up to, but not including,
+        ``stop``.
+
+        The part shares the memory of the trace.
+        """
+        columns: list[Any] = [column[first:stop] for column in self]
+        return Trace(*columns)
+
+    @property
+    def moves(self) -> int:
+        """Number of commands in the trace."""
+        return len(self.commands)
+
+    def difference(self, replayed: Trace) -> str | None:
+        """Return one sentence about the first difference between the trace and a replayed trace.
+        For equal traces, return None.
+        """
+        for name in self._fields[1:]:
+            mine, theirs = getattr(self, name), getattr(replayed, name)
+            if (mine != theirs).any():
+                move = int(np.argmax(mine != theirs))
+                return (
+                    f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]}"
+                    " replayed"
+                )
+        return None
+
+
+class WithTrace:
+    """Base class of objects with a trace, which provides the commands, the number of moves and the
+    number of scans.
+    """
+
+    trace: Trace
+
+    @cached_property
+    def commands(self) -> str:
+        """All commands sent, as a text of command letters."""
+        return decode(self.trace.commands)
+
+    @property
+    def moves(self) -> int:
+        """Number of commands sent."""
+        return self.trace.moves
+
+    @property
+    def scans(self) -> int:
+        """Number of scans, including the scan at the start."""
+        return 1 + int(np.count_nonzero(self.trace.scanned))
+
+
+class Recorder:
+    """Recorder of a trace. Each call of `add` appends one run of equal commands to the trace.
+
+    Attributes
+    ----------
+    moves : int
+        Number of commands recorded so far.
+    idle : int
+        Number of runs since the last run that moved a particle or classified a cell.
+    last : tuple of int
+        Two numbers about the last run of commands: the distance that all particles together
+        travelled, in cells, and the number of classified cells.
+    """
+
+    def __init__(self) -> None:
+        self._letters: list[str] = []
+        self._rows: list[Row] = []
+        self._scanned: list[bool] = []
+        self.moves, self.idle, self.last = 0, 0, (0, 0)
+
+    def add(self, command: str, rows: list[Row], *, scanned: bool) -> None:
+        """Add a run of equal commands to the trace. ``scanned`` tells whether a scan followed the
+        run.
+        """
+        self._letters.append(command * len(rows))
+        self._rows += rows
+        self._scanned += [False] * (len(rows) - 1) + [scanned]
+        self.moves += len(rows)
+        self.last = sum(row[2] for row in rows), sum(row[0] for row in rows)
+        self.idle = 0 if any(self.last) else self.idle + 1
+
+    @property
+    def trace(self) -> Trace:
+        """The trace of all commands recorded so far."""
+        return _recorded("".join(self._letters), self._rows, self._scanned)
+
+    def newest(self, moves: int) -> Trace:
+        """Return a trace of the last run, which had ``moves`` commands."""
+        return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
+
+
+def _recorded(letters: str, rows: list[Row], scanned: list[bool]) -> Trace:
+    columns = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return Trace(
+        commands=encode(letters, ndim=3),
+        classified=columns[:, 0].astype(np.int32),
+        frontier=columns[:, 1].astype(np.int32),
+        travelled=columns[:, 2].copy(),
+        scanned=np.array(scanned, dtype=np.bool_),
+    )

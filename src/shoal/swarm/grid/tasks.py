@@ -1,31 +1,34 @@
-"""Tasks. A task defines the belief at the start, the update of the belief after each push, and the criterion for completion."""
+"""Tasks and placements: what a swarm is to do, and where its particles start."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_number
+from shoal.core.checks import check_number, shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.registry import Registry, configured
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.board import Board
-from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.world import GridWorld
+from shoal.swarm.grid.board import Board, offsets_of
+from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.maps.workspace import GridWorkspace
 
 
 @runtime_checkable
 class Task(Protocol):
-    """The interface of tasks. `shoal.testing.check_task` tests whether a task follows the interface.
+    """The interface of tasks. `shoal.testing.check_task` tests whether a task follows the
+    interface.
 
-    The method ``begin`` returns the belief at the start of the episode. The method ``update`` returns the belief after one push, in
-    which all particles try to move by one cell. A task is complete when the frontier of its belief is empty. The methods ``begin``
-    and ``update`` must not change their arguments.
+    The method ``begin`` returns the belief at the start of the episode. The method ``update``
+    returns the belief after one push, in which all particles try to move by one cell. A task is
+    complete when the frontier of its belief is empty. The methods ``begin`` and ``update`` must not
+    change their arguments.
     """
 
     @property
@@ -33,20 +36,24 @@ class Task(Protocol):
         """Name of the task, as written in summaries and files."""
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return a mask of random target cells, drawn with ``rng``. Return None if the task has no target cells."""
+        """Return a mask of random target cells, drawn with ``rng``. Return None if the task has no
+        target cells.
+        """
 
-    def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
+    def begin(
+        self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None
+    ) -> Belief:
         """Return the belief before the first command.
 
-        ``world`` defines the motion of the particles, ``state`` holds the particles' cells, and ``targets`` is the result of
-        `choose_targets`.
+        ``world`` defines the motion of the particles, ``state`` holds the particles' cells, and
+        ``targets`` is the result of `choose_targets`.
         """
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
         """Return the belief after one push of all particles in the direction of ``command``.
 
-        ``belief`` is the belief before the push. ``before`` and ``after`` are the cells that hold particles before and after the
-        push.
+        ``belief`` is the belief before the push. ``before`` and ``after`` are the cells that hold
+        particles before and after the push.
         """
 
 
@@ -55,10 +62,11 @@ TASKS: Registry[type[Task]] = Registry("task")
 
 @dataclass(frozen=True)
 class Mapping:
-    """The task of finding every free cell that particles can reach, and the obstacles beside the reachable cells.
+    """The task of finding every free cell that particles can reach, and the obstacles beside the
+    reachable cells.
 
-    At the start of a mapping, all cells are unknown except the cells that hold particles. Sources: paper M, section III.B, and
-    docs/concepts/belief.md.
+    At the start of a mapping, all cells are unknown except the cells that hold particles. Sources:
+    paper M, section III.B, and docs/concepts/belief.md.
     """
 
     name: ClassVar[str] = "mapping"
@@ -68,13 +76,19 @@ class Mapping:
         """Return None, because a mapping has no target cells."""
         return None
 
-    def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
-        """Return the belief at the start of a mapping: cells with particles are free, and all other cells are unknown."""
+    def begin(
+        self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None
+    ) -> Belief:
+        """Return the belief at the start of a mapping: cells with particles are free, and all other
+        cells are unknown.
+        """
         here = state.occupied
         return Belief(open=here, known=here, frontier=here.dilated() - here)
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push. All cells that particles tried to enter are classified."""
+        """Return the belief after one push. All cells that particles tried to enter are
+        classified.
+        """
         return belief.observed(command, before, after)
 
 
@@ -92,7 +106,9 @@ class Coverage:
         """Return the mask of all free cells as targets, without a random choice."""
         return workspace.free
 
-    def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
+    def begin(
+        self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None
+    ) -> Belief:
         """Return the belief at the start of a coverage.
 
         All cells are known. The frontier cells are the target cells without a particle.
@@ -105,22 +121,27 @@ class Coverage:
         wanted = world.workspace.free if targets is None else targets
         check_reachable(world.workspace, state.occupied.cells, wanted)
         everything = Board.full(world.layout)
-        return Belief(open=world.free, known=everything, frontier=Board.of_mask(wanted) - state.occupied)
+        return Belief(
+            open=world.free, known=everything, frontier=Board.of_mask(wanted) - state.occupied
+        )
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push. Cells that hold a particle after the push leave the frontier."""
+        """Return the belief after one push. Cells that hold a particle after the push leave the
+        frontier.
+        """
         return belief.covered(after)
 
 
 @dataclass(frozen=True)
 class SubsetCoverage(Coverage):
-    """The task of visiting every cell of a random subset of the free cells. Paper D calls this task "foraging".
+    """The task of visiting every cell of a random subset of the free cells. Paper D calls this task
+    "foraging".
 
     Parameters
     ----------
     fraction : float
-        Fraction of the free cells that particles must visit, above 0 and at most 1. The random subset contains at least one cell.
-        The papers use the fraction 0.1.
+        Fraction of the free cells that particles must visit, above 0 and at most 1. The random
+        subset contains at least one cell. The papers use the fraction 0.1.
     """
 
     name: ClassVar[str] = "subset-coverage"
@@ -142,10 +163,16 @@ for _task in (Mapping, Coverage, SubsetCoverage):
     TASKS.add(_task.name, _task)
 
 
-def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets: NDArray[np.bool_]) -> None:
-    """Refuse target cells that are not connected to any start cell. ``start`` has shape (n, ndim)."""
+def check_reachable(
+    workspace: GridWorkspace, start: NDArray[np.int64], targets: NDArray[np.bool_]
+) -> None:
+    """Refuse target cells that are not connected to any start cell. ``start`` has shape
+    (n, ndim).
+    """
     if targets.shape != workspace.shape:
-        raise InvalidInputError(f"targets: expected a mask of shape {workspace.shape}, got {targets.shape}")
+        raise InvalidInputError(
+            f"targets: expected a mask of shape {workspace.shape}, got {targets.shape}"
+        )
     if (targets & ~workspace.free).any():
         cell = tuple(int(i) for i in np.argwhere(targets & ~workspace.free)[0])
         raise InvalidInputError(f"targets: expected free cells, got the obstacle {cell}")
@@ -156,15 +183,156 @@ def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets:
     if lost.any():
         cell = tuple(int(i) for i in np.argwhere(lost)[0])
         raise InvalidInputError(
-            f"coverage: expected a particle in every connected part of {workspace.name} with cells to cover, got none in a part "
-            f"with {np.count_nonzero(lost & (labels == labels[cell]))} of them, at {cell} "
-            "(use more particles, or only the largest component of the map)"
+            f"coverage: expected a particle in every connected part of {workspace.name} with cells"
+            " to cover, got none in a part with"
+            f" {np.count_nonzero(lost & (labels == labels[cell]))} of them, at {cell} (use more"
+            " particles, or only the largest component of the map)"
         )
 
 
 def make_task(task: str | Task) -> Task:
-    """Return the task object for a name such as "mapping" or "subset-coverage:fraction=0.2". Return a given object unchanged."""
+    """Return the task object for a name such as "mapping" or "subset-coverage:fraction=0.2". Return
+    a given object unchanged.
+    """
     made = configured(TASKS, task) if isinstance(task, str) else task
     if not isinstance(made, Task):
-        raise InvalidInputError(f"task: expected an object with name, choose_targets, begin and update, got {made!r}")
+        raise InvalidInputError(
+            f"task: expected an object with name, choose_targets, begin and update, got {made!r}"
+        )
     return made
+
+
+Placement = Callable[[GridWorkspace, int, Generator], NDArray[np.int64]]
+PLACEMENTS: Registry[Placement] = Registry("placement", functions=True)
+
+
+def place(
+    workspace: GridWorkspace, n: int, placement: str | Placement, rng: Generator
+) -> NDArray[np.int64]:
+    """Return the start cells of ``n`` particles.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    n : int
+        Number of particles, from 1 to ``workspace.n_free``.
+    placement : str or callable
+        The placement rule: "uniform", "flood-fill", "region-fill", "left-wall", the name of a
+        function in the form "module:attribute", or a function. A placement function is called with
+        (workspace, n, rng) and returns the start cells.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray of int64, shape (n, ndim)
+        The start cells: distinct free cells in row-major order.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the workspace has fewer than ``n`` free cells, or if the placement chooses a part
+        of the workspace with fewer than ``n`` free cells.
+
+    Examples
+    --------
+    >>> workspace = GridWorkspace([[1, 1, 0, 1]])
+    >>> place(workspace, 3, "uniform", np.random.default_rng(1)).tolist()
+    [[0, 0], [0, 1], [0, 3]]
+    """
+    if not 1 <= n <= workspace.n_free:
+        raise InvalidInputError(
+            f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}),"
+            f" got {n}"
+        )
+    function = make_placement(placement)
+    try:
+        cells = function(workspace, n, rng)
+    except TypeError:
+        if _takes(function, workspace, n, rng):
+            raise
+        raise _no_placement(function) from None
+    with errors_at(f"placement {_name(placement)}"):
+        checked = check_start(workspace, cells)
+    if len(checked) != n:
+        raise InvalidInputError(
+            f"placement {_name(placement)}: expected {n} cells, got {len(checked)}"
+        )
+    return checked
+
+
+def make_placement(placement: str | Placement) -> Placement:
+    """Return the placement function for a name. Return a given function unchanged. Other arguments
+    raise InvalidInputError.
+    """
+    made: Placement = configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
+    if not callable(made):
+        raise _no_placement(made)
+    return made
+
+
+def _no_placement(given: object) -> InvalidInputError:
+    return InvalidInputError(
+        "placement: expected a name, or a function (workspace, n, rng) -> cells, got"
+        f" {shortened(given)}"
+    )
+
+
+def _takes(function: Placement, *arguments: object) -> bool:
+    """Return whether a function accepts the three arguments of a placement.
+
+    For a function without a signature, such as some built-in functions of Python, return true.
+    """
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError:
+        return False
+    except ValueError:
+        pass
+    return True
+
+
+def _name(placement: str | Placement) -> str:
+    return placement if isinstance(placement, str) else getattr(placement, "__name__", "custom")
+
+
+@PLACEMENTS.register("uniform")
+def uniform(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
+    """Draw n different free cells at random, all with equal probability."""
+    return workspace.cells[rng.choice(workspace.n_free, size=n, replace=False)]
+
+
+@PLACEMENTS.register("flood-fill")
+def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
+    """Choose a random free cell, and take the n free cells with the shortest paths to the chosen
+    cell.
+    """
+    from shoal.swarm.kernels.search import nearest_cells
+
+    padded, start = np.pad(workspace.free, 1), workspace.cells[rng.integers(workspace.n_free)]
+    flat = int(np.ravel_multi_index(tuple(start + 1), padded.shape))
+    found = nearest_cells(padded.ravel(), offsets_of(padded.shape), flat, n)
+    if len(found) < n:
+        raise InvalidInputError(
+            f"flood-fill: expected {n} connected free cells around {tuple(start.tolist())} of"
+            f" {workspace.name}, got only {len(found)}"
+        )
+    return np.stack(np.unravel_index(found, padded.shape), axis=1) - 1
+
+
+@PLACEMENTS.register("region-fill")
+def region_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
+    """Take the n free cells with the smallest Manhattan distance, measured through walls, to a
+    random cell of the map.
+    """
+    center = np.array([rng.integers(size) for size in workspace.shape])
+    distance = np.abs(workspace.cells - center).sum(axis=1)
+    return workspace.cells[np.argsort(distance, kind="stable")[:n]]
+
+
+@PLACEMENTS.register("left-wall")
+def left_wall(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
+    """Take the n leftmost free cells, column by column from top to bottom, for the policy sweep
+    (paper D, section III.B.2).
+    """
+    cells = workspace.cells
+    return cells[np.lexsort((*cells.T[:-1][::-1], cells[:, -1]))[:n]]

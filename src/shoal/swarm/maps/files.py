@@ -1,26 +1,66 @@
-"""Reading and writing of map files. To add a file format, add an entry to `FORMATS`."""
+"""Maps of any source: files, names of generated maps, arrays and workspaces; and the writing of
+maps.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_file
+from shoal.core import notices
+from shoal.core.checks import check_file, check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic
-from shoal.swarm.maps.arrays import encode_npy, read_matlab, read_npy
-from shoal.swarm.maps.pictures import LARGEST_FILE, PICTURES, encode_picture, read_picture, read_slices
+from shoal.core.notices import tell_once
+from shoal.swarm.maps import imaging
+from shoal.swarm.maps.generators import generate_cached, is_spec
+from shoal.swarm.maps.pictures import (
+    LARGEST_FILE,
+    PICTURES,
+    encode_picture,
+    read_picture,
+    read_pixels,
+    read_slices,
+    scale_of_width,
+)
 from shoal.swarm.maps.reading import KINDS, Kind, MapOptions, check_used
-from shoal.swarm.maps.resampling import join_diagonals
-from shoal.swarm.maps.text import encode_csv, encode_movingai, encode_rows, read_csv, read_movingai, read_rows
-from shoal.swarm.maps.volumes import DICOM, NIFTI, NRRD, dicom_files, encode_nifti, read_dicom, read_nifti, read_nrrd, read_series
+from shoal.swarm.maps.resampling import (
+    MOST_COUNTED,
+    diagonal_contacts,
+    factors_of_width,
+    join_diagonals,
+    scale_cells,
+)
+from shoal.swarm.maps.text import (
+    encode_csv,
+    encode_movingai,
+    encode_npy,
+    encode_rows,
+    free_in_array,
+    read_csv,
+    read_matlab,
+    read_movingai,
+    read_npy,
+    read_rows,
+)
+from shoal.swarm.maps.volumes import (
+    DICOM,
+    NIFTI,
+    NRRD,
+    dicom_files,
+    encode_nifti,
+    read_dicom,
+    read_nifti,
+    read_nrrd,
+    read_series,
+)
 from shoal.swarm.maps.workspace import GridWorkspace
 
 Cells = tuple[NDArray[Any], tuple[float, ...] | None]
@@ -37,13 +77,16 @@ class MapFormat:
     Parameters
     ----------
     read : callable
-        Function that is called with (path, options), and returns the free cells and the size of a cell.
+        Function that is called with (path, options), and returns the free cells and the size of a
+        cell.
     encode : callable, optional
-        Function that converts a workspace to the bytes of a map file. Without this function, Shoal only reads the format.
+        Function that converts a workspace to the bytes of a map file. Without this function, Shoal
+        only reads the format.
     dimensions : tuple of int
         Numbers of dimensions of the workspaces that the format can store: (2,), (3,) or (2, 3).
     kind : Kind
-        The reading options that the reader uses. All other reading options are refused. By default, the reader uses none.
+        The reading options that the reader uses. All other reading options are refused. By default,
+        the reader uses none.
     """
 
     read: Callable[[Path, MapOptions], Cells]
@@ -52,13 +95,17 @@ class MapFormat:
     kind: Kind = Kind("a file of this format")
 
 
-def _unsized(read: Callable[[Path, MapOptions], NDArray[Any]]) -> Callable[[Path, MapOptions], Cells]:
+def _unsized(
+    read: Callable[[Path, MapOptions], NDArray[Any]],
+) -> Callable[[Path, MapOptions], Cells]:
     return lambda path, options: (read(path, options), None)
 
 
 def _picture_format(suffix: str) -> MapFormat:
     encode = None if suffix == ".gif" else partial(encode_picture, suffix=suffix)
-    return MapFormat(read_picture, encode, (2, 3) if suffix.startswith(".tif") else (2,), KINDS["picture"])
+    return MapFormat(
+        read_picture, encode, (2, 3) if suffix.startswith(".tif") else (2,), KINDS["picture"]
+    )
 
 
 FORMATS: dict[str, MapFormat] = {
@@ -68,7 +115,10 @@ FORMATS: dict[str, MapFormat] = {
     ".csv": MapFormat(_unsized(read_csv), encode_csv, kind=KINDS["table"]),
     ".npy": MapFormat(_unsized(read_npy), encode_npy, (2, 3), KINDS["array"]),
     ".mat": MapFormat(_unsized(read_matlab), kind=KINDS["table"]),
-    **{suffix: MapFormat(read_nifti, partial(encode_nifti, suffix=suffix), (3,), KINDS["volume"]) for suffix in NIFTI},
+    **{
+        suffix: MapFormat(read_nifti, partial(encode_nifti, suffix=suffix), (3,), KINDS["volume"])
+        for suffix in NIFTI
+    },
     **{suffix: MapFormat(read_nrrd, kind=KINDS["volume"]) for suffix in NRRD},
     **{suffix: MapFormat(read_dicom, kind=KINDS["volume"]) for suffix in DICOM},
 }
@@ -81,15 +131,17 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     Parameters
     ----------
     path : path
-        Path of a map file. In pictures (``.png .tif .tiff .bmp .jpg .jpeg .gif``), bright pixels are free cells. In text files
-        (``.txt``), ``.`` is free and ``#`` is an obstacle, or the file is a table of numbers. In MovingAI files (``.map``), ``.``,
-        ``G`` and ``S`` are free. In tables (``.csv``), 1 is free and 0 is an obstacle. In NumPy files (``.npy``, 2-D or 3-D),
-        MATLAB files (``.mat``), NIfTI files (``.nii``, ``.nii.gz``, 3-D), NRRD files (``.nrrd``, ``.nhdr``) and DICOM files
-        (``.dcm``), nonzero values are free. The workspace keeps the file's voxel size. A TIFF file of several pages is a 3-D map
-        with one layer per page. A folder of pictures or of DICOM files is a 3-D map with one layer per file.
+        Path of a map file. In pictures (``.png .tif .tiff .bmp .jpg .jpeg .gif``), bright pixels
+        are free cells. In text files (``.txt``), ``.`` is free and ``#`` is an obstacle, or the
+        file is a table of numbers. In MovingAI files (``.map``), ``.``, ``G`` and ``S`` are free.
+        In tables (``.csv``), 1 is free and 0 is an obstacle. In NumPy files (``.npy``, 2-D or 3-D),
+        MATLAB files (``.mat``), NIfTI files (``.nii``, ``.nii.gz``, 3-D), NRRD files (``.nrrd``,
+        ``.nhdr``) and DICOM files (``.dcm``), nonzero values are free. The workspace keeps the
+        file's voxel size. A TIFF file of several pages is a 3-D map with one layer per page. A
+        folder of pictures or of DICOM files is a 3-D map with one layer per file.
     **options
-        Reading options. `shoal.swarm.maps.reading.MapOptions` explains them, and the table `shoal.swarm.maps.reading.KINDS` lists
-        the options of each kind of file.
+        Reading options. `shoal.swarm.maps.reading.MapOptions` explains them, and the table
+        `shoal.swarm.maps.reading.KINDS` lists the options of each kind of file.
 
     Returns
     -------
@@ -99,16 +151,21 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     Raises
     ------
     InvalidInputError
-        Raised if the file is missing, unreadable, damaged or too large, has a wrong format, or contains no free cell. The error
-        message gives the location of the fault. InvalidInputError is also raised for an option without effect on the file.
+        Raised if the file is missing, unreadable, damaged or too large, has a wrong format, or
+        contains no free cell. The error message gives the location of the fault. InvalidInputError
+        is also raised for an option without effect on the file.
     MissingExtraError
         Raised if the file needs a library that is not installed.
     """
     source, chosen = Path(path), MapOptions(**options)
     suffix = _suffix(source)
-    folder = bool(source.name) and os.path.isdir(source)  # unlike Path.is_dir, it accepts names of any length
+    folder = bool(source.name) and os.path.isdir(
+        source
+    )  # unlike Path.is_dir, it accepts names of any length
     if not folder and suffix not in FORMATS:
-        raise InvalidInputError(f"{source}: expected a map file ({' '.join(FORMATS)}), got the suffix {suffix!r}")
+        raise InvalidInputError(
+            f"{source}: expected a map file ({' '.join(FORMATS)}), got the suffix {suffix!r}"
+        )
     try:
         if folder and (files := dicom_files(source)):
             check_used(KINDS["volume"], chosen.given, where=str(source))
@@ -122,11 +179,19 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
             free, spacing = FORMATS[suffix].read(source, chosen)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
-    return named_after(source, join_diagonals(np.asarray(free) != 0) if chosen.join_diagonals else free, spacing=spacing)
+    return named_after(
+        source,
+        join_diagonals(np.asarray(free) != 0) if chosen.join_diagonals else free,
+        spacing=spacing,
+    )
 
 
-def named_after(path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | None = None) -> GridWorkspace:
-    """Return a workspace whose name is the file name without the suffix. Error messages contain the file name."""
+def named_after(
+    path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | None = None
+) -> GridWorkspace:
+    """Return a workspace whose name is the file name without the suffix. Error messages contain the
+    file name.
+    """
     stem = path.name[: len(path.name) - len(_suffix(path))]
     with errors_at(path):
         # undecodable bytes of a name become "?"
@@ -134,23 +199,28 @@ def named_after(path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | 
 
 
 def _suffix(path: Path) -> str:
-    """Return the suffix of a file in lower case. For example, the file ``x.nii.gz`` has the suffix ``.nii.gz``."""
+    """Return the suffix of a file in lower case. For example, the file ``x.nii.gz`` has the suffix
+    ``.nii.gz``.
+    """
     return ".nii.gz" if path.name.lower().endswith(".nii.gz") else path.suffix.lower()
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace to a map file. The function `read_map` reads equal free cells from the file.
+    """Write a workspace to a map file. The function `read_map` reads equal free cells from the
+    file.
 
     Parameters
     ----------
     workspace : GridWorkspace
     path : path
-        Path of the output file. The suffix of the file name determines the format, as in `read_map`.
+        Path of the output file. The suffix of the file name determines the format, as in
+        `read_map`.
 
     Raises
     ------
     InvalidInputError
-        Raised if the suffix is unknown, or if the format does not support the number of dimensions of the workspace.
+        Raised if the suffix is unknown, or if the format does not support the number of dimensions
+        of the workspace.
     MissingExtraError
         Raised if the file is a NIfTI file and the library nibabel is not installed.
     OutputError
@@ -160,12 +230,230 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     suffix = _suffix(target)
     written = {known: form for known, form in FORMATS.items() if form.encode is not None}
     if suffix not in written:
-        raise InvalidInputError(f"{target}: expected one of the suffixes {' '.join(written)}, got {suffix!r}")
+        raise InvalidInputError(
+            f"{target}: expected one of the suffixes {' '.join(written)}, got {suffix!r}"
+        )
     if workspace.ndim not in written[suffix].dimensions:
         others = [other for other, form in written.items() if workspace.ndim in form.dimensions]
-        raise InvalidInputError(f"{target}: expected {', '.join(others)} for a {workspace.ndim}-D workspace, got {suffix!r}")
+        raise InvalidInputError(
+            f"{target}: expected {', '.join(others)} for a {workspace.ndim}-D workspace, got"
+            f" {suffix!r}"
+        )
     encode = written[suffix].encode
     assert encode is not None
     with atomic(target) as temporary:
         # Encode in memory first, because Pillow does not detect a partial write on a full disk.
         temporary.write_bytes(encode(workspace))
+
+
+def open_map(
+    place: str | os.PathLike[str] | GridWorkspace | ArrayLike,
+    *,
+    vessels: bool | None = None,
+    width: int | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    bright: bool | None = None,
+    thickest: float | None = None,
+    **options: Any,
+) -> GridWorkspace:
+    """Open a workspace from a name, a file or an array.
+
+    Parameters
+    ----------
+    place : str, path, GridWorkspace or array_like
+        The name of a generated map (such as "vessels:5000"), the path of a map file, an array, or a
+        workspace. The function returns a workspace unchanged. An array contains booleans or
+        numbers, and has the shape (H, W) or (D, H, W). The command ``shoal maps`` lists the
+        generated maps. The documentation of `shoal.swarm.maps.files.read_map` lists the file
+        formats.
+    vessels : bool
+        Whether the file is a photograph whose vessels form the map; by default not. Finding vessels
+        needs the extra ``shoal[imaging]``.
+    width : int, optional
+        Maximum number of cells along the larger side of the map of a photograph, a file or an
+        array. A larger map is scaled down, and what was connected stays connected.
+        `shoal.swarm.maps.resampling.scale_cells` states what a smaller map keeps.
+    low, high, bright, thickest
+        Options for finding vessels in a photograph. `shoal.swarm.maps.imaging.segment_vessels`
+        explains the options.
+    **options
+        Options for reading a map file: threshold, invert, scale, level, label, channel, frame and
+        join_diagonals. `shoal.swarm.maps.reading.MapOptions` explains the options for reading a map
+        file. An option without effect on the map is refused, also at its default value; None stands
+        for an option that is not given.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError, MissingExtraError
+        Raised if the map does not exist, or if Shoal cannot read the map.
+
+    Examples
+    --------
+    >>> open_map("line:7")
+    <GridWorkspace 'line:7': 1x7, 7 free cells>
+    >>> print(open_map(np.eye(2) == 0))
+    #.
+    .#
+    """
+    chosen = MapOptions(**options)  # checks all values, whatever the source of the map
+    if width is not None:
+        check_integer(width, what="width", least=1)
+    of_vessels = {
+        "vessels": vessels,
+        "width": width,
+        "low": low,
+        "high": high,
+        "bright": bright,
+        "thickest": thickest,
+    }
+    given = {name: value for name, value in of_vessels.items() if value is not None} | dict(
+        chosen.given
+    )
+    if isinstance(place, GridWorkspace):
+        check_used(KINDS["workspace"], given)
+        return place
+    if not isinstance(place, str | os.PathLike):
+        check_used(KINDS["numbers"], given)
+        array = np.asarray(place)
+        decided = chosen.by_number or chosen.invert or chosen.join_diagonals
+        workspace = GridWorkspace(free_in_array(array, chosen, where="map") if decided else array)
+        if chosen.join_diagonals:
+            workspace = GridWorkspace(join_diagonals(workspace.free))
+        return fit_width(workspace, width)
+    text = os.fspath(place)
+    path = Path(text)
+    named = is_spec(text) and not os.path.isfile(
+        path
+    )  # unlike Path.is_file, it accepts names of any length
+    if named or (not path.suffix and not os.path.exists(path)):
+        check_used(Kind(f"the generated map {text!r}"), given)
+        return GridWorkspace(generate_cached(text), name=text)
+    if vessels:
+        check_used(KINDS["photograph"], given, where=text)
+        limits = {name: given[name] for name in ("low", "high") if name in given}
+        mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **_axes(chosen)).mask
+        tell_once(imaging.dropped_text(str(path), mask))
+        return named_after(path, imaging.map_of_vessels(mask, width=width))
+    is_picture = path.suffix.lower() in PICTURES and not os.path.isdir(path)
+    beside = (
+        "width",
+        *(["vessels"] if is_picture else []),
+    )  # the reader of the file checks the other options
+    check_used(
+        Kind(
+            "a file that is no picture" if "vessels" in given else "a map file",
+            frozenset((*chosen.given, *beside)),
+        ),
+        given,
+        where=text,
+    )
+    if width is not None and (scale := scale_of_width(path, width, chosen.scale)) is not None:
+        options = options | {"scale": scale}
+    workspace = fit_width(read_map(path, **options), width, where=str(path))
+    counted = notices.listeners and workspace.free.size <= MOST_COUNTED
+    if counted and (contacts := diagonal_contacts(workspace.free)):
+        separate = (
+            "1 diagonal contact separates"
+            if contacts == 1
+            else f"{contacts} diagonal contacts separate"
+        )
+        tell_once(
+            f"shoal: warning: {path}: {separate} parts of the map, because particles cannot move"
+            " diagonally (--join-diagonals opens one cell at each contact)"
+        )
+    return workspace
+
+
+def fit_width(workspace: GridWorkspace, width: int | None, *, where: str = "map") -> GridWorkspace:
+    """Return a workspace with at most ``width`` cells along its larger side, in which connected
+    cells stay connected.
+
+    The spacing grows with the cells. If ``width`` is None, or if the workspace is small enough,
+    return the workspace unchanged. Notices name the map by ``where``.
+    """
+    if width is None:
+        return workspace
+    factors = factors_of_width(workspace.shape, width, workspace.spacing)
+    free = scale_cells(workspace.free, factors, where=where)
+    if free.shape == workspace.shape:
+        return workspace
+    spacing = workspace.spacing and tuple(
+        size * before / after
+        for size, before, after in zip(workspace.spacing, workspace.shape, free.shape, strict=True)
+    )
+    return GridWorkspace(free, name=workspace.name, spacing=spacing)
+
+
+def _axes(options: MapOptions) -> dict[str, Any]:
+    return {"channel": options.channel, "frame": options.frame}
+
+
+def vessels_in(
+    path: str | os.PathLike[str],
+    *,
+    low: float = imaging.LOW,
+    high: float = imaging.HIGH,
+    **options: Any,
+) -> imaging.Vessels:
+    """Return the vessels in a photograph. Reuse the last result if the file and the options have
+    not changed.
+
+    Parameters
+    ----------
+    path : path
+        Path of the photograph, a picture file.
+    low, high, **options
+        Options of the function `shoal.swarm.maps.imaging.find_vessels`, including ``bright`` and
+        ``thickest``, and the options ``channel`` and ``frame`` of
+        `shoal.swarm.maps.pictures.read_pixels`.
+
+    Raises
+    ------
+    InvalidInputError, MissingExtraError
+        Raised if the file is not a picture, or if the picture shows no vessels.
+    """
+    return _vessels_in(Path(path), _stamp(path), low, high, tuple(sorted(options.items())))
+
+
+def finder_of(
+    path: str | os.PathLike[str],
+    *,
+    bright: bool | None = None,
+    thickest: float | None = None,
+    channel: int | str | None = None,
+    frame: int | None = None,
+) -> imaging.VesselFinder:
+    """Return the vessel finder of a photograph. Reuse the last finder if the file and the options
+    have not changed.
+
+    Raises
+    ------
+    InvalidInputError, MissingExtraError
+        Raised if the file is not a picture.
+    """
+    options = {"bright": bright, "channel": channel, "frame": frame, "thickest": thickest}
+    return _finder_of(Path(path), _stamp(path), tuple(sorted(options.items())))
+
+
+def _stamp(path: str | os.PathLike[str]) -> int:
+    return os.stat(path).st_mtime_ns if os.path.isfile(path) else 0
+
+
+@lru_cache(maxsize=1)
+def _vessels_in(
+    path: Path, stamp: int, low: float, high: float, options: tuple[tuple[str, Any], ...]
+) -> imaging.Vessels:
+    finder = _finder_of(path, stamp, options)
+    with errors_at(path):
+        return finder.find(low=low, high=high)
+
+
+@lru_cache(maxsize=1)
+def _finder_of(
+    path: Path, _stamp: int, options: tuple[tuple[str, Any], ...]
+) -> imaging.VesselFinder:
+    given = dict(options)
+    pixels = read_pixels(path, channel=given.pop("channel", None), frame=given.pop("frame", None))
+    with errors_at(path):
+        return imaging.VesselFinder(pixels, **given)

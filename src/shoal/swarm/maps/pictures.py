@@ -1,4 +1,6 @@
-"""Maps as pictures: PNG, TIFF (one layer per page), BMP, JPEG and GIF files, and folders with one picture for each slice."""
+"""Maps as pictures: PNG, TIFF (one layer per page), BMP, JPEG and GIF files, and folders with one
+picture for each slice.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,6 @@ from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.notices import tell_once
 from shoal.swarm.maps import tiff
-from shoal.swarm.maps.parts import MOST_COUNTED
 from shoal.swarm.maps.reading import (
     LARGEST_PICTURE,
     MAX_CELLS,
@@ -33,7 +34,14 @@ from shoal.swarm.maps.reading import (
     index_of,
     reading,
 )
-from shoal.swarm.maps.resampling import cells_of_shares, join_diagonals, scale_cells, scaled_shape, shares_of_bands
+from shoal.swarm.maps.resampling import (
+    MOST_COUNTED,
+    cells_of_shares,
+    join_diagonals,
+    scale_cells,
+    scaled_shape,
+    shares_of_bands,
+)
 from shoal.swarm.maps.values import Extremes, Mask, free_by_brightness, free_by_number, in_pieces
 from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -41,8 +49,14 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 PICTURES = {
-    ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG", ".gif": "GIF",
-}  # fmt: skip
+    ".png": "PNG",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
+    ".bmp": "BMP",
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
+    ".gif": "GIF",
+}
 """Suffixes of pictures, and the names of their formats in Pillow."""
 
 LARGEST_FILE = 2**31  # bytes
@@ -50,10 +64,17 @@ LARGEST_PHOTOGRAPH = 2**27  # bytes of a decoded photograph, whose filters need 
 MOST_JOINED = 2**26  # pixels whose diagonal contacts are joined, which needs ten bytes a pixel
 ORIENTATION = 0x0112  # EXIF tag
 SHOWN = 8  # channels that a message lists
-MIN_IS_WHITE = "in this file small numbers are white (MinIsWhite), and white is free (--invert takes the large numbers as free)"
+MIN_IS_WHITE = (
+    "in this file small numbers are white (MinIsWhite), and white is free (--invert takes the large"
+    " numbers as free)"
+)
 LABELS_OF_PALETTE = "the labels are the entries of the palette (--level takes its greys)"
 LEVELS_OF_PALETTE = "the levels are the greys of the palette (--label takes its entries)"
-LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue in the brightness, as in Pillow (ITU-R 601)
+LUMA = (
+    0.299,
+    0.587,
+    0.114,
+)  # weights of red, green and blue in the brightness, as in Pillow (ITU-R 601)
 COLOURS = {
     "RGB": ["red", "green", "blue"],
     "RGBA": ["red", "green", "blue", "alpha"],
@@ -65,7 +86,8 @@ COLOURS = {
 
 
 class Page(NamedTuple):
-    """A page of a picture, or some of its rows: large pages come in bands, so that no page is in memory twice.
+    """A page of a picture, or some of its rows: large pages come in bands, so that no page is in
+    memory twice.
 
     Attributes
     ----------
@@ -82,8 +104,8 @@ class Page(NamedTuple):
     reduced : int
         Number of bits in the file if the numbers have fewer, or 0.
     numbered : bool
-        Whether the entries of a palette are numbers of their own. A GIF file of greys has them only because the format needs a
-        palette, and writers number them as they like.
+        Whether the entries of a palette are numbers of their own. A GIF file of greys has them only
+        because the format needs a palette, and writers number them as they like.
     first_row : int
         The first row of the band.
     rows : int
@@ -108,7 +130,9 @@ Sides = tuple[float, ...] | None
 
 
 def read_picture(path: Path, options: MapOptions) -> tuple[Mask, Sides]:
-    """Return the free cells of a picture, and the size of a cell if the file contains it. Each page of a TIFF becomes a layer."""
+    """Return the free cells of a picture, and the size of a cell if the file contains it. Each page
+    of a TIFF becomes a layer.
+    """
     free, sides = _free_layers([path], options)
     return (free[0], sides and sides[1:]) if len(free) == 1 else (free, sides)
 
@@ -121,25 +145,39 @@ def read_slices(folder: Path, options: MapOptions) -> Mask:
     Raises
     ------
     InvalidInputError
-        Raised if the folder has no pictures, if the pictures differ in format or size, or if a picture has several pages.
+        Raised if the folder has no pictures, if the pictures differ in format or size, or if a
+        picture has several pages.
     """
-    entries = (path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != ".")
+    entries = (
+        path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != "."
+    )
     files = [path for path in islice(entries, MAX_LAYERS + 1) if not path.is_dir()]
     check_layers(folder, len(files))
     if not files:
-        raise InvalidInputError(f"{folder}: expected a map file, got a folder without slices ({' '.join(PICTURES)}, or DICOM)")
+        raise InvalidInputError(
+            f"{folder}: expected a map file, got a folder without slices ({' '.join(PICTURES)}, or"
+            " DICOM)"
+        )
     kinds = sorted({path.suffix.lower() for path in files})
     if len(kinds) > 1:
         raise InvalidInputError(f"{folder}: expected slices of one kind, got {' and '.join(kinds)}")
     # [0-9] and not str.isdigit, which is true of superscript digits that int refuses
-    files.sort(key=lambda path: [int(part) if re.fullmatch("[0-9]+", part) else part for part in re.split("([0-9]+)", path.name)])
+    files.sort(
+        key=lambda path: [
+            int(part) if re.fullmatch("[0-9]+", part) else part
+            for part in re.split("([0-9]+)", path.name)
+        ]
+    )
     for file in files:
         check_file(file, what="slice", most=LARGEST_FILE)
     return _free_layers(files, options, folder=folder)[0]
 
 
-def read_pixels(path: Path, *, channel: int | str | None = None, frame: int | None = None) -> NDArray[np.uint8]:
-    """Return the pixels of a picture as uint8, with the shape (H, W) for greyscale or (H, W, 3) for colour.
+def read_pixels(
+    path: Path, *, channel: int | str | None = None, frame: int | None = None
+) -> NDArray[np.uint8]:
+    """Return the pixels of a picture as uint8, with the shape (H, W) for greyscale or (H, W, 3) for
+    colour.
 
     Parameters
     ----------
@@ -155,7 +193,9 @@ def read_pixels(path: Path, *, channel: int | str | None = None, frame: int | No
         Raised if the file is missing or damaged, or does not contain a picture.
     """
     if path.suffix.lower() not in PICTURES:
-        raise InvalidInputError(f"{path}: expected a picture ({' '.join(PICTURES)}), got {path.suffix!r}")
+        raise InvalidInputError(
+            f"{path}: expected a picture ({' '.join(PICTURES)}), got {path.suffix!r}"
+        )
     check_file(path, what="picture", most=LARGEST_FILE)
     options = MapOptions(channel=channel, frame=frame)
     with _opened(path, options, most=LARGEST_PHOTOGRAPH) as picture:
@@ -163,7 +203,11 @@ def read_pixels(path: Path, *, channel: int | str | None = None, frame: int | No
         for band in picture:
             if bands and not band.first_row:
                 break  # a second page
-            bands.append(band if channel is None or picture.channels_chosen else _one_channel(band, channel, path))
+            bands.append(
+                band
+                if channel is None or picture.channels_chosen
+                else _one_channel(band, channel, path)
+            )
         seen = [_opaque(band) for band in bands]
         ground = 0.0 if sum(one.bright for one in seen) > sum(one.dark for one in seen) else 1.0
         return np.concatenate(_pixels(path, bands, ground))
@@ -173,9 +217,17 @@ def _pixels(path: Path, bands: list[Page], ground: float) -> list[NDArray[np.uin
     """Return the bands of a page as grey values or colours of 8 bits."""
     first = bands[0]
     if first.palette is not None:
-        colours = [Page(band.palette[band.numbers], COLOURS["RGBA"], 255.0) for band in bands if band.palette is not None]
+        colours = [
+            Page(band.palette[band.numbers], COLOURS["RGBA"], 255.0)
+            for band in bands
+            if band.palette is not None
+        ]
         return [_over_ground(band, ground)[..., :3] for band in colours]
-    if first.numbers.ndim == 3 and first.numbers.dtype == np.uint8 and first.names[:3] == COLOURS["RGB"]:
+    if (
+        first.numbers.ndim == 3
+        and first.numbers.dtype == np.uint8
+        and first.names[:3] == COLOURS["RGB"]
+    ):
         return [_over_ground(band, ground)[..., :3] for band in bands]
     with errors_at(path):
         greys = [_brightness(band, ground) for band in bands]
@@ -183,16 +235,21 @@ def _pixels(path: Path, bands: list[Page], ground: float) -> list[NDArray[np.uin
         if grey.dtype.kind == "f" and not np.isfinite(grey).all():
             row, column = (int(i) for i in np.argwhere(~np.isfinite(grey))[0])
             place = f"row {band.first_row + row + 1}, column {column + 1}"
-            raise InvalidInputError(f"{path}: expected finite brightness, got {grey[row, column]} at {place}")
+            raise InvalidInputError(
+                f"{path}: expected finite brightness, got {grey[row, column]} at {place}"
+            )
     white = np.float32(first.white or max(1e-30, *(float(grey.max(initial=0)) for grey in greys)))
-    return [np.asarray(np.rint(np.clip(255 * (grey / white), 0, 255)), dtype=np.uint8) for grey in greys]
+    return [
+        np.asarray(np.rint(np.clip(255 * (grey / white), 0, 255)), dtype=np.uint8) for grey in greys
+    ]
 
 
 def scale_of_width(path: Path, width: int, scale: float) -> float | None:
-    """Return the scale with which a picture has at most ``width`` cells along its larger side, for a very large picture.
+    """Return the scale with which a picture has at most ``width`` cells along its larger side, for
+    a very large picture.
 
-    A very large picture becomes smaller while it is read. Returns None for all other files, and for TIFF files that are small
-    enough to be maps, which may contain a size of their pixels.
+    A very large picture becomes smaller while it is read. Returns None for all other files, and for
+    TIFF files that are small enough to be maps, which may contain a size of their pixels.
     """
     from PIL import Image
 
@@ -201,18 +258,30 @@ def scale_of_width(path: Path, width: int, scale: float) -> float | None:
     limit = Image.MAX_IMAGE_PIXELS
     try:
         Image.MAX_IMAGE_PIXELS = None
-        with warnings.catch_warnings(), Image.open(path, formats=[*set(PICTURES.values())]) as image:
+        with (
+            warnings.catch_warnings(),
+            Image.open(path, formats=[*set(PICTURES.values())]) as image,
+        ):
             warnings.simplefilter("ignore")
-            larger, cells, is_tiff = max(image.size), image.width * image.height * scale**2, image.format == "TIFF"
+            larger, cells, is_tiff = (
+                max(image.size),
+                image.width * image.height * scale**2,
+                image.format == "TIFF",
+            )
     except Exception:  # the reader of the picture says what is wrong with it
         return None
     finally:
         Image.MAX_IMAGE_PIXELS = limit
-    return width / larger if cells > (MAX_CELLS if is_tiff else MOST_COUNTED) and width < larger * scale else None
+    return (
+        width / larger
+        if cells > (MAX_CELLS if is_tiff else MOST_COUNTED) and width < larger * scale
+        else None
+    )
 
 
 def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
-    """Return the bytes of a picture of a map, in which free cells are white. Each layer of the map becomes a page of a TIFF file.
+    """Return the bytes of a picture of a map, in which free cells are white. Each layer of the map
+    becomes a page of a TIFF file.
 
     Free cells and obstacles remain distinguishable after JPEG compression.
     """
@@ -231,36 +300,61 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
 # From pages to cells
 
 
-def _free_layers(files: list[Path], options: MapOptions, *, folder: Path | None = None) -> tuple[Mask, Sides]:
-    """Return the free cells (layers, rows, columns) of the pages of one file, or of files of one page each."""
+def _free_layers(
+    files: list[Path], options: MapOptions, *, folder: Path | None = None
+) -> tuple[Mask, Sides]:
+    """Return the free cells (layers, rows, columns) of the pages of one file, or of files of one
+    page each.
+    """
     where = str(folder or files[0])
     with reading(folder or files[0], "a picture" if folder is None else "pictures"):
         source = _Source(files, options, folder)
         white = source.white()
-        large = len(files) * source.cells > MOST_COUNTED and options.scale < 1 and not options.join_diagonals
+        large = (
+            len(files) * source.cells > MOST_COUNTED
+            and options.scale < 1
+            and not options.join_diagonals
+        )
         if options.by_number:
             bands = free_by_number(source.numbers, options, where=where, packed=large)
         else:
-            bands = free_by_brightness(source.brightness, white, options, where=where, all_masks=source.all_masks, packed=large)
+            bands = free_by_brightness(
+                source.brightness,
+                white,
+                options,
+                where=where,
+                all_masks=source.all_masks,
+                packed=large,
+            )
         source.tell()
         factors = [1.0, options.scale, options.scale]
         if large:  # the pixels are never in memory together
             sides = bands.size // source.cells, source.rows, source.cells // source.rows
-            free = cells_of_shares(shares_of_bands(bands.unpacked(), sides, scaled_shape(sides, factors)), where=where)
+            free = cells_of_shares(
+                shares_of_bands(bands.unpacked(), sides, scaled_shape(sides, factors)), where=where
+            )
         else:
             free = bands[0] if len(bands) == 1 else np.concatenate(bands)
             del bands
             free = free.reshape(-1, source.rows, free.shape[1])
-            if options.join_diagonals:  # before scaling: a smaller map no longer shows which pixels touched
+            if (
+                options.join_diagonals
+            ):  # before scaling: a smaller map no longer shows which pixels touched
                 free = join_diagonals(free)
             free = scale_cells(free, factors, where=where)
         check_size(where, *free.shape)
     size = source.spacing
-    return free, None if size is None else tuple(side / (options.scale if axis else 1.0) for axis, side in enumerate(size))
+    return free, (
+        None
+        if size is None
+        else tuple(side / (options.scale if axis else 1.0) for axis, side in enumerate(size))
+    )
 
 
 class _Source:
-    """The pages of one or several files, as brightness or as numbers, which can be read several times."""
+    """The pages of one or several files, as brightness or as numbers, which can be read several
+    times.
+    """
 
     def __init__(self, files: list[Path], options: MapOptions, folder: Path | None) -> None:
         self.files, self.options, self.folder = files, options, folder
@@ -268,12 +362,16 @@ class _Source:
         self.ground: float | None = None
         self.rows = self.cells = 0  # of a page
         self._extremes: list[Extremes] = []  # of each page
-        self._lightest: Any = None  # the small number of a mask whose small numbers are white, if the file has no number of white
+        # the small number of a mask whose small numbers are white, if the file has no number of
+        # white
+        self._lightest: Any = None
         self._begun: tuple[tuple[str, Page], Iterator[tuple[str, Page]]] | None = None
         self._notices: dict[str, None] = {}
 
     def pages(self) -> Iterator[tuple[str, Page]]:
-        """Return the name and the content of each page, in bands. Refuse pages of different sizes, and too many of them."""
+        """Return the name and the content of each page, in bands. Refuse pages of different sizes,
+        and too many of them.
+        """
         begun, self._begun = self._begun, None
         if begun is not None:
             yield begun[0]
@@ -296,7 +394,15 @@ class _Source:
                     yield name, band if by_axis else _one_channel(band, self.options.channel, file)
                 self.spacing = picture.spacing
 
-    def _checked(self, file: Path, band: Page, name: str, count: int, number: int, size: tuple[int, int] | None) -> tuple[int, int]:
+    def _checked(
+        self,
+        file: Path,
+        band: Page,
+        name: str,
+        count: int,
+        number: int,
+        size: tuple[int, int] | None,
+    ) -> tuple[int, int]:
         """Return the rows and columns of a page, which are those of the pages before."""
         where = self.folder or file
         check_layers(where, count)
@@ -307,14 +413,19 @@ class _Source:
         self.cells = found[0] * found[1]
         if size is not None and found != size:
             sides = ["x".join(map(str, reversed(one))) for one in (size, found)]
-            raise InvalidInputError(f"{name}: expected {sides[0]} pixels as in the first layer, got {sides[1]}")
+            raise InvalidInputError(
+                f"{name}: expected {sides[0]} pixels as in the first layer, got {sides[1]}"
+            )
         layers = max(count, len(self.files))
         check_size(where, layers, *(max(1, round(side * self.options.scale)) for side in found))
         if self.options.join_diagonals and layers * self.cells > MOST_JOINED:
             raise InvalidInputError(
-                f"{where}: join-diagonals: expected at most {MOST_JOINED} pixels before scaling, got {layers * self.cells}"
+                f"{where}: join-diagonals: expected at most {MOST_JOINED} pixels before scaling,"
+                f" got {layers * self.cells}"
             )
-        check_data(where, layers * found[0] * found[1], most=LARGEST_PICTURE)  # one byte a pixel until the map is scaled
+        check_data(
+            where, layers * found[0] * found[1], most=LARGEST_PICTURE
+        )  # one byte a pixel until the map is scaled
         return found
 
     def numbers(self) -> Iterator[NDArray[Any]]:
@@ -337,20 +448,29 @@ class _Source:
         raise InvalidInputError(f"{self.folder or self.files[0]}: expected a picture, got no pages")
 
     def _white_of_mask(self, name: str) -> float:
-        """Return the brightness of white in a mask whose small number is white, for numbers without a white of their own."""
+        """Return the brightness of white in a mask whose small number is white, for numbers without
+        a white of their own.
+        """
         extremes = Extremes()
         for _, page in self._walk():
-            extremes.add(page.numbers if page.numbers.dtype.kind != "f" else page.numbers[~np.isnan(page.numbers)])
+            extremes.add(
+                page.numbers
+                if page.numbers.dtype.kind != "f"
+                else page.numbers[~np.isnan(page.numbers)]
+            )
         if not extremes.has_two:
             raise InvalidInputError(
-                f"{name}: expected a mask of two numbers, or a known number of white, in a picture whose small numbers are white, "
-                f"got numbers from {extremes.low} to {extremes.high} (--level N)"
+                f"{name}: expected a mask of two numbers, or a known number of white, in a picture"
+                f" whose small numbers are white, got numbers from {extremes.low} to"
+                f" {extremes.high} (--level N)"
             )
         self._lightest = extremes.low
         return 1.0
 
     def all_masks(self) -> bool:
-        """Return whether the pages, of which there are several, are masks of 0 and of one brightness each."""
+        """Return whether the pages, of which there are several, are masks of 0 and of one
+        brightness each.
+        """
         pages = self._extremes
         return (
             len(pages) > 1
@@ -380,14 +500,15 @@ class _Source:
     def _common_ground(self) -> float:
         """Return the brightness from 0 to 1 that stands for transparent pixels on all pages.
 
-        A drawing on a transparent ground is visible on a ground of the opposite brightness: white lines mean a black ground. The
-        ground is therefore the opposite of most opaque pixels.
+        A drawing on a transparent ground is visible on a ground of the opposite brightness: white
+        lines mean a black ground. The ground is therefore the opposite of most opaque pixels.
         """
         seen = [_opaque(page) for _, page in self.pages()]
         ground = 0.0 if sum(one.bright for one in seen) > sum(one.dark for one in seen) else 1.0
         word = "white" if ground else "black"
         self._notices[
-            f"transparent pixels count as {word}, the opposite of most other pixels (--channel alpha takes opaque pixels as free)"
+            f"transparent pixels count as {word}, the opposite of most other pixels (--channel"
+            " alpha takes opaque pixels as free)"
         ] = None
         return ground
 
@@ -402,30 +523,48 @@ def _one_channel(page: Page, channel: int | str | None, path: Path) -> Page:
     where = str(path)
     if page.palette is not None and (page.palette[:, :3] != page.palette[:, :1]).any():
         index = index_of(COLOURS["RGBA"], channel, where=where)
-        return page._replace(numbers=page.palette[page.numbers][..., index], names=[""], white=255.0, palette=None)
+        return page._replace(
+            numbers=page.palette[page.numbers][..., index], names=[""], white=255.0, palette=None
+        )
     if page.palette is not None:
-        index = index_of(COLOURS["LA"] if (page.palette[:, 3] < 255).any() else ["grey"], channel, where=where)
-        return page._replace(numbers=page.palette[page.numbers][..., 3 * index], names=[""], white=255.0, palette=None)
+        index = index_of(
+            COLOURS["LA"] if (page.palette[:, 3] < 255).any() else ["grey"], channel, where=where
+        )
+        return page._replace(
+            numbers=page.palette[page.numbers][..., 3 * index],
+            names=[""],
+            white=255.0,
+            palette=None,
+        )
     if page.numbers.ndim == 2:
         index_of(["grey"], channel, where=where)
         return page
-    return page._replace(numbers=page.numbers[..., index_of(page.names, channel, where=where)], names=[""])
+    return page._replace(
+        numbers=page.numbers[..., index_of(page.names, channel, where=where)], names=[""]
+    )
 
 
 def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
-    """Return one number for each pixel: that of the file, or the grey value of a picture of greys only."""
+    """Return one number for each pixel: that of the file, or the grey value of a picture of greys
+    only.
+    """
     if page.reduced:
         raise InvalidInputError(
-            f"{name}: {option}: expected 8 bits for each channel of a colour picture, got {page.reduced} (--threshold takes a "
-            "share of white; a TIFF file keeps all bits)"
+            f"{name}: {option}: expected 8 bits for each channel of a colour picture, got"
+            f" {page.reduced} (--threshold takes a share of white; a TIFF file keeps all bits)"
         )
     if page.palette is not None:
-        if option == "label" and page.numbered:  # the same on all pages, whatever colours a page shows
+        if (
+            option == "label" and page.numbered
+        ):  # the same on all pages, whatever colours a page shows
             return page.numbers
         used = page.palette[np.unique(page.numbers)]
         if (used[:, :3] == used[:, :1]).all():
             return np.asarray(page.palette[:, 0][page.numbers])
-        raise InvalidInputError(f"{name}: level: expected one number for each pixel, got a palette of colours (--label, --channel)")
+        raise InvalidInputError(
+            f"{name}: level: expected one number for each pixel, got a palette of colours (--label,"
+            " --channel)"
+        )
     numbers = page.numbers
     if numbers.ndim == 2:
         return numbers
@@ -433,7 +572,8 @@ def _single_numbers(page: Page, name: str, option: str) -> NDArray[Any]:
     if page.names[:1] in (["red"], ["grey"]) and (colours == colours[..., :1]).all():
         return colours[..., 0]
     raise InvalidInputError(
-        f"{name}: {option}: expected one number for each pixel, got the channels {_listed(page.names)} (choose one by --channel)"
+        f"{name}: {option}: expected one number for each pixel, got the channels"
+        f" {_listed(page.names)} (choose one by --channel)"
     )
 
 
@@ -459,22 +599,30 @@ def _opaque(page: Page) -> _Opaque:
     else:
         return _Opaque(0, 0, False)
     seen = opacity >= 0.5
-    bright, dark = (float(counts[seen & side].sum(dtype=np.float64)) for side in (light >= WHITE, light < WHITE))
+    bright, dark = (
+        float(counts[seen & side].sum(dtype=np.float64)) for side in (light >= WHITE, light < WHITE)
+    )
     return _Opaque(bright, dark, bool(counts[opacity < 1].any()))
 
 
 def _over_ground(page: Page, ground: float) -> NDArray[Any]:
-    """Return the colours of a page with an opacity, drawn over a grey ground (from 0 to 1), without the opacity."""
+    """Return the colours of a page with an opacity, drawn over a grey ground (from 0 to 1), without
+    the opacity.
+    """
     if page.names[-1:] != ["alpha"]:
         return page.numbers
     white = page.white or 1.0
     opacity = page.numbers[..., -1:].astype(np.float32) / np.float32(white)
     mixed = page.numbers[..., :-1] * opacity + np.float32(ground * white) * (1 - opacity)
-    return np.asarray(np.rint(mixed) if page.numbers.dtype.kind in "ui" else mixed).astype(page.numbers.dtype)
+    return np.asarray(np.rint(mixed) if page.numbers.dtype.kind in "ui" else mixed).astype(
+        page.numbers.dtype
+    )
 
 
 def _brightness(page: Page, ground: float) -> NDArray[Any]:
-    """Return the brightness of each pixel of a page. The ground, from 0 to 1, stands for transparent pixels."""
+    """Return the brightness of each pixel of a page. The ground, from 0 to 1, stands for
+    transparent pixels.
+    """
     if page.palette is not None:
         greys = _brightness(Page(page.palette[np.newaxis], COLOURS["RGBA"], 255.0), ground)[0]
         return np.asarray(greys[page.numbers])
@@ -486,44 +634,70 @@ def _brightness(page: Page, ground: float) -> NDArray[Any]:
     elif page.names[:4] == COLOURS["CMYK"]:
         white = np.float32(page.white or 1.0)
         light = (white - colours[..., :3]) * ((white - colours[..., 3:4]) / white)
-        grey = np.rint(light @ np.array(LUMA, dtype=np.float32)).astype(colours.dtype) if page.white else light @ np.array(LUMA)
+        grey = (
+            np.rint(light @ np.array(LUMA, dtype=np.float32)).astype(colours.dtype)
+            if page.white
+            else light @ np.array(LUMA)
+        )
     else:
         raise InvalidInputError(
-            f"expected a grey or a colour picture, got the channels {_listed(page.names)} (choose one by --channel)"
+            f"expected a grey or a colour picture, got the channels {_listed(page.names)} (choose"
+            " one by --channel)"
         )
     if not page.white_is_zero:
         return grey
     if page.white is None:
-        raise InvalidInputError("expected a known number of white in a picture whose zero is white, got none (--level N)")
-    return grey == 0 if grey.dtype == np.bool_ else np.asarray(np.asarray(page.white, grey.dtype) - grey)
+        raise InvalidInputError(
+            "expected a known number of white in a picture whose zero is white, got none"
+            " (--level N)"
+        )
+    return (
+        grey == 0
+        if grey.dtype == np.bool_
+        else np.asarray(np.asarray(page.white, grey.dtype) - grey)
+    )
 
 
 def _lightness_of_mask(numbers: NDArray[Any], lightest: Any) -> NDArray[Any]:
     """Return 1 for the white number of a mask and 0 for the other. NaN stays NaN."""
     light = numbers == lightest
-    return np.where(np.isnan(numbers), np.float32(np.nan), light.astype(np.float32)) if numbers.dtype.kind == "f" else light
+    return (
+        np.where(np.isnan(numbers), np.float32(np.nan), light.astype(np.float32))
+        if numbers.dtype.kind == "f"
+        else light
+    )
 
 
 def _listed(names: list[str]) -> str:
     """Return the names of channels as a text; a channel without a name has its number."""
-    return ", ".join(name or str(number) for number, name in enumerate(names[:SHOWN], start=1)) + ", …" * (len(names) > SHOWN)
+    return ", ".join(
+        name or str(number) for number, name in enumerate(names[:SHOWN], start=1)
+    ) + ", …" * (len(names) > SHOWN)
 
 
 def _grey_of(colours: NDArray[Any]) -> NDArray[Any]:
-    """Return the brightness of colours as Pillow computes it for 8 bits: rounded sums of red, green and blue."""
+    """Return the brightness of colours as Pillow computes it for 8 bits: rounded sums of red, green
+    and blue.
+    """
     if colours.shape[-1] == 1:
         return colours[..., 0]
     weighted = colours[..., :3].astype(np.float32) @ np.array(LUMA, dtype=np.float32)
-    return np.asarray(np.rint(weighted).astype(colours.dtype) if colours.dtype.kind in "ui" else weighted)
+    return np.asarray(
+        np.rint(weighted).astype(colours.dtype) if colours.dtype.kind in "ui" else weighted
+    )
 
 
 # From files to pages
 
 
 class _Picture:
-    """An open picture: its pages, the size of a pixel, and whether a channel was chosen by an axis of the file."""
+    """An open picture: its pages, the size of a pixel, and whether a channel was chosen by an axis
+    of the file.
+    """
 
-    def __init__(self, pages: Iterator[Page], *, spacing: Any = None, channels_chosen: bool = False) -> None:
+    def __init__(
+        self, pages: Iterator[Page], *, spacing: Any = None, channels_chosen: bool = False
+    ) -> None:
         self._pages, self.spacing, self.channels_chosen = pages, spacing, channels_chosen
 
     def __iter__(self) -> Iterator[Page]:
@@ -534,7 +708,8 @@ class _Picture:
 def _opened(path: Path, options: MapOptions, *, most: int | None = None) -> Iterator[_Picture]:
     """Open a picture by Pillow, or by tifffile if Pillow would change its numbers.
 
-    The argument ``most`` is the maximum number of bytes of a decoded page (by default, `LARGEST_PICTURE`).
+    The argument ``most`` is the maximum number of bytes of a decoded page (by default,
+    `LARGEST_PICTURE`).
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -556,7 +731,8 @@ def _opened(path: Path, options: MapOptions, *, most: int | None = None) -> Iter
                     return
                 words = "a GIF picture" if gif else "a PNG, TIFF, BMP or JPEG picture"
                 raise InvalidInputError(
-                    f"{path}: expected {words}, got a damaged or other file (it begins with {begin!r})"
+                    f"{path}: expected {words}, got a damaged or other file (it begins with"
+                    f" {begin!r})"
                 ) from None
             with image:
                 if image.format == "TIFF" and tiff.needs_tifffile(path, image.tag_v2):  # type: ignore[attr-defined]
@@ -574,7 +750,9 @@ def _opened(path: Path, options: MapOptions, *, most: int | None = None) -> Iter
 
 
 def _check_colours_of_tiff(path: Path, image: Any) -> None:
-    """Refuse what Pillow before 13 takes for subsampled, and for truncated: YCbCr colours without JPEG compression."""
+    """Refuse what Pillow before 13 takes for subsampled, and for truncated: YCbCr colours without
+    JPEG compression.
+    """
     from PIL import __version__ as version
 
     if image.format != "TIFF" or int(version.split(".")[0]) >= 13:
@@ -582,7 +760,8 @@ def _check_colours_of_tiff(path: Path, image: Any) -> None:
     colours, compression = image.tag_v2.get(262), image.tag_v2.get(259, 1)
     if colours == 6 and compression not in {6, 7}:  # YCbCr; the old and the new JPEG
         raise InvalidInputError(
-            f"{path}: expected Pillow 13 or newer for a TIFF picture of plain YCbCr colours, got Pillow {version}"
+            f"{path}: expected Pillow 13 or newer for a TIFF picture of plain YCbCr colours, got"
+            f" Pillow {version}"
         )
 
 
@@ -596,7 +775,9 @@ def begin_of_png(file: io.BufferedReader) -> int:
 
 
 def _mend_palette_of_bmp(image: Image, file: io.BufferedReader) -> None:
-    """Make Pillow read a BMP file with a palette of greys as what it is: Pillow takes entries of 4 or 8 bits for 1 or 8 bits."""
+    """Make Pillow read a BMP file with a palette of greys as what it is: Pillow takes entries of 4
+    or 8 bits for 1 or 8 bits.
+    """
     from PIL import ImagePalette
 
     place = file.tell()
@@ -614,17 +795,28 @@ def _mend_palette_of_bmp(image: Image, file: io.BufferedReader) -> None:
     image.tile = [(codec, box, offset, raw)]  # type: ignore[attr-defined]
 
 
-def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, png_depth: int) -> Iterator[Page]:
-    """Return the pages of a picture that Pillow reads. The size of a page is checked before the page is decoded."""
-    film = image.format == "GIF" or int(getattr(image, "n_frames", 1) if image.format == "PNG" else 1) > 1
+def _pages(
+    path: Path, image: Image, options: MapOptions, most: int | None, *, png_depth: int
+) -> Iterator[Page]:
+    """Return the pages of a picture that Pillow reads. The size of a page is checked before the
+    page is decoded.
+    """
+    film = (
+        image.format == "GIF"
+        or int(getattr(image, "n_frames", 1) if image.format == "PNG" else 1) > 1
+    )
     if film:
         _check_pixels(path, image, options, most)  # before counting the frames, which decodes them
         image.seek(_frame_of_film(path, image, options))
     elif options.frame is not None:
-        raise InvalidInputError(f"{path}: frame: expected no frame for a file without a time axis, got {options.frame}")
+        raise InvalidInputError(
+            f"{path}: frame: expected no frame for a file without a time axis, got {options.frame}"
+        )
     for page in range(MAX_LAYERS + 1):
         if page:
-            try:  # one page after the other, because counting the pages first would read all their directories
+            # one page after the other, because counting the pages first would read all their
+            # directories
+            try:
                 image.seek(page)
             except EOFError:
                 return
@@ -637,7 +829,9 @@ def _pages(path: Path, image: Image, options: MapOptions, most: int | None, *, p
 
 
 def _frame_of_film(path: Path, image: Image, options: MapOptions) -> int:
-    """Return the index of the chosen frame of a film, whose frames are points in time and no layers."""
+    """Return the index of the chosen frame of a film, whose frames are points in time and no
+    layers.
+    """
     count = 1
     while count <= MAX_LAYERS:
         try:
@@ -648,8 +842,12 @@ def _frame_of_film(path: Path, image: Image, options: MapOptions) -> int:
     return index_of([""] * count, options.frame, where=str(path), axis="frame")
 
 
-def _check_pixels(path: Path, image: Image, options: MapOptions, most: int | None, page: int = 1) -> None:
-    """Refuse a page of too many pixels. The limit of cells counts after scaling, that of bytes before."""
+def _check_pixels(
+    path: Path, image: Image, options: MapOptions, most: int | None, page: int = 1
+) -> None:
+    """Refuse a page of too many pixels. The limit of cells counts after scaling, that of bytes
+    before.
+    """
     height, width = (max(1, round(side * options.scale)) for side in (image.height, image.width))
     check_size(path, *([page] if page > 1 else []), height, width)
     pixels = image.width * image.height
@@ -657,28 +855,44 @@ def _check_pixels(path: Path, image: Image, options: MapOptions, most: int | Non
         image.draft(image.mode, (width, height))
         pixels = image.width * image.height
     wide = {"1": 1, "L": 1, "P": 1, "I;16": 2}.get(image.mode, 4)
-    # A turned picture is in memory twice, and for the ground of transparent pixels a picture is read twice at the same time.
-    twice = image.has_transparency_data or (image.format != "TIFF" and image.getexif().get(ORIENTATION, 1) != 1)
+    # A turned picture is in memory twice, and for the ground of transparent pixels a picture is
+    # read twice at the same time.
+    twice = image.has_transparency_data or (
+        image.format != "TIFF" and image.getexif().get(ORIENTATION, 1) != 1
+    )
     check_data(path, pixels * wide * (1 + twice), most=LARGEST_PICTURE if most is None else most)
 
 
 def _check_tiles(path: Path, image: Image) -> None:
-    """Refuse a picture whose file lacks data for some pixels, because the library Pillow would read missing pixels as black."""
+    """Refuse a picture whose file lacks data for some pixels, because the library Pillow would read
+    missing pixels as black.
+    """
     tiles: list[Any] = getattr(image, "tile", [])
     told = sum((right - left) * (low - high) for _, (left, high, right, low), *_ in tiles)
     if tiles and told < image.width * image.height:
-        raise InvalidInputError(f"{path}: expected data for {image.width}x{image.height} pixels, got data for only {told}")
+        raise InvalidInputError(
+            f"{path}: expected data for {image.width}x{image.height} pixels, got data for only"
+            f" {told}"
+        )
 
 
 def _bands(image: Image, png_depth: int) -> Iterator[Page]:
-    """Return the rows of a page that Pillow reads, turned as its EXIF orientation says, in bands."""
+    """Return the rows of a page that Pillow reads, turned as its EXIF orientation says,
+    in bands.
+    """
     from PIL.Image import Transpose
 
     turns = {
-        2: Transpose.FLIP_LEFT_RIGHT, 3: Transpose.ROTATE_180, 4: Transpose.FLIP_TOP_BOTTOM, 5: Transpose.TRANSPOSE,
-        6: Transpose.ROTATE_270, 7: Transpose.TRANSVERSE, 8: Transpose.ROTATE_90,
-    }  # fmt: skip
-    # The tags of a TIFF page are read before the page is decoded: Pillow turns the page and changes its tags.
+        2: Transpose.FLIP_LEFT_RIGHT,
+        3: Transpose.ROTATE_180,
+        4: Transpose.FLIP_TOP_BOTTOM,
+        5: Transpose.TRANSPOSE,
+        6: Transpose.ROTATE_270,
+        7: Transpose.TRANSVERSE,
+        8: Transpose.ROTATE_90,
+    }
+    # The tags of a TIFF page are read before the page is decoded: Pillow turns the page and changes
+    # its tags.
     tags: Any = image.tag_v2 if image.format == "TIFF" else {}  # type: ignore[attr-defined]
     bits = tags.get(258, (8,))
     bits = png_depth or int(bits[0] if isinstance(bits, tuple) else bits)
@@ -692,14 +906,24 @@ def _bands(image: Image, png_depth: int) -> Iterator[Page]:
     step = max(1, PIECE // max(1, whole.width))
     for first in range(0, whole.height, step):
         band = whole.crop((0, first, whole.width, min(whole.height, first + step)))
-        yield _decoded(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(first_row=first, rows=whole.height)
+        yield _decoded(band, bits, white_is_zero, palette, gif=image.format == "GIF")._replace(
+            first_row=first, rows=whole.height
+        )
 
 
-def _decoded(band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None, *, gif: bool) -> Page:
+def _decoded(
+    band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.uint8] | None, *, gif: bool
+) -> Page:
     """Return the numbers of a band of a page."""
     if palette is not None:
         entries = np.asarray(band if band.mode == "P" else band.getchannel(0))
-        return Page(entries, [""], 255.0, palette=palette, numbered=not gif or bool((palette[:, :3] != palette[:, :1]).any()))
+        return Page(
+            entries,
+            [""],
+            255.0,
+            palette=palette,
+            numbered=not gif or bool((palette[:, :3] != palette[:, :1]).any()),
+        )
     if band.mode in {"CMYK", "YCbCr", "LAB", "HSV", "RGBX", "RGBa", "La"}:
         band = band.convert({"La": "LA", "RGBa": "RGBA"}.get(band.mode, "RGB"))
     elif "transparency" in band.info and band.mode == "RGB":  # one colour stands for "nothing here"
@@ -720,7 +944,13 @@ def _decoded(band: Image, bits: int, white_is_zero: bool, palette: NDArray[np.ui
             return _with_opacity(Page(numbers, [""], white), numbers != nothing)
         if white_is_zero:
             numbers = np.uint8(white or 0) - numbers
-    return Page(numbers, COLOURS.get(band.mode, [""]), white, white_is_zero, reduced=16 * (bits == 16 and numbers.ndim == 3))
+    return Page(
+        numbers,
+        COLOURS.get(band.mode, [""]),
+        white,
+        white_is_zero,
+        reduced=16 * (bits == 16 and numbers.ndim == 3),
+    )
 
 
 def _with_opacity(page: Page, opaque: Mask) -> Page:
@@ -782,17 +1012,28 @@ def _tiff_pages(opened: tiff.Tiff) -> Iterator[Page]:
         white = float(2**opened.bits - 1)
     names = _tiff_names(opened)
     for page in opened.pages():
-        numbers = _turned(page[..., 0] if page.ndim == 3 and page.shape[-1] == 1 else page, opened.orientation)
+        numbers = _turned(
+            page[..., 0] if page.ndim == 3 and page.shape[-1] == 1 else page, opened.orientation
+        )
         flat = numbers.ndim == 2
         first = 0
         for band in in_pieces(numbers):
-            yield Page(band, [""] if flat else names, white, opened.white_is_zero and flat, first_row=first, rows=len(numbers))
+            yield Page(
+                band,
+                [""] if flat else names,
+                white,
+                opened.white_is_zero and flat,
+                first_row=first,
+                rows=len(numbers),
+            )
             first += len(band)
 
 
 def _tiff_names(opened: tiff.Tiff) -> list[str]:
     """Return the names of the samples of a pixel by the photometric interpretation of the file."""
-    colours = {2: COLOURS["RGB"], 5: COLOURS["CMYK"]}.get(opened.photometric, ["grey"] if opened.samples == 2 else [])
+    colours = {2: COLOURS["RGB"], 5: COLOURS["CMYK"]}.get(
+        opened.photometric, ["grey"] if opened.samples == 2 else []
+    )
     names = colours[: opened.samples]
     for number in range(len(names), opened.samples):
         extra = opened.extra[number - len(names)] if number - len(names) < len(opened.extra) else 0

@@ -1,4 +1,6 @@
-"""Code for all readers of map files: options, size limits, and one-sentence error messages for damaged files."""
+"""Code for all readers of map files: options, size limits, and one-sentence error messages for
+damaged files.
+"""
 
 from __future__ import annotations
 
@@ -21,19 +23,25 @@ MAX_LAYERS = 2**13
 """Maximum number of layers in a map: pages of a TIFF file, or pictures in a folder."""
 
 LARGEST_DATA = 2**30
-"""Maximum number of bytes to which the data of a map file unfold. Shoal checks the number before it unfolds the data."""
+"""Maximum number of bytes to which the data of a map file unfold. Shoal checks the number before it
+unfolds the data.
+"""
 
 LARGEST_PICTURE = 2**29
 """Maximum number of bytes of one decoded picture or page."""
 
 PIECE = 1 << 22
-"""Number of values that a reader converts at a time, so that a file of wide numbers costs no more memory than its map."""
+"""Number of values that a reader converts at a time, so that a file of wide numbers costs no more
+memory than its map.
+"""
 
 WHITE = 0.5
 """Smallest brightness of a free pixel if no ``threshold`` is given."""
 
 NOT_GIVEN: Any = None
-"""Value of an option that the user has not given. An option that is given, also at its default, is used or refused."""
+"""Value of an option that the user has not given. An option that is given, also at its default, is
+used or refused.
+"""
 
 
 @dataclass(frozen=True)
@@ -69,10 +77,14 @@ KINDS: dict[str, Kind] = {
     "array": Kind("an array file", frozenset((*_NUMBERS, "channel"))),
     "volume": Kind("a volume", frozenset((*_NUMBERS, "channel", "frame"))),
 }
-"""All kinds of map sources. A reading option that is not among the options of a kind is refused for each map of the kind."""
+"""All kinds of map sources. A reading option that is not among the options of a kind is refused for
+each map of the kind.
+"""
 
 REASONS: dict[str, str] = {
-    "threshold": "a threshold is a share of the brightness of white in a picture; --level gives a number",
+    "threshold": (
+        "a threshold is a share of the brightness of white in a picture; --level gives a number"
+    ),
     "invert": "invert exchanges the free cells and the obstacles of a map file",
     "scale": "a scale gives the number of cells for each pixel of a picture",
     "level": "a level needs one number for each cell",
@@ -82,7 +94,10 @@ REASONS: dict[str, str] = {
     "vessels": "vessels are found in a photograph",
     "width": "the size of a map file can be changed",
     "join_diagonals": "diagonal contacts are joined in map files",
-    **dict.fromkeys(("low", "high", "bright", "thickest"), "it belongs to the option vessels, which finds vessels in a photograph"),
+    **dict.fromkeys(
+        ("low", "high", "bright", "thickest"),
+        "it belongs to the option vessels, which finds vessels in a photograph",
+    ),
 }
 """For each reading option, the reason for which a kind of map does not take it."""
 
@@ -118,10 +133,17 @@ def check_used(kind: Kind, given: Mapping[str, Any], *, where: str = "") -> None
             place = f"{where}: " if where else ""
             if name == "vessels" and value:
                 raise InvalidInputError(f"{place}vessels: expected a photograph, got {kind.words}")
-            of_vessels = kind.words != "a photograph" and name in _VESSELS and name not in {"vessels", "width"}
+            of_vessels = (
+                kind.words != "a photograph"
+                and name in _VESSELS
+                and name not in {"vessels", "width"}
+            )
             expected = "without the option vessels" if of_vessels else f"for {kind.words}"
             flag = name.replace("_", "-")
-            raise InvalidInputError(f"{place}{flag}: expected no {flag} {expected}, got {shortened(value)} ({reasons[name]})")
+            raise InvalidInputError(
+                f"{place}{flag}: expected no {flag} {expected}, got {shortened(value)}"
+                f" ({reasons[name]})"
+            )
 
 
 @dataclass(frozen=True)
@@ -131,33 +153,40 @@ class MapOptions:
     Parameters
     ----------
     threshold : float, optional
-        For pictures: the smallest brightness of a free pixel, on a scale from 0 (black) to 1 (white). By default, a picture of two
-        colours is a mask, whose brighter colour is free, and the threshold of every other picture is 0.5.
+        For pictures: the smallest brightness of a free pixel, on a scale from 0 (black) to 1
+        (white). By default, a picture of two colours is a mask, whose brighter colour is free, and
+        the threshold of every other picture is 0.5.
     invert : bool
-        Whether the free cells and the obstacles are exchanged. In an inverted picture, dark pixels are free.
+        Whether the free cells and the obstacles are exchanged. In an inverted picture, dark pixels
+        are free.
     scale : float
-        For pictures: the number of cells per pixel along each side, above 0 and at most 64. A scale of 0.5 halves both sides of the
-        picture.
+        For pictures: the number of cells per pixel along each side, above 0 and at most 64. A scale
+        of 0.5 halves both sides of the picture.
     level : float, optional
         The smallest number of a free cell, for grey pictures, tables, arrays and volumes.
     label : int, optional
-        The exact number of all free cells, for grey pictures, pictures with a palette, tables, arrays and volumes.
+        The exact number of all free cells, for grey pictures, pictures with a palette, tables,
+        arrays and volumes.
     channel : int or str, optional
-        The channel of a picture, array or volume that is read: a number from 1, or a name such as "red" or "alpha".
+        The channel of a picture, array or volume that is read: a number from 1, or a name such as
+        "red" or "alpha".
     frame : int, optional
         The point in time that is read, from 1, in a file with a time axis.
     join_diagonals : bool
-        Whether parts of the map that touch only diagonally are joined, by one more free cell at each contact.
+        Whether parts of the map that touch only diagonally are joined, by one more free cell at
+        each contact.
 
     Attributes
     ----------
     given : mapping
-        Name and value of each option that the user has given, also at its default. None stands for an option that is not given.
+        Name and value of each option that the user has given, also at its default. None stands for
+        an option that is not given.
 
     Raises
     ------
     InvalidInputError
-        Raised if an option is out of range, or if more than one of ``threshold``, ``level`` and ``label`` is given.
+        Raised if an option is out of range, or if more than one of ``threshold``, ``level`` and
+        ``label`` is given.
     """
 
     threshold: float | None = None
@@ -172,7 +201,11 @@ class MapOptions:
 
     def __post_init__(self) -> None:
         names = [one.name for one in fields(self) if one.init]
-        object.__setattr__(self, "given", {name: value for name in names if (value := getattr(self, name)) is not None})
+        object.__setattr__(
+            self,
+            "given",
+            {name: value for name in names if (value := getattr(self, name)) is not None},
+        )
         for name, value in {"invert": False, "scale": 1.0, "join_diagonals": False}.items():
             if name not in self.given:
                 object.__setattr__(self, name, value)
@@ -189,10 +222,15 @@ class MapOptions:
         if self.frame is not None:
             check_integer(self.frame, what="frame", least=1)
         if self.level is not None and self.label is not None:
-            raise InvalidInputError(f"level: expected a level or a label, got both: {self.level:g} and {self.label}")
+            raise InvalidInputError(
+                f"level: expected a level or a label, got both: {self.level:g} and {self.label}"
+            )
         for name, value in (("level", self.level), ("label", self.label)):
             if self.threshold is not None and value is not None:
-                raise InvalidInputError(f"threshold: expected a threshold or a {name}, got both: {self.threshold:g} and {value:g}")
+                raise InvalidInputError(
+                    f"threshold: expected a threshold or a {name}, got both: {self.threshold:g} and"
+                    f" {value:g}"
+                )
 
     @property
     def by_number(self) -> bool:
@@ -216,13 +254,29 @@ def check_channel(given: Any) -> int | str | None:
         return None
     if isinstance(given, str) and given.strip() and not given.strip().isdecimal():
         return given.strip()
-    number = int(given) if isinstance(given, str) and given.strip().isdecimal() and given.isascii() and len(given) < 10 else given
+    number = (
+        int(given)
+        if isinstance(given, str)
+        and given.strip().isdecimal()
+        and given.isascii()
+        and len(given) < 10
+        else given
+    )
     if isinstance(number, str):
-        raise InvalidInputError(f"channel: expected the name of a channel or its number from 1, got {shortened(given)}")
+        raise InvalidInputError(
+            f"channel: expected the name of a channel or its number from 1, got {shortened(given)}"
+        )
     return check_integer(number, what="channel", least=1)
 
 
-def index_of(names: list[str], channel: int | str | None, *, where: str, axis: str = "channel", flag: str = "") -> int:
+def index_of(
+    names: list[str],
+    channel: int | str | None,
+    *,
+    where: str,
+    axis: str = "channel",
+    flag: str = "",
+) -> int:
     """Return the index of the chosen entry of an axis, such as the channels or the points in time.
 
     Parameters
@@ -230,24 +284,32 @@ def index_of(names: list[str], channel: int | str | None, *, where: str, axis: s
     names : list of str
         Name of each entry of the axis, or empty texts for entries without a name.
     channel : int or str, optional
-        The chosen entry: its name, or its number from 1. For an axis with one entry, the choice may be None.
+        The chosen entry: its name, or its number from 1. For an axis with one entry, the choice may
+        be None.
     where : str
         Name of the file in error messages.
     axis, flag : str
-        Word for an entry of the axis, and the command line option that chooses it (by default, the option of the same name).
+        Word for an entry of the axis, and the command line option that chooses it (by default, the
+        option of the same name).
 
     Raises
     ------
     InvalidInputError
-        Raised if the axis has several entries and none is chosen, or if the axis does not contain the chosen entry.
+        Raised if the axis has several entries and none is chosen, or if the axis does not contain
+        the chosen entry.
     """
     flag = flag or f"--{axis}"
-    named = [f"{number} ({name})" if name else str(number) for number, name in enumerate(names[:8], start=1)]
+    named = [
+        f"{number} ({name})" if name else str(number)
+        for number, name in enumerate(names[:8], start=1)
+    ]
     there = ", ".join(named) + (f", … {len(names)}" if len(names) > 8 else "")
     if channel is None:
         if len(names) == 1:
             return 0
-        raise InvalidInputError(f"{where}: expected the choice of one {axis} ({flag}), got {len(names)}: {there}")
+        raise InvalidInputError(
+            f"{where}: expected the choice of one {axis} ({flag}), got {len(names)}: {there}"
+        )
     number = check_channel(channel)
     if len(names) == 1 and not names[0] and number == 1:
         return 0
@@ -278,7 +340,9 @@ def check_size(where: Path | str, *sides: int) -> None:
     InvalidInputError
     """
     if prod(int(side) for side in sides) > MAX_CELLS:
-        raise InvalidInputError(f"{where}: expected at most {MAX_CELLS} cells, got {'x'.join(map(str, sides))}")
+        raise InvalidInputError(
+            f"{where}: expected at most {MAX_CELLS} cells, got {'x'.join(map(str, sides))}"
+        )
 
 
 def check_data(where: Path | str, size: int, *, most: int | None = None) -> None:
@@ -295,7 +359,8 @@ def check_data(where: Path | str, size: int, *, most: int | None = None) -> None
 
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[None]:
-    """Convert exceptions that a library raises for damaged files into one-sentence errors. Hide the warnings of the library.
+    """Convert exceptions that a library raises for damaged files into one-sentence errors. Hide the
+    warnings of the library.
 
     Raises
     ------
@@ -311,4 +376,6 @@ def reading(path: Path, what: str) -> Iterator[None]:
             if isinstance(error, OSError) and error.filename is not None:
                 raise  # the file cannot be opened, which says nothing about its content
             why = " ".join(str(error).split())[:160] or type(error).__name__
-            raise InvalidInputError(f"{path}: expected {what}, got a damaged or truncated file: {why}") from None
+            raise InvalidInputError(
+                f"{path}: expected {what}, got a damaged or truncated file: {why}"
+            ) from None

@@ -1,18 +1,89 @@
-"""Masks of cells in another size: scaling that keeps connected cells connected, diagonal contacts, and connected parts."""
+"""Masks of cells in another size: scaling that keeps connected cells connected, diagonal contacts,
+and connected parts.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations, product
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core import notices
+from shoal.core.dataclass import one_line
 from shoal.core.notices import tell_once
-from shoal.swarm.maps.parts import MOST_COUNTED
+
+MOST_COUNTED = 2**25
+"""Maximum number of cells of a map whose parts are counted: the count needs nine bytes a cell."""
+
+Box = tuple[tuple[int, int], ...]
+"""First and last index along each axis."""
+
+
+class Parts(NamedTuple):
+    """The connected parts of the free cells of a map.
+
+    Attributes
+    ----------
+    number : int
+        Number of parts.
+    share : float
+        Share of the largest part among all free cells, from 0 to 1.
+    largest : tuple
+        First and last layer, row and column of the largest part.
+    whole : tuple
+        First and last layer, row and column of all free cells.
+    """
+
+    number: int
+    share: float
+    largest: Box
+    whole: Box
+
+    def __repr__(self) -> str:
+        return one_line(self)
+
+
+def parts_of(free: Mask, *, corners: bool = False) -> Parts | None:
+    """Return the connected parts of a map, or None for a map of more than `MOST_COUNTED` cells.
+
+    Parameters
+    ----------
+    free : ndarray, bool, shape (H, W) or (D, H, W)
+        True at free cells, of which there is at least one.
+    corners : bool
+        Whether cells that share only a corner are connected. Particles do not move diagonally, so
+        that the cells of a map are not.
+
+    Examples
+    --------
+    >>> parts_of(np.array([[1, 1, 0, 1]], dtype=bool))
+    Parts(number=2, share=0.6666666666666666, largest=((0, 0), (0, 1)), whole=((0, 0), (0, 3)))
+    """
+    if free.size > MOST_COUNTED:
+        return None
+    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
+
+    labels, number = connected_parts(free, corners=corners)
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    return Parts(
+        number, float(sizes.max() / sizes.sum()), box_of(labels == np.argmax(sizes)), box_of(free)
+    )
+
+
+def box_of(free: Mask) -> Box:
+    """Return the first and the last index of the free cells along each axis."""
+    axes = range(free.ndim)
+    found = [
+        np.flatnonzero(free.any(axis=tuple(other for other in axes if other != axis)))
+        for axis in axes
+    ]
+    return tuple((int(indices[0]), int(indices[-1])) for indices in found)
+
 
 Mask = NDArray[np.bool_]
 Shares = NDArray[np.float32]
@@ -23,17 +94,20 @@ LEVELS = (0.125, 0.25, 0.375, HALF)  # cells with a small share of free pixels a
 
 
 def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map") -> Mask:
-    """Return a mask with ``scale`` cells for each cell of ``free`` along each axis, so that connected cells stay connected.
+    """Return a mask with ``scale`` cells for each cell of ``free`` along each axis, so that
+    connected cells stay connected.
 
-    A cell of a smaller mask stands for a block of cells of ``free``. The new cell is free if at least half of its block is free.
-    Thin vessels never fill half of a block. Other cells with at least one free cell in their block are therefore free, too, where
-    a connection needs them, so that a thin vessel becomes a line of cells that is one cell wide.
+    A cell of a smaller mask stands for a block of cells of ``free``. The new cell is free if at
+    least half of its block is free. Thin vessels never fill half of a block. Other cells with at
+    least one free cell in their block are therefore free, too, where a connection needs them, so
+    that a thin vessel becomes a line of cells that is one cell wide.
 
-    The result has three properties. Each connected part of ``free`` gives one connected part of the result; only a part that
-    fills less than half of a block vanishes, and the largest part never does.
-    Every free cell of the result has a free cell in its block, so that two parts stay
-    apart if along some axis the distance between them is at least the length of two blocks. Cells are only added where a block is
-    less than half free and a connection needs it, so that the result does not swell.
+    The result has three properties. Each connected part of ``free`` gives one connected part of the
+    result; only a part that fills less than half of a block vanishes, and the largest part never
+    does. Every free cell of the result has a free cell in its block, so that two parts stay apart
+    if along some axis the distance between them is at least the length of two blocks. Cells are
+    only added where a block is less than half free and a connection needs it, so that the result
+    does not swell.
 
     Parameters
     ----------
@@ -54,7 +128,11 @@ def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map
            [0, 0, 1, 0],
            [0, 0, 1, 0]])
     """
-    factors = [float(scale)] * free.ndim if isinstance(scale, int | float) else [float(factor) for factor in scale]
+    factors = (
+        [float(scale)] * free.ndim
+        if isinstance(scale, int | float)
+        else [float(factor) for factor in scale]
+    )
     shape = scaled_shape(free.shape, factors)
     if shape == free.shape:
         return free
@@ -65,14 +143,20 @@ def scale_cells(free: Mask, scale: float | Sequence[float], *, where: str = "map
 
 
 def _tell_of_contacts(free: Mask, where: str) -> None:
-    """Tell how many diagonal contacts a map has before it becomes smaller, after which they cannot be counted."""
+    """Tell how many diagonal contacts a map has before it becomes smaller, after which they cannot
+    be counted.
+    """
     if not notices.listeners or free.size > MOST_COUNTED:
         return
     if contacts := diagonal_contacts(free):
-        separate = "1 diagonal contact separates" if contacts == 1 else f"{contacts} diagonal contacts separate"
+        separate = (
+            "1 diagonal contact separates"
+            if contacts == 1
+            else f"{contacts} diagonal contacts separate"
+        )
         tell_once(
-            f"shoal: warning: {where}: before scaling, {separate} parts of the map; the smaller map may connect such parts "
-            "(--join-diagonals connects them in any case)"
+            f"shoal: warning: {where}: before scaling, {separate} parts of the map; the smaller map"
+            " may connect such parts (--join-diagonals connects them in any case)"
         )
 
 
@@ -82,7 +166,9 @@ def scaled_shape(shape: Sequence[int], factors: Sequence[float]) -> tuple[int, .
 
 
 def enlarge_cells(free: Mask, shape: Sequence[int]) -> Mask:
-    """Return a mask of a larger or equal ``shape``, in which each cell equals the nearest cell of ``free``."""
+    """Return a mask of a larger or equal ``shape``, in which each cell equals the nearest cell of
+    ``free``.
+    """
     for axis, side in enumerate(shape):
         if side != free.shape[axis]:
             free = np.take(free, np.arange(side) * free.shape[axis] // side, axis=axis)
@@ -90,28 +176,38 @@ def enlarge_cells(free: Mask, shape: Sequence[int]) -> Mask:
 
 
 def block_shares(free: Mask, shape: Sequence[int]) -> Shares:
-    """Return the share of free cells in each block, if ``shape`` blocks of almost equal size divide a mask.
+    """Return the share of free cells in each block, if ``shape`` blocks of almost equal size divide
+    a mask.
 
     An axis with more blocks than cells is enlarged.
     """
-    free = enlarge_cells(free, [max(side, blocks) for side, blocks in zip(free.shape, shape, strict=True)])
+    free = enlarge_cells(
+        free, [max(side, blocks) for side, blocks in zip(free.shape, shape, strict=True)]
+    )
     counts: NDArray[Any] = free
     largest = prod(-(-side // blocks) for side, blocks in zip(free.shape, shape, strict=True))
-    number = np.min_scalar_type(largest)  # a count of four bytes for each of 2^28 pixels would take 1 GiB
+    number = np.min_scalar_type(
+        largest
+    )  # a count of four bytes for each of 2^28 pixels would take 1 GiB
     pixels = np.ones((), dtype=np.float32)
     for axis, blocks in enumerate(shape):
         if blocks == free.shape[axis]:  # nothing to add
             pixels = np.multiply.outer(pixels, np.ones(blocks, dtype=np.float32))
             continue
-        begins = -(-np.arange(blocks) * free.shape[axis] // blocks)  # cell i belongs to block i * blocks // side
+        begins = -(
+            -np.arange(blocks) * free.shape[axis] // blocks
+        )  # cell i belongs to block i * blocks // side
         counts = np.add.reduceat(counts, begins, axis=axis, dtype=number)
         sizes = np.diff([*begins, free.shape[axis]]).astype(np.float32)
         pixels = np.multiply.outer(pixels, sizes)
     return np.asarray(counts / pixels, dtype=np.float32)
 
 
-def shares_of_bands(bands: Iterable[Mask], sides: tuple[int, int, int], shape: Sequence[int]) -> Shares:
-    """Return what `block_shares` returns for a mask of layers whose rows come in bands, which need not be in memory together.
+def shares_of_bands(
+    bands: Iterable[Mask], sides: tuple[int, int, int], shape: Sequence[int]
+) -> Shares:
+    """Return what `block_shares` returns for a mask of layers whose rows come in bands, which need
+    not be in memory together.
 
     Parameters
     ----------
@@ -120,7 +216,8 @@ def shares_of_bands(bands: Iterable[Mask], sides: tuple[int, int, int], shape: S
     sides : tuple of int
         Numbers of layers, rows and columns of the mask.
     shape : sequence of int
-        Shape of the result. It has as many layers as the mask, and at most as many rows and columns.
+        Shape of the result. It has as many layers as the mask, and at most as many rows and
+        columns.
     """
     _, rows, columns = sides
     _, high, wide = shape
@@ -134,15 +231,20 @@ def shares_of_bands(bands: Iterable[Mask], sides: tuple[int, int, int], shape: S
         below = np.add.reduceat(cells, first, axis=0, dtype=np.int32)
         counts[block[first]] += np.add.reduceat(below, begins, axis=1)
         row += len(cells)
-    heights, widths = (np.diff([*-(-np.arange(new) * old // new), old]) for new, old in ((high, rows), (wide, columns)))
+    heights, widths = (
+        np.diff([*-(-np.arange(new) * old // new), old])
+        for new, old in ((high, rows), (wide, columns))
+    )
     return np.asarray(counts.reshape(shape) / np.multiply.outer(heights, widths), dtype=np.float32)
 
 
 def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
-    """Return the free cells of a scaled map, given the share of free pixels in each cell. `scale_cells` states the properties.
+    """Return the free cells of a scaled map, given the share of free pixels in each cell.
+    `scale_cells` states the properties.
 
-    All cells with a free pixel form the largest possible map, in which everything stays connected that was connected. The
-    function removes cells without which their neighbours stay connected to each other.
+    All cells with a free pixel form the largest possible map, in which everything stays connected
+    that was connected. The function removes cells without which their neighbours stay connected to
+    each other.
     """
     from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
@@ -151,24 +253,33 @@ def cells_of_shares(share: Shares, *, where: str = "map") -> Mask:
     large = np.bincount(parts.ravel(), share.ravel()) >= HALF
     if count and not large[1:].any():
         large[1 + int(np.argmax(np.bincount(parts.ravel(), share.ravel())[1:]))] = True
-        which, kept = ("the only part is smaller", "it") if count == 1 else (f"all {count} parts are smaller", "the largest")
+        which, kept = (
+            ("the only part is smaller", "it")
+            if count == 1
+            else (f"all {count} parts are smaller", "the largest")
+        )
         tell_once(
-            f"shoal: warning: {where}: {which} than half a cell of the scaled map, and {kept} is kept "
-            "(a larger --scale or --width keeps more)"
+            f"shoal: warning: {where}: {which} than half a cell of the scaled map, and {kept} is"
+            " kept (a larger --scale or --width keeps more)"
         )
     elif lost := count - int(np.count_nonzero(large[1:])):
         which = "1 part is smaller" if lost == 1 else f"{lost} parts are smaller"
-        tell_once(f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped (--scale, --width)")
+        tell_once(
+            f"shoal: notice: {where}: {which} than half a cell of the scaled map and dropped"
+            " (--scale, --width)"
+        )
     free &= large[parts]
     _thin(free, np.where(free, share, 0))
     return free
 
 
 def _thin(free: Mask, share: Shares) -> None:
-    """Remove cells with a share below `HALF` from ``free``, in place, without separating any two remaining cells.
+    """Remove cells with a share below `HALF` from ``free``, in place, without separating any two
+    remaining cells.
 
-    The removal follows the thinning of pictures by directions: each pass removes cells from one side, so that strips of two cells
-    lose the thinner half and no comb remains. The end of a line stays.
+    The removal follows the thinning of pictures by directions: each pass removes cells from one
+    side, so that strips of two cells lose the thinner half and no comb remains. The end of a line
+    stays.
     """
     padded, core = np.pad(free, 1), np.pad(share >= HALF, 1).ravel()
     cells = padded.ravel()
@@ -176,7 +287,8 @@ def _thin(free: Mask, share: Shares) -> None:
     steps = np.array([sign * side for side in sides for sign in (-1, 1)])
     shares = np.pad(share, 1).ravel()
     outside = tuple(int(step) for step in steps)
-    # last the cells inside, which are holes of the picture; before, they would open a grid of holes in a spotted picture
+    # last the cells inside, which are holes of the picture; before, they would open a grid of holes
+    # in a spotted picture
     for level, passes in (*((level, outside) for level in LEVELS), (HALF, (0, *outside))):
         left = np.flatnonzero(cells & ~core & (shares < level))
         before = -1
@@ -185,7 +297,9 @@ def _thin(free: Mask, share: Shares) -> None:
             for step in passes:
                 near = cells[left[:, None] + steps]
                 degree = near.sum(axis=1)
-                stump = (degree == 1) & core[left + steps[near.argmax(axis=1)]]  # beside a thick vessel: no end of a line
+                stump = (degree == 1) & core[
+                    left + steps[near.argmax(axis=1)]
+                ]  # beside a thick vessel: no end of a line
                 fit = ~cells[left + step] & ((degree > 1) | stump) if step else near.all(axis=1)
                 _remove_simple(cells, left[fit], steps, padded.shape)
                 left = left[cells[left]]
@@ -193,9 +307,11 @@ def _thin(free: Mask, share: Shares) -> None:
 
 
 def _remove_simple(cells: Mask, chosen: Indices, steps: Indices, shape: tuple[int, ...]) -> None:
-    """Remove the chosen cells one after the other, if the neighbours of a cell stay connected beside the cell.
+    """Remove the chosen cells one after the other, if the neighbours of a cell stay connected
+    beside the cell.
 
-    Cells with equal parities of all coordinates do not change each other's neighbourhoods, so they are removed at once.
+    Cells with equal parities of all coordinates do not change each other's neighbourhoods, so they
+    are removed at once.
     """
     parity = sum((place % 2) << axis for axis, place in enumerate(np.unravel_index(chosen, shape)))
     corners = [pair for pair in combinations(range(len(steps)), 2) if pair[0] // 2 != pair[1] // 2]
@@ -203,7 +319,10 @@ def _remove_simple(cells: Mask, chosen: Indices, steps: Indices, shape: tuple[in
         at = chosen[parity == group]
         near = cells[at[:, None] + steps]
         reached = near & (np.arange(len(steps)) == near.argmax(axis=1)[:, None])
-        joined = [near[:, one] & near[:, two] & cells[at + steps[one] + steps[two]] for one, two in corners]
+        joined = [
+            near[:, one] & near[:, two] & cells[at + steps[one] + steps[two]]
+            for one, two in corners
+        ]
         for _ in range(len(steps) - 1):
             for (one, two), open_ in zip(corners, joined, strict=True):
                 both = open_ & (reached[:, one] | reached[:, two])
@@ -212,11 +331,15 @@ def _remove_simple(cells: Mask, chosen: Indices, steps: Indices, shape: tuple[in
         cells[at[(reached == near).all(axis=1) & near.any(axis=1)]] = False
 
 
-def factors_of_width(shape: Sequence[int], width: int, spacing: Sequence[float] | None) -> list[float]:
-    """Return the factor along each axis that gives a map at most ``width`` cells along its largest side.
+def factors_of_width(
+    shape: Sequence[int], width: int, spacing: Sequence[float] | None
+) -> list[float]:
+    """Return the factor along each axis that gives a map at most ``width`` cells along its largest
+    side.
 
-    With a known size of a cell, the new cells are cubes as far as possible: an axis whose cells are larger already keeps them. In a
-    stack without a known size of a cell, rows and columns are scaled, and layers stay.
+    With a known size of a cell, the new cells are cubes as far as possible: an axis whose cells are
+    larger already keeps them. In a stack without a known size of a cell, rows and columns are
+    scaled, and layers stay.
     """
     if spacing is None:
         factor = min(1.0, width / max(shape[-2:]))
@@ -226,7 +349,8 @@ def factors_of_width(shape: Sequence[int], width: int, spacing: Sequence[float] 
 
 
 def diagonal_contacts(free: Mask) -> int:
-    """Return the number of places at which two parts of a map touch with a corner or, in 3-D, an edge.
+    """Return the number of places at which two parts of a map touch with a corner or, in 3-D, an
+    edge.
 
     Particles cannot pass a diagonal contact.
     """
@@ -235,7 +359,8 @@ def diagonal_contacts(free: Mask) -> int:
 
 
 def join_diagonals(free: Mask) -> Mask:
-    """Return a map in which parts that touch diagonally are connected. At each diagonal contact, one corner becomes free.
+    """Return a map in which parts that touch diagonally are connected. At each diagonal contact,
+    one corner becomes free.
 
     Contacts inside one part stay as they are.
 
@@ -247,7 +372,9 @@ def join_diagonals(free: Mask) -> Mask:
            [0, 0, 1]])
     """
     joined = free.copy()
-    for axes in range(2, free.ndim + 1):  # contacts at edges first: they may connect parts that also touch at a corner
+    for axes in range(
+        2, free.ndim + 1
+    ):  # contacts at edges first: they may connect parts that also touch at a corner
         for one, step in _contacts(_labels(joined), axes):
             at = one.copy()
             for axis in reversed(np.flatnonzero(step)[1:]):
@@ -262,18 +389,28 @@ def _labels(free: Mask) -> NDArray[np.int32]:
     return connected_parts(free)[0]
 
 
-def _contacts(parts: NDArray[np.int32], axes: int | None = None) -> Iterator[tuple[Indices, Indices]]:
-    """Yield the diagonal contacts of different parts: the first cells of all contacts in a direction, and the direction.
+def _contacts(
+    parts: NDArray[np.int32], axes: int | None = None
+) -> Iterator[tuple[Indices, Indices]]:
+    """Yield the diagonal contacts of different parts: the first cells of all contacts in a
+    direction, and the direction.
 
-    With ``axes``, yield only directions along so many axes. A contact of two parts at an edge of 3-D cells counts once.
+    With ``axes``, yield only directions along so many axes. A contact of two parts at an edge of
+    3-D cells counts once.
     """
     for way in product((-1, 0, 1), repeat=parts.ndim):
         step = np.array(way)
         count = np.count_nonzero(step)
         if count < 2 or step[np.flatnonzero(step)[0]] < 0 or (axes is not None and count != axes):
             continue
-        first = tuple(slice(max(0, -one), side - max(0, one)) for one, side in zip(way, parts.shape, strict=True))
-        second = tuple(slice(max(0, one), side - max(0, -one)) for one, side in zip(way, parts.shape, strict=True))
+        first = tuple(
+            slice(max(0, -one), side - max(0, one))
+            for one, side in zip(way, parts.shape, strict=True)
+        )
+        second = tuple(
+            slice(max(0, one), side - max(0, -one))
+            for one, side in zip(way, parts.shape, strict=True)
+        )
         apart = (parts[first] > 0) & (parts[second] > 0) & (parts[first] != parts[second])
         at = np.argwhere(apart) + np.array([one.start for one in first])
         if len(at):

@@ -1,4 +1,6 @@
-"""TIFF files that Pillow does not read exactly, read by tifffile: wide numbers, planes of channels, and the axes of microscopes."""
+"""TIFF files that Pillow does not read exactly, read by tifffile: wide numbers, planes of channels,
+and the axes of microscopes.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import MapOptions, check_data, check_layers, index_of
-from shoal.swarm.maps.units import millimetres
+from shoal.swarm.maps.workspace import millimetres
 
 LAYERS = "ZQI"
 """Axes of tifffile that count the layers of a map: depth, and pages without a name."""
@@ -41,16 +43,26 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
     kind = kind[0] if isinstance(kind, tuple) else kind
     if description.startswith("ImageJ=") or "<OME" in description[:2000]:
         return True
-    if description.startswith('{"shape"') and ('"axes"' in description or description.partition("]")[0].count(",") > 2):
+    if description.startswith('{"shape"') and (
+        '"axes"' in description or description.partition("]")[0].count(",") > 2
+    ):
         return True
     photometric, planar = int(tags.get(262, 1)), int(tags.get(284, 1))
     if samples == 1:
-        exact = (kind == 1 and bits[0] in SIMPLE) or (kind == 2 and bits[0] in {16, 32}) or (kind == 3 and bits[0] == 32)
+        exact = (
+            (kind == 1 and bits[0] in SIMPLE)
+            or (kind == 2 and bits[0] in {16, 32})
+            or (kind == 3 and bits[0] == 32)
+        )
         return not exact or (photometric == 0 and bits[0] > 8)
     extra = tags.get(338, ())
     extra = extra if isinstance(extra, tuple) else (extra,)
-    plain = {1: 1, 2: 3, 5: 4, 6: 3, 8: 3}.get(photometric, 0)  # samples by photometric interpretation
-    known = samples == plain or (samples == plain + 1 and extra and extra[0] in (1, 2) and photometric in (1, 2))
+    plain = {1: 1, 2: 3, 5: 4, 6: 3, 8: 3}.get(
+        photometric, 0
+    )  # samples by photometric interpretation
+    known = samples == plain or (
+        samples == plain + 1 and extra and extra[0] in (1, 2) and photometric in (1, 2)
+    )
     return max(bits) > 8 or kind != 1 or not known or (planar == 2 and samples != 3)
 
 
@@ -65,7 +77,8 @@ def _library() -> Any:
         return import_module("tifffile")
     except ImportError:
         raise MissingExtraError(
-            "TIFF files of floats, planes, many channels or microscopes need tifffile: pip install 'shoal[imaging]'"
+            "TIFF files of floats, planes, many channels or microscopes need tifffile: pip install"
+            " 'shoal[imaging]'"
         ) from None
 
 
@@ -83,18 +96,21 @@ def size_of(path: Path) -> tuple[int, int]:
 
 
 class Tiff:
-    """A TIFF file as pages of the map: each page has the shape (rows, columns) or (rows, columns, samples).
+    """A TIFF file as pages of the map: each page has the shape (rows, columns) or (rows, columns,
+    samples).
 
     Parameters
     ----------
     path : path
     options : MapOptions
-        The options ``channel`` and ``frame`` choose an entry of the file's channel axis and time axis.
+        The options ``channel`` and ``frame`` choose an entry of the file's channel axis and time
+        axis.
 
     Raises
     ------
     InvalidInputError
-        Raised if the file has several channels or points in time, and none is chosen, or if it has axes that a map does not have.
+        Raised if the file has several channels or points in time, and none is chosen, or if it has
+        axes that a map does not have.
     MissingExtraError
     """
 
@@ -116,11 +132,17 @@ class Tiff:
             raise ValueError("no pages")
         self._all = self._file.series
         self._series = self._all[0]
-        # A writer that knows nothing of series writes each page as one; they are the layers of the map.
+        # A writer that knows nothing of series writes each page as one; they are the layers of the
+        # map.
         alike = {(one.shape, one.dtype, one.axes) for one in self._all}
-        if len(self._all) > 1 and (len(alike) > 1 or set(self._series.axes) - set("YXS") or self._file.is_ome):
+        if len(self._all) > 1 and (
+            len(alike) > 1 or set(self._series.axes) - set("YXS") or self._file.is_ome
+        ):
             sizes = " and ".join("x".join(map(str, one.shape)) for one in self._all[:3])
-            raise InvalidInputError(f"{self.path}: expected pages of one picture, got {len(self._all)} pictures of {sizes}")
+            raise InvalidInputError(
+                f"{self.path}: expected pages of one picture, got {len(self._all)} pictures of"
+                f" {sizes}"
+            )
         page = self._series.keyframe
         self.white_is_zero = page.photometric is not None and int(page.photometric) == 0
         self.photometric = int(page.photometric)
@@ -135,7 +157,11 @@ class Tiff:
         self.channels_chosen = False
         self.samples = 1
         depth = len(self._all)
-        unused = {name: value for name in ("channel", "frame") if (value := getattr(options, name)) is not None}
+        unused = {
+            name: value
+            for name in ("channel", "frame")
+            if (value := getattr(options, name)) is not None
+        }
         names = self._channel_names()
         for axis, side in zip(axes, shape, strict=True):
             if axis in "YX":
@@ -149,7 +175,13 @@ class Tiff:
                 self.channels_chosen = side > 1
             elif axis == "T":
                 index.append(
-                    index_of([""] * side, unused.pop("frame", None), where=str(self.path), axis="point in time", flag="--frame")
+                    index_of(
+                        [""] * side,
+                        unused.pop("frame", None),
+                        where=str(self.path),
+                        axis="point in time",
+                        flag="--frame",
+                    )
                 )
             elif axis in LAYERS and depth == 1:
                 index.append(slice(None))
@@ -158,10 +190,14 @@ class Tiff:
                 index.append(0)
             else:
                 raise InvalidInputError(
-                    f"{self.path}: expected rows, columns, layers, channels and time, got an axis {axis!r} of {side} (axes {axes})"
+                    f"{self.path}: expected rows, columns, layers, channels and time, got an axis"
+                    f" {axis!r} of {side} (axes {axes})"
                 )
         if "frame" in unused:
-            raise InvalidInputError(f"{self.path}: frame: expected no frame for a file without a time axis, got {unused['frame']}")
+            raise InvalidInputError(
+                f"{self.path}: frame: expected no frame for a file without a time axis, got"
+                f" {unused['frame']}"
+            )
         check_layers(self.path, depth)
         self.size, self.depth, self._index = (rows, columns), depth, index
         self.sample_axis_first = "S" in axes and axes.index("S") < axes.index("Y")
@@ -175,17 +211,23 @@ class Tiff:
     def _pages_of(self, series: Any) -> Iterator[NDArray[Any]]:
         axes = series.axes
         outer = [axis for axis in axes if axis not in "YXS"]
-        sides = [int(side) for axis, side in zip(axes, series.shape, strict=True) if axis not in "YXS"]
+        sides = [
+            int(side) for axis, side in zip(axes, series.shape, strict=True) if axis not in "YXS"
+        ]
         chosen = [one for axis, one in zip(axes, self._index, strict=True) if axis not in "YXS"]
         within = tuple(axis for axis in axes if axis in "YXS")
         count = int(np.prod(sides, dtype=np.int64))
-        by_page = len(series.pages) == count and not ("S" in axes and any(axes.index("S") < axes.index(axis) for axis in outer))
+        by_page = len(series.pages) == count and not (
+            "S" in axes and any(axes.index("S") < axes.index(axis) for axis in outer)
+        )
         whole = None
         if not by_page:
             check_data(self.path, int(np.prod(series.shape, dtype=np.int64)) * self.dtype.itemsize)
             whole = self._decoded(series)
             order = [axes.index(axis) for axis in (*outer, *within)]
-            whole = whole.transpose(order).reshape(count, *(whole.shape[axes.index(axis)] for axis in within))
+            whole = whole.transpose(order).reshape(
+                count, *(whole.shape[axes.index(axis)] for axis in within)
+            )
         numbers = np.arange(count).reshape(sides) if sides else np.zeros((), dtype=np.int64)
         for number in np.atleast_1d(numbers[tuple(chosen)] if sides else numbers).ravel():
             if whole is not None:
@@ -207,26 +249,39 @@ class Tiff:
         except (ValueError, ImportError, NotImplementedError) as error:
             if "imagecodecs" not in str(error):
                 raise
-            if (page := self._unpacked(source)) is not None or (page := self._by_pillow(source)) is not None:
+            if (page := self._unpacked(source)) is not None or (
+                page := self._by_pillow(source)
+            ) is not None:
                 return page
             raise InvalidInputError(
-                f"{self.path}: expected a TIFF file without compression or with Deflate or PackBits, got another compression "
-                "together with numbers that need tifffile (save the file without compression)"
+                f"{self.path}: expected a TIFF file without compression or with Deflate or"
+                " PackBits, got another compression together with numbers that need tifffile (save"
+                " the file without compression)"
             ) from None
 
     def _unpacked(self, source: Any) -> NDArray[Any] | None:
-        """Return a page of whole numbers of few or odd bits, which follow each other without a gap inside a row.
+        """Return a page of whole numbers of few or odd bits, which follow each other without a gap
+        inside a row.
 
-        Returns None for a page that is not of this kind, or whose compression tifffile does not know.
+        Returns None for a page that is not of this kind, or whose compression tifffile does not
+        know.
         """
         key = getattr(source, "keyframe", None)
         bits = self.bits
-        if key is None or self.dtype.kind not in "bu" or bits in WHOLE or bits > 32 or key.is_tiled or key.predictor not in (0, 1):
+        if (
+            key is None
+            or self.dtype.kind not in "bu"
+            or bits in WHOLE
+            or bits > 32
+            or key.is_tiled
+            or key.predictor not in (0, 1)
+        ):
             return None
         if bits == 24 and self._file.byteorder == "<":
             raise InvalidInputError(
-                f"{self.path}: expected numbers of at most 16 or of 32 bits, got 24 bits in the order of bytes II, which programs "
-                "read in different orders (save the file with 32 bits)"
+                f"{self.path}: expected numbers of at most 16 or of 32 bits, got 24 bits in the"
+                " order of bytes II, which programs read in different orders (save the file with"
+                " 32 bits)"
             )
         rows, columns = self.size
         planes = self.samples if key.planarconfig == 2 else 1
@@ -235,28 +290,44 @@ class Tiff:
         page = np.empty((planes, rows, width), dtype=self.dtype)
         strip = min(rows, int(key.rowsperstrip) or rows)
         count = -(-rows // strip)
-        for number, (data, _) in enumerate(self._file.filehandle.read_segments(source.dataoffsets, source.databytecounts)):
+        for number, (data, _) in enumerate(
+            self._file.filehandle.read_segments(source.dataoffsets, source.databytecounts)
+        ):
             plane, first = number // count, number % count * strip
             if plane >= planes or data is None:
                 raise ValueError(f"strip {number + 1} is missing or too much")
-            unfold = _library().TIFF.DECOMPRESSORS[key.compression] if key.compression != 1 else bytes
+            unfold = (
+                _library().TIFF.DECOMPRESSORS[key.compression] if key.compression != 1 else bytes
+            )
             try:
                 packed = np.frombuffer(unfold(data), dtype=np.uint8)
             except (KeyError, ImportError):
                 return None
             height = min(strip, rows - first)
             if packed.size < height * line:
-                raise ValueError(f"expected {height * line} bytes in strip {number + 1}, got {packed.size}")
+                raise ValueError(
+                    f"expected {height * line} bytes in strip {number + 1}, got {packed.size}"
+                )
             packed = packed[: height * line].reshape(height, line)
             order: Literal["little", "big"] = "little" if key.fillorder == 2 else "big"
-            for row, octets in enumerate(packed, start=first):  # row by row: the bits of a whole strip need eight times its bytes
+            for row, octets in enumerate(
+                packed, start=first
+            ):  # row by row: the bits of a whole strip need eight times its bytes
                 one = np.unpackbits(octets, count=width * bits, bitorder=order).reshape(width, bits)
                 page[plane, row] = one @ (1 << np.arange(bits, dtype=np.int64)[::-1])
-        shape = (rows, columns) if self.samples == 1 else (planes, rows, columns) if planes > 1 else (rows, columns, self.samples)
+        shape = (
+            (rows, columns)
+            if self.samples == 1
+            else (planes, rows, columns)
+            if planes > 1
+            else (rows, columns, self.samples)
+        )
         return np.asarray(page.reshape(shape))
 
     def _by_pillow(self, source: Any) -> NDArray[Any] | None:
-        """Return a compressed page by Pillow, which knows more compressions, or None if Pillow changes the numbers of the page."""
+        """Return a compressed page by Pillow, which knows more compressions, or None if Pillow
+        changes the numbers of the page.
+        """
         from PIL import Image, UnidentifiedImageError
 
         if self.samples != 1 or self.white_is_zero or not hasattr(source, "index"):
@@ -267,7 +338,11 @@ class Tiff:
                 page = np.asarray(image)
         except UnidentifiedImageError:  # a compression that Pillow does not know either
             return None
-        return page if page.dtype == self.dtype and page.shape == self.size and self.orientation == 1 else None
+        return (
+            page
+            if page.dtype == self.dtype and page.shape == self.size and self.orientation == 1
+            else None
+        )
 
     def _channel_names(self) -> list[str]:
         """Return the names of the channels of an OME or ImageJ file, if the file contains them."""
@@ -278,12 +353,24 @@ class Tiff:
         return []
 
     def _spacing(self, axes: str) -> None:
-        """Find the size of a pixel in the metadata of ImageJ or OME. The resolution of other files is that of a printer."""
+        """Find the size of a pixel in the metadata of ImageJ or OME. The resolution of other files
+        is that of a printer.
+        """
         self.spacing: tuple[float | None, float, float] | None = None
         if self._file.is_ome:
             pixels = re.search(r"<(?:\w+:)?Pixels\b[^>]*", self._file.ome_metadata or "")
-            told = dict(re.findall(r'\b(PhysicalSize[XYZ](?:Unit)?)="([^"]{0,40})"', pixels.group(0) if pixels else ""))
-            sides = [self._length(told.get(f"PhysicalSize{axis}"), told.get(f"PhysicalSize{axis}Unit", "µm")) for axis in "ZYX"]
+            told = dict(
+                re.findall(
+                    r'\b(PhysicalSize[XYZ](?:Unit)?)="([^"]{0,40})"',
+                    pixels.group(0) if pixels else "",
+                )
+            )
+            sides = [
+                self._length(
+                    told.get(f"PhysicalSize{axis}"), told.get(f"PhysicalSize{axis}Unit", "µm")
+                )
+                for axis in "ZYX"
+            ]
         elif self._file.is_imagej:
             metadata = self._file.imagej_metadata or {}
             unit = str(metadata.get("unit", ""))
@@ -295,8 +382,9 @@ class Tiff:
             self.spacing = (sides[0], sides[1], sides[2])
             if sides[0] is None and self.depth > 1:
                 tell_once(
-                    f"shoal: {self.path}: the file gives the size of a pixel, {sides[1]:g} by {sides[2]:g} mm, but no distance "
-                    "between layers; the map has no size of cells (--cell-size)"
+                    f"shoal: {self.path}: the file gives the size of a pixel, {sides[1]:g} by"
+                    f" {sides[2]:g} mm, but no distance between layers; the map has no size of"
+                    " cells (--cell-size)"
                 )
 
     def _pixel(self, tag: int, unit: str) -> float | None:

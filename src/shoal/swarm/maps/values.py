@@ -1,4 +1,6 @@
-"""The decision which cells are free: by the numbers of a file, or by the brightness of its pixels."""
+"""The decision which cells are free: by the numbers of a file, or by the brightness of
+its pixels.
+"""
 
 from __future__ import annotations
 
@@ -17,24 +19,30 @@ from shoal.swarm.maps.reading import PIECE, WHITE, MapOptions
 Numbers = NDArray[Any]
 Mask = NDArray[np.bool_]
 Pieces = Callable[[], Iterable[Numbers]]
-"""A function that returns the numbers of a file piece by piece. Each call starts again with the first piece."""
+"""A function that returns the numbers of a file piece by piece. Each call starts again with the
+first piece.
+"""
 
 MIDDLE = 0.8  # width of the range of brightness, around 0.5, that counts as neither black nor white
 SHOWN = 8  # numbers that an error message lists
 
 
-def free_by_number(pieces: Pieces, options: MapOptions, *, where: str, packed: bool = False) -> Bands:
+def free_by_number(
+    pieces: Pieces, options: MapOptions, *, where: str, packed: bool = False
+) -> Bands:
     """Return the free cells of each piece of an array of numbers.
 
-    If ``level`` is given, a cell is free if its number is at least ``level``. If ``label`` is given, a cell is free if its number
-    equals ``label``. If neither ``level`` nor ``label`` is given, all obstacles must have the number 0, and all free cells must
-    have one common number other than 0. NaN is never free, and a notice gives the number of NaN cells.
+    If ``level`` is given, a cell is free if its number is at least ``level``. If ``label`` is
+    given, a cell is free if its number equals ``label``. If neither ``level`` nor ``label`` is
+    given, all obstacles must have the number 0, and all free cells must have one common number
+    other than 0. NaN is never free, and a notice gives the number of NaN cells.
 
     Raises
     ------
     InvalidInputError
-        Raised if a number is infinite, or if no cell has the number ``label``. InvalidInputError is raised if neither ``level``
-        nor ``label`` is given for an array of more than two different numbers, such as intensities or probabilities.
+        Raised if a number is infinite, or if no cell has the number ``label``. InvalidInputError is
+        raised if neither ``level`` nor ``label`` is given for an array of more than two different
+        numbers, such as intensities or probabilities.
     """
     free = Bands(packed=packed)
     missing, other = 0, Extremes()
@@ -52,15 +60,22 @@ def free_by_number(pieces: Pieces, options: MapOptions, *, where: str, packed: b
             other.add(piece[cells] if piece.dtype.kind != "b" else np.zeros(0))
             if other.low != other.high:
                 raise InvalidInputError(
-                    f"{where}: expected 0 for obstacles and one other number for free cells, got {other.low} and {other.high}"
-                    f"{_cell_of(pieces, other.high)} (choose the level from which cells are free, or the label of free cells)"
+                    f"{where}: expected 0 for obstacles and one other number for free cells, got"
+                    f" {other.low} and {other.high}{_cell_of(pieces, other.high)} (choose the level"
+                    " from which cells are free, or the label of free cells)"
                 )
         free.add(_inverted(np.asarray(cells), nan, options))
     _tell_of_missing(missing, where)
     if options.label is not None and not options.invert and not free.free:
-        raise InvalidInputError(f"{where}: expected cells of label {shortened(options.label)}, got none ({_there(pieces)})")
+        raise InvalidInputError(
+            f"{where}: expected cells of label {shortened(options.label)}, got none"
+            f" ({_there(pieces)})"
+        )
     if options.label is not None and options.invert and free.free == free.size:
-        raise InvalidInputError(f"{where}: expected cells of label {shortened(options.label)}, got none ({_there(pieces)})")
+        raise InvalidInputError(
+            f"{where}: expected cells of label {shortened(options.label)}, got none"
+            f" ({_there(pieces)})"
+        )
     return free
 
 
@@ -80,12 +95,14 @@ def free_by_brightness(
     pieces : callable
         Function that returns arrays of brightness, with the number 0 for black.
     white : float, optional
-        Brightness of white. If ``white`` is None, as in a picture of floats, the largest number of the picture is white.
+        Brightness of white. If ``white`` is None, as in a picture of floats, the largest number of
+        the picture is white.
     options : MapOptions
     where : str
         Name of the file in error messages and notices.
     all_masks : callable
-        Function that says, after the last piece, whether each picture of a stack is a mask of 0 and of one brightness of its own.
+        Function that says, after the last piece, whether each picture of a stack is a mask of 0 and
+        of one brightness of its own.
     packed : bool
         Whether each cell takes one bit in memory.
 
@@ -96,8 +113,9 @@ def free_by_brightness(
 
     Notes
     -----
-    Without a threshold, a picture of exactly two brightnesses is a mask: the brighter pixels are free. Masks with the values 0
-    and 1, as other programs write them, are almost black, so that half of white is no boundary for them.
+    Without a threshold, a picture of exactly two brightnesses is a mask: the brighter pixels are
+    free. Masks with the values 0 and 1, as other programs write them, are almost black, so that
+    half of white is no boundary for them.
     """
     known = white is not None
     white = _largest(pieces, where) if white is None else white
@@ -121,45 +139,59 @@ def free_by_brightness(
     if options.threshold is None and extremes.has_two:
         if not extremes.low < least <= extremes.high:
             tell_once(
-                f"shoal: {where}: the picture has two brightnesses, {extremes.low:g} and {extremes.high:g} of {white:g}; it is "
-                f"read as a mask, in which {extremes.low if options.invert else extremes.high:g} is free"
+                f"shoal: {where}: the picture has two brightnesses, {extremes.low:g} and"
+                f" {extremes.high:g} of {white:g}; it is read as a mask, in which"
+                f" {extremes.low if options.invert else extremes.high:g} is free"
             )
-            free = _of_pieces(pieces, lambda piece: piece == extremes.high, options, where=where, packed=packed)
+            free = _of_pieces(
+                pieces, lambda piece: piece == extremes.high, options, where=where, packed=packed
+            )
         return free
     if options.threshold is None and all_masks():
         tell_once(
-            f"shoal: {where}: each picture has at most two brightnesses, 0 and one that differs between the pictures; they are "
-            f"read as masks, in which {'0' if options.invert else 'every brightness above 0'} is free (--threshold, --level or "
-            "--label decide otherwise)"
+            f"shoal: {where}: each picture has at most two brightnesses, 0 and one that differs"
+            " between the pictures; they are read as masks, in which"
+            f" {'0' if options.invert else 'every brightness above 0'} is free (--threshold,"
+            " --level or --label decide otherwise)"
         )
         return _of_pieces(pieces, lambda piece: piece > 0, options, where=where, packed=packed)
     if not known and extremes.low != extremes.high:
         if options.threshold is None and piece.dtype.kind in "iu":
             raise InvalidInputError(
-                f"{where}: expected a picture whose white is known, got {piece.dtype} values from {extremes.low} to "
-                f"{extremes.high} (--level N takes the values from N as free, --label N the value N, --threshold a share of the "
-                "largest value)"
+                f"{where}: expected a picture whose white is known, got {piece.dtype} values from"
+                f" {extremes.low} to {extremes.high} (--level N takes the values from N as free,"
+                " --label N the value N, --threshold a share of the largest value)"
             )
         tell_once(
-            f"shoal: {where}: the numbers from {extremes.low:g} to {extremes.high:g} have no white of their own; the largest "
-            f"counts as white, and {'less than ' if options.invert else ''}{least:g} {'' if options.invert else 'or more '}is free"
+            f"shoal: {where}: the numbers from {extremes.low:g} to {extremes.high:g} have no white"
+            " of their own; the largest counts as white, and"
+            f" {'less than ' if options.invert else ''}{least:g}"
+            f" {'' if options.invert else 'or more '}is free"
         )
     if extremes.high is not None and extremes.high < least and extremes.high > 0:
         raise InvalidInputError(
-            f"{where}: expected pixels with a brightness of at least {threshold:g} ({least:g} of {white:g}), got values from "
-            f"{extremes.low:g} to {extremes.high:g} (--threshold takes a smaller share of white, --level N the values from N, and "
-            "--label N the value N as free)"
+            f"{where}: expected pixels with a brightness of at least {threshold:g} ({least:g} of"
+            f" {white:g}), got values from {extremes.low:g} to {extremes.high:g} (--threshold takes"
+            " a smaller share of white, --level N the values from N, and --label N the value N as"
+            " free)"
         )
     share = 100 * free.free / max(1, free.size)
     if middle > 0.5 * looked_at:
         tell_once(
-            f"shoal: warning: {where}: most pixels are neither black nor white, as in a photograph; {share:.3g} % of "
-            "them count as free (--vessels finds the vessels of a photograph)"
+            f"shoal: warning: {where}: most pixels are neither black nor white, as in a photograph;"
+            f" {share:.3g} % of them count as free (--vessels finds the vessels of a photograph)"
         )
     return free
 
 
-def _of_pieces(pieces: Pieces, chosen: Callable[[Numbers], Any], options: MapOptions, *, where: str, packed: bool) -> Bands:
+def _of_pieces(
+    pieces: Pieces,
+    chosen: Callable[[Numbers], Any],
+    options: MapOptions,
+    *,
+    where: str,
+    packed: bool,
+) -> Bands:
     free = Bands(packed=packed)
     for piece in pieces():
         free.add(_inverted(np.asarray(chosen(piece)), _not_a_number(piece, pieces, where), options))
@@ -167,7 +199,9 @@ def _of_pieces(pieces: Pieces, chosen: Callable[[Numbers], Any], options: MapOpt
 
 
 class Bands(list[Numbers]):
-    """Masks of consecutive rows. If ``packed`` is set, each cell takes one bit, and `unpacked` gives the masks one by one."""
+    """Masks of consecutive rows. If ``packed`` is set, each cell takes one bit, and `unpacked`
+    gives the masks one by one.
+    """
 
     def __init__(self, *, packed: bool = False) -> None:
         super().__init__()
@@ -184,7 +218,11 @@ class Bands(list[Numbers]):
     def unpacked(self) -> Iterator[Mask]:
         """Return the masks one after the other."""
         for one in self:
-            yield np.unpackbits(one, axis=-1, count=self._width).view(np.bool_) if self.packed else one
+            yield (
+                np.unpackbits(one, axis=-1, count=self._width).view(np.bool_)
+                if self.packed
+                else one
+            )
 
 
 class Extremes:
@@ -213,14 +251,18 @@ class Extremes:
 
 
 def in_pieces(array: Numbers) -> Iterator[Numbers]:
-    """Return an array in pieces of whole layers or rows, with at most about `PIECE` numbers each."""
+    """Return an array in pieces of whole layers or rows, with at most about `PIECE`
+    numbers each.
+    """
     step = max(1, PIECE // max(1, int(np.prod(array.shape[1:]))))
     for first in range(0, len(array), step):
         yield array[first : first + step]
 
 
 def _inverted(cells: Mask, nan: Mask | None, options: MapOptions) -> Mask:
-    """Exchange free cells and obstacles if ``invert`` is set. What has no number is an obstacle in both cases."""
+    """Exchange free cells and obstacles if ``invert`` is set. What has no number is an obstacle in
+    both cases.
+    """
     if not options.invert:
         return cells
     return ~cells if nan is None else ~cells & ~nan
@@ -237,12 +279,18 @@ def _not_a_number(piece: Numbers, pieces: Pieces, where: str) -> Mask | None:
     if (finite | nan).all():
         return nan
     infinite = piece[~finite & ~nan].flat[0]
-    raise InvalidInputError(f"{where}: expected finite numbers, got {infinite}{_cell_of(pieces, infinite)}")
+    raise InvalidInputError(
+        f"{where}: expected finite numbers, got {infinite}{_cell_of(pieces, infinite)}"
+    )
 
 
 def _tell_of_missing(count: int, where: str) -> None:
     if count:
-        cells, count_as = ("1 cell has no number", "counts") if count == 1 else (f"{count} cells have no number", "count")
+        cells, count_as = (
+            ("1 cell has no number", "counts")
+            if count == 1
+            else (f"{count} cells have no number", "count")
+        )
         tell_once(f"shoal: {where}: {cells} (NaN) and {count_as} as not free")
 
 
@@ -262,11 +310,16 @@ def _there(pieces: Pieces) -> str:
         if len(seen) > SHOWN:
             break
     numbers = sorted(number for number in seen if not np.isnan(number))[:SHOWN]
-    return f"the labels in the map are {', '.join(f'{number:g}' for number in numbers)}{', …' * (len(seen) > SHOWN)}"
+    return (
+        "the labels in the map are"
+        f" {', '.join(f'{number:g}' for number in numbers)}{', …' * (len(seen) > SHOWN)}"
+    )
 
 
 def _cell_of(pieces: Pieces, number: Any) -> str:
-    """Return the place of the first cell with a number as text. A file in several pieces, or without rows, gives no place."""
+    """Return the place of the first cell with a number as text. A file in several pieces, or
+    without rows, gives no place.
+    """
     parts = [*islice(pieces(), 2)]
     if len(parts) > 1 or parts[0].ndim < 2:
         return ""

@@ -1,4 +1,6 @@
-"""Maps from volumes: NIfTI files (by nibabel), NRRD files (by pynrrd), and DICOM files and series (by pydicom)."""
+"""Maps from volumes: NIfTI files (by nibabel), NRRD files (by pynrrd), and DICOM files and series
+(by pydicom).
+"""
 
 from __future__ import annotations
 
@@ -31,23 +33,47 @@ from shoal.swarm.maps.reading import (
     index_of,
     reading,
 )
-from shoal.swarm.maps.units import millimetres
 from shoal.swarm.maps.values import Mask, free_by_number, in_pieces
-from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.maps.workspace import GridWorkspace, millimetres
 
 NIFTI = (".nii", ".nii.gz")
 NRRD = (".nrrd", ".nhdr")
 DICOM = (".dcm",)
 DICOM_COLOURS = ["red", "green", "blue"]
 NRRD_NUMBERS = {
-    "signed char": "i1", "int8": "i1", "uchar": "u1", "unsigned char": "u1", "uint8": "u1",
-    "short": "i2", "short int": "i2", "signed short": "i2", "signed short int": "i2", "int16": "i2",
-    "ushort": "u2", "unsigned short": "u2", "unsigned short int": "u2", "uint16": "u2",
-    "int": "i4", "signed int": "i4", "int32": "i4", "uint": "u4", "unsigned int": "u4", "uint32": "u4",
-    "longlong": "i8", "long long": "i8", "long long int": "i8", "signed long long": "i8", "signed long long int": "i8",
+    "signed char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "unsigned char": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "short int": "i2",
+    "signed short": "i2",
+    "signed short int": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "unsigned short": "u2",
+    "unsigned short int": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "signed int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "unsigned int": "u4",
+    "uint32": "u4",
+    "longlong": "i8",
+    "long long": "i8",
+    "long long int": "i8",
+    "signed long long": "i8",
+    "signed long long int": "i8",
     "int64": "i8",
-    "ulonglong": "u8", "unsigned long long": "u8", "unsigned long long int": "u8", "uint64": "u8", "float": "f4", "double": "f8",
-}  # fmt: skip
+    "ulonglong": "u8",
+    "unsigned long long": "u8",
+    "unsigned long long int": "u8",
+    "uint64": "u8",
+    "float": "f4",
+    "double": "f8",
+}
 """Names of the types of numbers in a NRRD header, and NumPy's names of the types."""
 
 CHUNK = 1 << 20  # bytes
@@ -58,17 +84,19 @@ Cells = tuple[Mask, tuple[float, ...] | None]
 
 
 def read_nifti(path: Path, options: MapOptions) -> Cells:
-    """Return the free cells (layers, rows, columns) of a NIfTI file, and the voxel size along each axis in millimetres.
+    """Return the free cells (layers, rows, columns) of a NIfTI file, and the voxel size along each
+    axis in millimetres.
 
-    The function uses the file's header to rotate the volume into the view of a person in front of the body. Layer 0 is at the front
-    of the body, and row 0 is at the head. The columns run from the body's right side to its left side. The option ``frame`` chooses
-    a point in time of the fourth axis, and ``channel`` an entry of the fifth axis, or of the colours of a voxel.
+    The function uses the file's header to rotate the volume into the view of a person in front of
+    the body. Layer 0 is at the front of the body, and row 0 is at the head. The columns run from
+    the body's right side to its left side. The option ``frame`` chooses a point in time of the
+    fourth axis, and ``channel`` an entry of the fifth axis, or of the colours of a voxel.
 
     Raises
     ------
     InvalidInputError
-        Raised if the file is damaged or truncated, or if the volume has too many voxels, contains infinite values, or has a time
-        axis or channels of which none is chosen.
+        Raised if the file is damaged or truncated, or if the volume has too many voxels, contains
+        infinite values, or has a time axis or channels of which none is chosen.
     MissingExtraError
     """
     nibabel = _library("nibabel", "NIfTI volumes")
@@ -81,7 +109,9 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         colours = list(dtype.names or [])
         number = dtype[0] if colours else dtype
         if len(shape) not in (3, 4, 5) or number.kind not in "biuf" or min(shape) < 1:
-            raise InvalidInputError(f"{path}: expected a volume of numbers in 3 dimensions, got {dtype} {shape}")
+            raise InvalidInputError(
+                f"{path}: expected a volume of numbers in 3 dimensions, got {dtype} {shape}"
+            )
         check_size(path, *shape[:3])
         size = prod(shape[:3]) * dtype.itemsize
         whole = prod(shape) * dtype.itemsize
@@ -90,10 +120,18 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         skipped = size * (
             _chosen(path, times, options.frame, axis="frame", what="a time axis")
             + times
-            * _chosen(path, channels, options.channel if channels > 1 or not colours else 1, axis="channel", what="channels")
+            * _chosen(
+                path,
+                channels,
+                options.channel if channels > 1 or not colours else 1,
+                axis="channel",
+                what="channels",
+            )
         )
         colour = index_of(colours, options.channel, where=str(path)) if colours else None
-        slope, shift = (1.0 if one is None else float(one) for one in (image.dataobj.slope, image.dataobj.inter))
+        slope, shift = (
+            1.0 if one is None else float(one) for one in (image.dataobj.slope, image.dataobj.inter)
+        )
         begin = int(image.dataobj.offset)
 
         def pieces() -> Iterator[NDArray[Any]]:
@@ -101,15 +139,21 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
                 numbers = values if colour is None else values[colours[colour]]
                 yield numbers if (slope, shift) == (1.0, 0.0) else numbers * slope + shift
 
-        free = np.concatenate(free_by_number(pieces, options, where=str(path))).reshape(shape[:3], order="F")
-        sides = tuple(float(side) * _nifti_unit(image.header) for side in image.header.get_zooms()[:3])
+        free = np.concatenate(free_by_number(pieces, options, where=str(path))).reshape(
+            shape[:3], order="F"
+        )
+        sides = tuple(
+            float(side) * _nifti_unit(image.header) for side in image.header.get_zooms()[:3]
+        )
         if not np.isfinite(image.affine).all():
             raise ValueError("the place of the volume in space is not finite")
         turned, sides = in_front_of_body(free, sides, image.affine[:3, :3])
     return turned, _checked_sides(path, sides)
 
 
-def in_front_of_body(free: Mask, sides: tuple[float, ...], directions: NDArray[Any]) -> tuple[Mask, tuple[float, ...]]:
+def in_front_of_body(
+    free: Mask, sides: tuple[float, ...], directions: NDArray[Any]
+) -> tuple[Mask, tuple[float, ...]]:
     """Turn a volume into the view of a person in front of the body.
 
     Parameters
@@ -118,8 +162,8 @@ def in_front_of_body(free: Mask, sides: tuple[float, ...], directions: NDArray[A
     sides : tuple of float
         Size of a voxel along each axis.
     directions : ndarray, shape (3, 3)
-        For each axis of the volume, a column with its direction in space: to the left, to the back and to the head of the body are
-        -1, -1 and 1 (RAS, as in NIfTI).
+        For each axis of the volume, a column with its direction in space: to the left, to the back
+        and to the head of the body are -1, -1 and 1 (RAS, as in NIfTI).
 
     Returns
     -------
@@ -128,7 +172,8 @@ def in_front_of_body(free: Mask, sides: tuple[float, ...], directions: NDArray[A
     tuple of float
         Size of a voxel along each axis of the returned array.
     """
-    # Each axis of space belongs to the axis of the volume that is nearest to it, strongest pair first, as in nibabel.
+    # Each axis of space belongs to the axis of the volume that is nearest to it, strongest pair
+    # first, as in nibabel.
     strength = np.abs(directions / np.maximum(np.linalg.norm(directions, axis=0), 1e-30))
     axis_of: dict[int, int] = {}
     for _ in range(3):
@@ -137,13 +182,19 @@ def in_front_of_body(free: Mask, sides: tuple[float, ...], directions: NDArray[A
         strength[space, :] = strength[:, axis] = -1
     order = [axis_of[1], axis_of[2], axis_of[0]]  # front to back, head to foot, right to left
     turned = free.transpose(order)
-    # The view is towards the back: layers, rows and columns run against the axes of space (front, head, right).
-    steps = tuple(slice(None, None, -1 if directions[space, axis_of[space]] >= 0 else 1) for space in (1, 2, 0))
+    # The view is towards the back: layers, rows and columns run against the axes of space (front,
+    # head, right).
+    steps = tuple(
+        slice(None, None, -1 if directions[space, axis_of[space]] >= 0 else 1)
+        for space in (1, 2, 0)
+    )
     return np.ascontiguousarray(turned[steps]), tuple(sides[axis] for axis in order)
 
 
 def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
-    """Return a map as the bytes of a NIfTI file, with 1 for each free cell, 0 for each obstacle, and the voxel size."""
+    """Return a map as the bytes of a NIfTI file, with 1 for each free cell, 0 for each obstacle,
+    and the voxel size.
+    """
     nibabel = _library("nibabel", "NIfTI volumes")
     data = workspace.free.transpose(2, 0, 1)[::-1, ::-1, ::-1].astype(np.uint8)
     sides = workspace.spacing or (1.0, 1.0, 1.0)
@@ -154,27 +205,42 @@ def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
 
 
 def _nifti_kind(path: Path, nibabel: Any) -> Any:
-    """Return the NIfTI image class that matches the first bytes of the file, so that nibabel tries no other format."""
+    """Return the NIfTI image class that matches the first bytes of the file, so that nibabel tries
+    no other format.
+    """
     with nibabel.openers.Opener(path) as file:
         begin = file.read(4)
     for length, kind in ((348, nibabel.Nifti1Image), (540, nibabel.Nifti2Image)):
         if begin in {length.to_bytes(4, "little"), length.to_bytes(4, "big")}:
             return kind
-    raise InvalidInputError(f"{path}: expected a NIfTI volume, got a damaged, truncated or other file (it begins with {begin!r})")
+    raise InvalidInputError(
+        f"{path}: expected a NIfTI volume, got a damaged, truncated or other file (it begins with"
+        f" {begin!r})"
+    )
 
 
 def _nifti_unit(header: Any) -> float:
-    """Return the length unit of a NIfTI header, in millimetres. In a header without a unit, lengths count as millimetres."""
-    return (millimetres(header.get_xyzt_units()[0]) or 1.0) if hasattr(header, "get_xyzt_units") else 1.0
+    """Return the length unit of a NIfTI header, in millimetres. In a header without a unit, lengths
+    count as millimetres.
+    """
+    return (
+        (millimetres(header.get_xyzt_units()[0]) or 1.0)
+        if hasattr(header, "get_xyzt_units")
+        else 1.0
+    )
 
 
-def _streamed(path: Path, begin: int, skipped: int, size: int, whole: int, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
-    """Return the numbers of a volume piece by piece, and read a compressed file to its end, which verifies its checksum.
+def _streamed(
+    path: Path, begin: int, skipped: int, size: int, whole: int, dtype: np.dtype[Any]
+) -> Iterator[NDArray[Any]]:
+    """Return the numbers of a volume piece by piece, and read a compressed file to its end, which
+    verifies its checksum.
 
     Parameters
     ----------
     begin, skipped, size, whole : int
-        Bytes before the data, bytes of other volumes before the volume, bytes of the volume, and bytes of all data.
+        Bytes before the data, bytes of other volumes before the volume, bytes of the volume, and
+        bytes of all data.
     """
     packed = path.name.lower().endswith(".gz")
     with gzip.open(path) if packed else path.open("rb") as file:
@@ -195,29 +261,37 @@ def _streamed(path: Path, begin: int, skipped: int, size: int, whole: int, dtype
             while piece := file.read(CHUNK):
                 more += len(piece)
                 if more > most:
-                    raise InvalidInputError(f"{path}: expected {begin + whole} bytes of a volume according to the header, got more")
+                    raise InvalidInputError(
+                        f"{path}: expected {begin + whole} bytes of a volume according to the"
+                        " header, got more"
+                    )
 
 
 # NRRD
 
 
 def read_nrrd(path: Path, options: MapOptions) -> Cells:
-    """Return the free cells of a NRRD file, in two or three dimensions, and the size of a cell in millimetres, if the file has it.
+    """Return the free cells of a NRRD file, in two or three dimensions, and the size of a cell in
+    millimetres, if the file has it.
 
-    A volume whose header names the space of a body is turned as a NIfTI volume. Any other volume keeps the order of its axes: the
-    first axis of the header, which changes fastest, counts the columns. An axis of the kind ``vector`` or ``RGB-color`` has
-    channels, and an axis of the kind ``time`` or ``list`` has points in time.
+    A volume whose header names the space of a body is turned as a NIfTI volume. Any other volume
+    keeps the order of its axes: the first axis of the header, which changes fastest, counts the
+    columns. An axis of the kind ``vector`` or ``RGB-color`` has channels, and an axis of the kind
+    ``time`` or ``list`` has points in time.
 
     Raises
     ------
     InvalidInputError
-        Raised if the file is damaged or truncated, or if its data are in several files or in an unknown encoding.
+        Raised if the file is damaged or truncated, or if its data are in several files or in an
+        unknown encoding.
     MissingExtraError
     """
     nrrd = _library("nrrd", "NRRD volumes", package="pynrrd")
     with reading(path, "a NRRD file"):
         with path.open("rb") as file:
-            start = io.BytesIO(file.read(CHUNK))  # a header ends at an empty line, and other files may have lines without end
+            start = io.BytesIO(
+                file.read(CHUNK)
+            )  # a header ends at an empty line, and other files may have lines without end
         header = nrrd.read_header(start)
         begin = start.tell()
         sides = [int(side) for side in header["sizes"]]
@@ -226,17 +300,28 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         kinds = [str(kind).lower() for kind in header.get("kinds", [])] or ["domain"] * len(sides)
         domain: list[int] = []
         picked: dict[int, int] = {}
-        unused = {name: value for name in ("frame", "channel") if (value := getattr(options, name)) is not None}
+        unused = {
+            name: value
+            for name in ("frame", "channel")
+            if (value := getattr(options, name)) is not None
+        }
         for axis, (side, kind) in enumerate(zip(sides, kinds, strict=True)):
             if kind in {"domain", "space", "none", "???"}:
                 domain.append(axis)
                 continue
-            name, words = ("frame", "a time axis") if kind in {"time", "list"} else ("channel", "channels")
+            name, words = (
+                ("frame", "a time axis") if kind in {"time", "list"} else ("channel", "channels")
+            )
             picked[axis] = _chosen(path, side, unused.pop(name, None), axis=name, what=words)
         for name, value in unused.items():
-            raise InvalidInputError(f"{path}: {name}: expected no {name} for a file without such an axis, got {value}")
+            raise InvalidInputError(
+                f"{path}: {name}: expected no {name} for a file without such an axis, got {value}"
+            )
         if len(domain) not in (2, 3) or min(sides, default=0) < 1:
-            raise InvalidInputError(f"{path}: expected a picture or a volume in 2 or 3 dimensions, got {len(domain)} {sides}")
+            raise InvalidInputError(
+                f"{path}: expected a picture or a volume in 2 or 3 dimensions, got {len(domain)}"
+                f" {sides}"
+            )
         check_size(path, *(sides[axis] for axis in domain))
         data = _nrrd_data(path, header, begin, prod(sides)).reshape(sides, order="F")
         data = data[tuple(picked.get(axis, slice(None)) for axis in range(len(sides)))]
@@ -251,24 +336,41 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
 
 
 def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
-    """Return the numbers of a NRRD file in the order of the file. The size is checked before anything is unfolded."""
+    """Return the numbers of a NRRD file in the order of the file. The size is checked before
+    anything is unfolded.
+    """
     kind = NRRD_NUMBERS.get(str(header["type"]).lower().replace("_t", ""))
     if kind is None:
-        raise InvalidInputError(f"{path}: expected numbers, got the type {str(header['type'])[:40]!r}")
+        raise InvalidInputError(
+            f"{path}: expected numbers, got the type {str(header['type'])[:40]!r}"
+        )
     if np.dtype(kind).itemsize > 1 and header.get("endian", "little") not in {"little", "big"}:
-        raise InvalidInputError(f"{path}: endian: expected little or big, got {str(header['endian'])[:20]!r}")
+        raise InvalidInputError(
+            f"{path}: endian: expected little or big, got {str(header['endian'])[:20]!r}"
+        )
     dtype = np.dtype(kind).newbyteorder("big" if header.get("endian") == "big" else "little")
     size = count * dtype.itemsize
     check_data(path, size)
     source = path
     if detached := header.get("data file", header.get("datafile")):
-        if not isinstance(detached, str) or detached.startswith("LIST") or (" " in detached and "%" in detached):
-            raise InvalidInputError(f"{path}: expected one file of data, got {str(detached)[:40]!r}")
+        if (
+            not isinstance(detached, str)
+            or detached.startswith("LIST")
+            or (" " in detached and "%" in detached)
+        ):
+            raise InvalidInputError(
+                f"{path}: expected one file of data, got {str(detached)[:40]!r}"
+            )
         if Path(detached).is_absolute() or ".." in Path(detached).parts:
-            raise InvalidInputError(f"{path}: expected a file of data in the folder of the header, got {detached[:40]!r}")
+            raise InvalidInputError(
+                f"{path}: expected a file of data in the folder of the header, got"
+                f" {detached[:40]!r}"
+            )
         source, begin = path.parent / detached, 0
         check_file(source, what="data file", most=LARGEST_DATA)
-    skip_lines, skip_bytes = (int(header.get(f"{unit} skip", header.get(f"{unit}skip", 0))) for unit in ("line", "byte"))
+    skip_lines, skip_bytes = (
+        int(header.get(f"{unit} skip", header.get(f"{unit}skip", 0))) for unit in ("line", "byte")
+    )
     encoding = str(header.get("encoding", "raw")).lower()
     openers: dict[str, Callable[[BinaryIO], Any]] = {
         "raw": lambda file: file,
@@ -287,7 +389,9 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
                 raise ValueError(f"expected {count} numbers, got {len(words)}")
             return numbers if dtype.kind == "f" else numbers.astype(dtype)
         if encoding not in openers:
-            raise InvalidInputError(f"{path}: expected the encoding raw, gzip, bzip2 or ascii, got {encoding[:20]!r}")
+            raise InvalidInputError(
+                f"{path}: expected the encoding raw, gzip, bzip2 or ascii, got {encoding[:20]!r}"
+            )
         opened = openers[encoding](file)
         if skip_bytes == -1 and encoding == "raw":
             file.seek(-size, 2)
@@ -299,10 +403,16 @@ def _nrrd_data(path: Path, header: Any, begin: int, count: int) -> NDArray[Any]:
         return np.frombuffer(found, dtype=dtype)
 
 
-def _nrrd_space(header: Any, domain: list[int]) -> tuple[tuple[float, ...] | None, NDArray[Any] | None]:
-    """Return the size of a cell along each axis of the header in millimetres, and the directions of the axes in space (RAS)."""
+def _nrrd_space(
+    header: Any, domain: list[int]
+) -> tuple[tuple[float, ...] | None, NDArray[Any] | None]:
+    """Return the size of a cell along each axis of the header in millimetres, and the directions of
+    the axes in space (RAS).
+    """
     units = header.get("space units", header.get("units"))
-    factor = (millimetres(str(units[0]).strip('"')) or 1.0) if units is not None and len(units) else 1.0
+    factor = (
+        (millimetres(str(units[0]).strip('"')) or 1.0) if units is not None and len(units) else 1.0
+    )
     found = header.get("space directions")
     if found is None:
         spacings = header.get("spacings")
@@ -315,8 +425,19 @@ def _nrrd_space(header: Any, domain: list[int]) -> tuple[tuple[float, ...] | Non
         raise ValueError("a direction of an axis is not finite")
     lengths = tuple(float(np.linalg.norm(vector)) * factor for vector in vectors)
     space = str(header.get("space", "")).lower()
-    words = {"left": (0, -1), "right": (0, 1), "posterior": (1, -1), "anterior": (1, 1), "superior": (2, 1), "inferior": (2, -1)}
-    short = {"lps": "left-posterior-superior", "ras": "right-anterior-superior", "las": "left-anterior-superior"}
+    words = {
+        "left": (0, -1),
+        "right": (0, 1),
+        "posterior": (1, -1),
+        "anterior": (1, 1),
+        "superior": (2, 1),
+        "inferior": (2, -1),
+    }
+    short = {
+        "lps": "left-posterior-superior",
+        "ras": "right-anterior-superior",
+        "las": "left-anterior-superior",
+    }
     names = short.get(space, space).split("-")[:3]
     if len(names) != 3 or any(name not in words for name in names) or vectors.shape != (3, 3):
         return lengths, None
@@ -331,7 +452,9 @@ def _nrrd_space(header: Any, domain: list[int]) -> tuple[tuple[float, ...] | Non
 
 
 def is_dicom(path: Path) -> bool:
-    """Return whether a file begins as a DICOM file: 128 bytes of any content, and the letters DICM."""
+    """Return whether a file begins as a DICOM file: 128 bytes of any content, and the
+    letters DICM.
+    """
     try:
         with path.open("rb") as file:
             return file.read(132)[128:] == b"DICM"
@@ -340,7 +463,9 @@ def is_dicom(path: Path) -> bool:
 
 
 def read_dicom(path: Path, options: MapOptions) -> Cells:
-    """Return the free cells of one DICOM file, and the size of a cell. A file of one image is a map in two dimensions."""
+    """Return the free cells of one DICOM file, and the size of a cell. A file of one image is a map
+    in two dimensions.
+    """
     pydicom = _library("pydicom", "DICOM files")
     with _silent(logging.getLogger("pydicom")), reading(path, "a DICOM file"):
         one = _dicom_header(path, pydicom)
@@ -348,22 +473,33 @@ def read_dicom(path: Path, options: MapOptions) -> Cells:
 
 
 def dicom_files(folder: Path) -> list[Path]:
-    """Return the DICOM files of a folder: the files with the suffix ``.dcm``, and files without a suffix that begin as DICOM."""
-    entries = (path for path in folder.iterdir() if path.name[0] != "." and path.name.upper() != "DICOMDIR" and not path.is_dir())
+    """Return the DICOM files of a folder: the files with the suffix ``.dcm``, and files without a
+    suffix that begin as DICOM.
+    """
+    entries = (
+        path
+        for path in folder.iterdir()
+        if path.name[0] != "." and path.name.upper() != "DICOMDIR" and not path.is_dir()
+    )
     files = [
-        path for path in islice(entries, 4 * MAX_LAYERS) if path.suffix.lower() in DICOM or (_unnamed(path) and is_dicom(path))
+        path
+        for path in islice(entries, 4 * MAX_LAYERS)
+        if path.suffix.lower() in DICOM or (_unnamed(path) and is_dicom(path))
     ]
     check_layers(folder, len(files))
     return sorted(files)
 
 
 def _unnamed(path: Path) -> bool:
-    """Return whether a file has no suffix but digits, as the names in DICOM folders (unique identifiers with dots) have."""
+    """Return whether a file has no suffix but digits, as the names in DICOM folders (unique
+    identifiers with dots) have.
+    """
     return not path.suffix or path.suffix[1:].isdigit()
 
 
 def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
-    """Return the free cells of a DICOM series, one image a layer, in the order of the places of the images in space.
+    """Return the free cells of a DICOM series, one image a layer, in the order of the places of the
+    images in space.
 
     Raises
     ------
@@ -380,9 +516,14 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
         series = list(dict.fromkeys(str(head.get("SeriesInstanceUID", "")) for head in heads))
         if len(series) > 1:
             counts = ", ".join(
-                f"{sum(str(head.get('SeriesInstanceUID', '')) == uid for head in heads)} of {_end_of(uid)}" for uid in series[:4]
+                f"{sum(str(head.get('SeriesInstanceUID', '')) == uid for head in heads)} of"
+                f" {_end_of(uid)}"
+                for uid in series[:4]
             )
-            raise InvalidInputError(f"{folder}: expected one series, got {len(series)} ({counts}); give each series a folder")
+            raise InvalidInputError(
+                f"{folder}: expected one series, got {len(series)} ({counts}); give each series a"
+                " folder"
+            )
         return _dicom_cells(folder, files, heads, pydicom, options)
 
 
@@ -394,43 +535,65 @@ def _end_of(uid: str) -> str:
 def _dicom_header(path: Path, pydicom: Any) -> Any:
     if not is_dicom(path):
         with path.open("rb") as file:
-            raise InvalidInputError(f"{path}: expected a DICOM file, got a damaged or other file (it begins with {file.read(8)!r})")
+            raise InvalidInputError(
+                f"{path}: expected a DICOM file, got a damaged or other file (it begins with"
+                f" {file.read(8)!r})"
+            )
     header = pydicom.dcmread(path, stop_before_pixels=True)
     if "Rows" not in header or "Columns" not in header:
-        raise InvalidInputError(f"{path}: expected a DICOM image, got a DICOM file without rows and columns of pixels")
+        raise InvalidInputError(
+            f"{path}: expected a DICOM image, got a DICOM file without rows and columns of pixels"
+        )
     return header
 
 
-def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any, options: MapOptions) -> Cells:
+def _dicom_cells(
+    where: Path, files: list[Path], heads: list[Any], pydicom: Any, options: MapOptions
+) -> Cells:
     """Return the free cells of images with equal sizes, and the size of a cell."""
     first = heads[0]
     rows, columns = int(first.Rows), int(first.Columns)
     samples = int(first.get("SamplesPerPixel", 1))
     if samples not in (1, len(DICOM_COLOURS)):
-        raise InvalidInputError(f"{files[0]}: expected 1 or 3 numbers for each pixel, got {samples}")
+        raise InvalidInputError(
+            f"{files[0]}: expected 1 or 3 numbers for each pixel, got {samples}"
+        )
     colour = index_of(DICOM_COLOURS, options.channel, where=str(where)) if samples > 1 else None
     for file, head in zip(files, heads, strict=True):
         if (int(head.Rows), int(head.Columns)) != (rows, columns):
             raise InvalidInputError(
-                f"{file}: expected {columns}x{rows} pixels as in the first slice, got {head.Columns}x{head.Rows}"
+                f"{file}: expected {columns}x{rows} pixels as in the first slice, got"
+                f" {head.Columns}x{head.Rows}"
             )
         if int(head.get("SamplesPerPixel", 1)) != samples:
             raise InvalidInputError(
-                f"{file}: expected {samples} numbers for each pixel as in the first slice, got {head.SamplesPerPixel}"
+                f"{file}: expected {samples} numbers for each pixel as in the first slice, got"
+                f" {head.SamplesPerPixel}"
             )
     frames = [int(head.get("NumberOfFrames", 1) or 1) for head in heads]
     if len(files) > 1 and max(frames) > 1:
-        raise InvalidInputError(f"{where}: expected one image in each file, got a file of {max(frames)} images")
+        raise InvalidInputError(
+            f"{where}: expected one image in each file, got a file of {max(frames)} images"
+        )
     check_layers(where, len(files) * frames[0])
     check_size(where, len(files) * frames[0], rows, columns)
-    check_data(where, frames[0] * rows * columns * samples * (int(first.get("BitsAllocated", 16)) // 8 or 1))
+    check_data(
+        where,
+        frames[0] * rows * columns * samples * (int(first.get("BitsAllocated", 16)) // 8 or 1),
+    )
     # The images of a film, such as ultrasound, have times; the images of a volume do not.
-    film = frames[0] > 1 and any(name in first for name in ("FrameTime", "FrameTimeVector", "CineRate"))
-    moment = _chosen(where, frames[0], options.frame, axis="frame", what="a time axis") if film else None
+    film = frames[0] > 1 and any(
+        name in first for name in ("FrameTime", "FrameTimeVector", "CineRate")
+    )
+    moment = (
+        _chosen(where, frames[0], options.frame, axis="frame", what="a time axis") if film else None
+    )
     lacking = {"frame": not film, "channel": colour is None}
     for name, axis in (("frame", "several points in time"), ("channel", "colours")):
         if (given := getattr(options, name)) is not None and lacking[name]:
-            raise InvalidInputError(f"{where}: {name}: expected no {name} for DICOM images without {axis}, got {given}")
+            raise InvalidInputError(
+                f"{where}: {name}: expected no {name} for DICOM images without {axis}, got {given}"
+            )
     order, distance, directions = _dicom_order(where, files, heads)
 
     def pieces() -> Iterator[NDArray[Any]]:
@@ -439,7 +602,10 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
             pixels = _dicom_pixels(files[index], image)
             pixels = pixels if colour is None else pixels[..., colour]
             pixels = pixels if moment is None else pixels[moment]
-            slope, shift = float(image.get("RescaleSlope", 1) or 1), float(image.get("RescaleIntercept", 0) or 0)
+            slope, shift = (
+                float(image.get("RescaleSlope", 1) or 1),
+                float(image.get("RescaleIntercept", 0) or 0),
+            )
             yield pixels if (slope, shift) == (1.0, 0.0) else pixels * slope + shift
 
     layers = free_by_number(pieces, options, where=str(where))
@@ -449,7 +615,9 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
         return layers[0], within and _checked_sides(where, within)
     if layers[0].ndim == 3:  # the images of one file
         thick = first.get("SpacingBetweenSlices") or first.get("SliceThickness")
-        sides: tuple[float, ...] | None = None if within is None or thick is None else (float(thick), *within)
+        sides: tuple[float, ...] | None = (
+            None if within is None or thick is None else (float(thick), *within)
+        )
         return layers[0], sides and _checked_sides(where, sides)
     free = np.stack(layers)
     sides = None if within is None or distance is None else (distance, *within)
@@ -460,7 +628,8 @@ def _dicom_cells(where: Path, files: list[Path], heads: list[Any], pydicom: Any,
 
 
 def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
-    """Return the pixels of a DICOM image, of which pydicom turns luminance and chrominance into red, green and blue.
+    """Return the pixels of a DICOM image, of which pydicom turns luminance and chrominance into
+    red, green and blue.
 
     For a compression that pydicom cannot unfold here, the error says which one it is.
     """
@@ -471,26 +640,36 @@ def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
         if not syntax.is_compressed:
             raise
         raise InvalidInputError(
-            f"{path}: expected DICOM pixels without compression, got {syntax.name}, which needs another library of pydicom (pip "
-            f"install 'pydicom[pixeldata]'): {' '.join(str(error).split())[:80]}"
+            f"{path}: expected DICOM pixels without compression, got {syntax.name}, which needs"
+            " another library of pydicom (pip install 'pydicom[pixeldata]'):"
+            f" {' '.join(str(error).split())[:80]}"
         ) from None
 
 
-def _dicom_order(where: Path, files: list[Path], heads: list[Any]) -> tuple[list[int], float | None, NDArray[Any] | None]:
-    """Return the order of the images, their distance in millimetres, and the directions of layers, rows and columns (RAS)."""
+def _dicom_order(
+    where: Path, files: list[Path], heads: list[Any]
+) -> tuple[list[int], float | None, NDArray[Any] | None]:
+    """Return the order of the images, their distance in millimetres, and the directions of layers,
+    rows and columns (RAS).
+    """
     if len(heads) == 1:
         return [0], None, None
     turns = [head.get("ImageOrientationPatient") for head in heads]
     places = [head.get("ImagePositionPatient") for head in heads]
     if any(one is None for one in (*turns, *places)):
         if any(head.get("InstanceNumber") is None for head in heads):
-            raise InvalidInputError(f"{where}: expected the place or the number of each image, got images without them")
+            raise InvalidInputError(
+                f"{where}: expected the place or the number of each image, got images without them"
+            )
         order = sorted(range(len(heads)), key=lambda index: int(heads[index].InstanceNumber))
         thick = heads[0].get("SpacingBetweenSlices") or heads[0].get("SliceThickness")
         return order, None if thick is None else float(thick), None
     axes = np.array(turns, dtype=np.float64)
     if not np.allclose(axes, axes[0], atol=1e-3):
-        raise InvalidInputError(f"{where}: expected parallel images, got images in several directions (a localizer is no slice)")
+        raise InvalidInputError(
+            f"{where}: expected parallel images, got images in several directions (a localizer is"
+            " no slice)"
+        )
     along_row, along_column = axes[0, :3], axes[0, 3:]
     normal = np.cross(along_row, along_column)
     depth = np.array(places, dtype=np.float64) @ normal
@@ -499,16 +678,19 @@ def _dicom_order(where: Path, files: list[Path], heads: list[Any]) -> tuple[list
     if (steps < 1e-4).any():
         one = int(np.argmin(steps))
         raise InvalidInputError(
-            f"{where}: expected one image at each place, got {files[order[one]].name} and {files[order[one + 1]].name} at the same "
-            "place (several points in time need a folder each)"
+            f"{where}: expected one image at each place, got {files[order[one]].name} and"
+            f" {files[order[one + 1]].name} at the same place (several points in time need a folder"
+            " each)"
         )
     distance = float(np.median(steps))
     if (np.abs(steps - distance) > 0.1 * distance).any():
         tell_once(
-            f"shoal: warning: {where}: the distances of the images differ from {steps.min():.4g} to {steps.max():.4g} mm; the map "
-            f"counts each as {distance:.4g} mm (is an image missing?)"
+            f"shoal: warning: {where}: the distances of the images differ from {steps.min():.4g} to"
+            f" {steps.max():.4g} mm; the map counts each as {distance:.4g} mm (is an image"
+            " missing?)"
         )
-    # DICOM's axes run to the left, the back and the head of the body; those of RAS to the right, the front and the head.
+    # DICOM's axes run to the left, the back and the head of the body; those of RAS to the right,
+    # the front and the head.
     to_ras = np.array([[-1.0], [-1.0], [1.0]])
     return order, distance, to_ras * np.column_stack([normal, along_column, along_row])
 
@@ -520,12 +702,16 @@ def _library(module: str, what: str, *, package: str = "") -> Any:
     try:
         return import_module(module)
     except ImportError:
-        raise MissingExtraError(f"{what} need {package or module}: pip install 'shoal[volumes]'") from None
+        raise MissingExtraError(
+            f"{what} need {package or module}: pip install 'shoal[volumes]'"
+        ) from None
 
 
 @contextmanager
 def _silent(logger: logging.Logger) -> Iterator[None]:
-    """Suppress a library's log messages inside the ``with`` block, because Shoal's own error message repeats them."""
+    """Suppress a library's log messages inside the ``with`` block, because Shoal's own error
+    message repeats them.
+    """
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
@@ -537,9 +723,14 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
 def _chosen(path: Path, count: int, given: int | str | None, *, axis: str, what: str) -> int:
     """Return the index of the chosen entry of a time axis or of channels."""
     if count == 1 and given is not None and given != 1:
-        raise InvalidInputError(f"{path}: {axis}: expected no {axis} for a file without {what}, got {given}")
+        raise InvalidInputError(
+            f"{path}: {axis}: expected no {axis} for a file without {what}, got {given}"
+        )
     if count > 1 and given is None:
-        raise InvalidInputError(f"{path}: expected one volume, got {what} of {count} (choose one with --{axis}, from 1 to {count})")
+        raise InvalidInputError(
+            f"{path}: expected one volume, got {what} of {count} (choose one with --{axis}, from 1"
+            f" to {count})"
+        )
     return index_of([""] * count, given, where=str(path), axis=axis)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from dataclasses import field
 from functools import cached_property
@@ -14,8 +15,98 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps import raster
 from shoal.swarm.maps.reading import MAX_CELLS
+
+UNKNOWN, FRONTIER, FREE, OBSTACLE, PARTICLE = range(5)
+"""Codes for the content of a cell: the states that `Belief.states` returns, and the code of a free
+cell with a particle.
+"""
+
+# The colours differ for all common kinds of colour blindness and in greyscale: particles vermilion,
+# frontier sky blue.
+PALETTE: dict[str, str] = {
+    "unknown": "#8f96a1",
+    "frontier": "#62c4f7",
+    "free": "#ffffff",
+    "obstacle": "#1b222c",
+    "particle": "#d55e00",
+}
+_COLOURS = np.array(
+    [tuple(bytes.fromhex(colour[1:])) for colour in PALETTE.values()], dtype=np.uint8
+)
+MOST_LINES = 200  # a map with more rows, counted over all layers, is not printed as rows of text
+_WIDEST = 12  # maps with a larger ratio of width to height are drawn in several strips
+
+
+def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a picture of cells with one pixel per cell. The layers of a 3-D map stand side by side
+    in the picture.
+
+    Parameters
+    ----------
+    codes : ndarray of uint8, shape (H, W) or (D, H, W)
+        Code of each cell: UNKNOWN, FRONTIER, FREE, OBSTACLE or PARTICLE.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W, 3)
+    """
+    if codes.ndim == 3:
+        gap = np.full((codes.shape[1], 1), FREE, dtype=codes.dtype)  # white columns between layers
+        codes = np.hstack([part for layer in codes for part in (layer, gap)][:-1])
+    return _COLOURS[codes]
+
+
+def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
+    """Return cells as rows of text. The first letter in ``letters`` stands for True cells, and the
+    second letter for False cells.
+
+    In 3-D, an empty line separates two layers of cells.
+
+    Examples
+    --------
+    >>> text_rows(np.array([[True, False]]), ".#")
+    '.#'
+    """
+    layers = np.where(cells, letters[0], letters[1]).reshape(-1, *cells.shape[-2:])
+    return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)
+
+
+def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Cut a very wide picture into strips, and stack the strips like lines of text.
+
+    Examples
+    --------
+    >>> in_strips(np.zeros((3, 5002, 3), np.uint8)).shape
+    (111, 179, 3)
+    """
+    height, width = raster.shape[:2]
+    if width <= _WIDEST * height:
+        return raster
+    strip = round(float(np.sqrt(1.6 * width * (height + 1))))
+    count = -(-width // strip)
+    sheet = np.full((count * (height + 1) - 1, strip, 3), 255, dtype=np.uint8)
+    for i in range(count):
+        part = raster[:, i * strip : (i + 1) * strip]
+        sheet[i * (height + 1) : i * (height + 1) + height, : part.shape[1]] = part
+    return sheet
+
+
+def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
+    """Return a picture as the bytes of a PNG file with sides of at most ``side`` pixels.
+
+    A larger picture loses rows and columns at regular intervals. A smaller picture is enlarged by a
+    whole-number factor.
+    """
+    from PIL import Image
+
+    sheet = in_strips(raster)
+    largest = max(sheet.shape[:2])
+    every, times = max(1, -(-largest // side)), max(1, side // largest)
+    sheet = np.repeat(np.repeat(sheet[::every, ::every], times, axis=0), times, axis=1)
+    buffer = io.BytesIO()
+    Image.fromarray(sheet).save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()
 
 
 def check_finite(array: NDArray[np.generic], *, what: str) -> None:
@@ -24,7 +115,8 @@ def check_finite(array: NDArray[np.generic], *, what: str) -> None:
     Raises
     ------
     InvalidInputError
-        Raised if a value is not finite. The error message names the first cell with a value that is not finite.
+        Raised if a value is not finite. The error message names the first cell with a value that is
+        not finite.
     """
     if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
         bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -42,24 +134,37 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
     Raises
     ------
     InvalidInputError
-        Raised if the array has neither 2 nor 3 dimensions, has no free cell, contains NaN, or has more than ``MAX_CELLS`` cells.
+        Raised if the array has neither 2 nor 3 dimensions, has no free cell, contains NaN, or has
+        more than ``MAX_CELLS`` cells.
     """
     try:
         array = np.asarray(free)
     except ValueError:
-        raise InvalidInputError("workspace: expected rows of equal length, got rows of different lengths") from None
+        raise InvalidInputError(
+            "workspace: expected rows of equal length, got rows of different lengths"
+        ) from None
     if array.ndim not in (2, 3):
-        raise InvalidInputError(f"workspace: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions")
+        raise InvalidInputError(
+            f"workspace: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions"
+        )
     if array.dtype.kind not in "biuf":
         raise InvalidInputError(f"workspace: expected booleans or numbers, got dtype {array.dtype}")
     check_finite(array, what="workspace")
     if array.size == 0:
         raise InvalidInputError(f"workspace: expected at least one cell, got shape {array.shape}")
     if array.size > MAX_CELLS:
-        raise InvalidInputError(f"workspace: expected at most {MAX_CELLS} cells, got {array.size} {array.shape}")
-    checked = np.array(array if array.dtype == np.bool_ else array != 0, order="C", copy=array.dtype == np.bool_ or None)
+        raise InvalidInputError(
+            f"workspace: expected at most {MAX_CELLS} cells, got {array.size} {array.shape}"
+        )
+    checked = np.array(
+        array if array.dtype == np.bool_ else array != 0,
+        order="C",
+        copy=array.dtype == np.bool_ or None,
+    )
     if not checked.any():
-        raise InvalidInputError(f"workspace: expected at least one free cell, got {checked.size} obstacles only")
+        raise InvalidInputError(
+            f"workspace: expected at least one free cell, got {checked.size} obstacles only"
+        )
     checked.setflags(write=False)
     return checked
 
@@ -71,13 +176,15 @@ class GridWorkspace:
     Parameters
     ----------
     free : array_like of bool, shape (H, W) or (D, H, W)
-        Array that is True where a particle can be. Row 0 is at the top of the map, and layer 0 is at the front. The free cells may
-        form several disconnected parts, and corridors may be one cell wide. The workspace stores a read-only copy of the array.
+        Array that is True where a particle can be. Row 0 is at the top of the map, and layer 0 is
+        at the front. The free cells may form several disconnected parts, and corridors may be one
+        cell wide. The workspace stores a read-only copy of the array.
     name : str
         Name of the workspace, as written in summaries and files.
     spacing : tuple of float, optional
-        Size of a cell along each axis in millimetres, if known. Shoal uses the spacing for the scale bars of figures, and
-        stores it in NIfTI files. The simulation measures all distances in cells.
+        Size of a cell along each axis in millimetres, if known. Shoal uses the spacing for the
+        scale bars of figures, and stores it in NIfTI files. The simulation measures all distances
+        in cells.
 
     Raises
     ------
@@ -107,7 +214,9 @@ class GridWorkspace:
         if self.spacing is not None:
             sides = tuple(float(side) for side in self.spacing)
             if len(sides) != self.free.ndim or not all(0 < side < float("inf") for side in sides):
-                raise InvalidInputError(f"spacing: expected {self.free.ndim} sizes above 0, got {self.spacing}")
+                raise InvalidInputError(
+                    f"spacing: expected {self.free.ndim} sizes above 0, got {self.spacing}"
+                )
             object.__setattr__(self, "spacing", sides)
 
     @property
@@ -132,30 +241,40 @@ class GridWorkspace:
 
     @cached_property
     def components(self) -> NDArray[np.int32]:
-        """The label of each cell's connected component, or 0 for obstacles (int32, with the shape of ``free``)."""
-        from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
+        """The label of each cell's connected component, or 0 for obstacles (int32, with the shape
+        of ``free``).
+        """
+        from shoal.jit.kernels.connected import (
+            connected_parts,  # needs Numba, which is slow to import
+        )
 
         return connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
         """Return the largest connected component of the workspace.
 
-        Of several equally large components, return the component with the smallest label in `components`.
+        Of several equally large components, return the component with the smallest label in
+        `components`.
         """
         sizes = np.bincount(self.components.ravel())
         sizes[0] = 0
-        return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)
+        return GridWorkspace(
+            self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing
+        )
 
     @property
     def text(self) -> str:
-        """The map as rows of text, with ``.`` for free cells and ``#`` for obstacles. In 3-D, an empty line separates two layers.
+        """The map as rows of text, with ``.`` for free cells and ``#`` for obstacles. In 3-D, an
+        empty line separates two layers.
 
         The function ``print`` shows a small workspace as rows of text.
         """
-        return raster.text_rows(self.free, ".#")
+        return text_rows(self.free, ".#")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the workspace as JSON data, with rows of ``.`` and ``#``. In 3-D, an empty row precedes each layer."""
+        """Return the workspace as JSON data, with rows of ``.`` and ``#``. In 3-D, an empty row
+        precedes each layer.
+        """
         rows = self.text.split("\n")
         told: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
         return told if self.spacing is None else told | {"spacing": list(self.spacing)}
@@ -169,9 +288,14 @@ class GridWorkspace:
         InvalidInputError
         """
         rows: Any = told.get("rows")
-        if not isinstance(rows, list) or set(told) - {"name", "rows", "spacing"} or not all(isinstance(row, str) for row in rows):
+        if (
+            not isinstance(rows, list)
+            or set(told) - {"name", "rows", "spacing"}
+            or not all(isinstance(row, str) for row in rows)
+        ):
             raise InvalidInputError(
-                f"map: expected a name, a path, an array, or an object with name, rows and spacing, got {shortened(told)}"
+                "map: expected a name, a path, an array, or an object with name, rows and spacing,"
+                f" got {shortened(told)}"
             )
         for row in rows:
             if set(row) - {".", "#"}:
@@ -179,7 +303,9 @@ class GridWorkspace:
         layers = [layer.split("\n") for layer in "\n".join(rows).strip("\n").split("\n\n")]
         free: Any = [[[letter == "." for letter in row] for row in layer] for layer in layers]
         name = check_text(told.get("name", "workspace"), what="map")
-        return cls(free if rows and not rows[0] else free[0], name=name, spacing=told.get("spacing"))
+        return cls(
+            free if rows and not rows[0] else free[0], name=name, spacing=told.get("spacing")
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, GridWorkspace) and np.array_equal(self.free, other.free)
@@ -188,7 +314,7 @@ class GridWorkspace:
         return hash((self.shape, self.free.tobytes()))
 
     def __str__(self) -> str:
-        return self.text if int(np.prod(self.shape[:-1])) <= raster.MOST_LINES else repr(self)
+        return self.text if int(np.prod(self.shape[:-1])) <= MOST_LINES else repr(self)
 
     def __repr__(self) -> str:
         size = "x".join(map(str, self.shape))
@@ -196,11 +322,51 @@ class GridWorkspace:
 
     @property
     def picture(self) -> NDArray[np.uint8]:
-        """A picture of the workspace with one pixel per cell (uint8, shape (H, W, 3)). In 3-D, all layers stand side by side."""
-        return raster.raster_of(np.where(self.free, raster.FREE, raster.OBSTACLE).astype(np.uint8))
+        """A picture of the workspace with one pixel per cell (uint8, shape (H, W, 3)). In 3-D, all
+        layers stand side by side.
+        """
+        return raster_of(np.where(self.free, FREE, OBSTACLE).astype(np.uint8))
 
     def _repr_png_(self) -> bytes:
         if self.ndim == 2:
-            return raster.png_bytes(self.picture)
+            return png_bytes(self.picture)
         view: NDArray[np.uint8] = import_module("shoal.views.swarm.volume").workspace_sheet(self)
-        return raster.png_bytes(view, side=max(view.shape))
+        return png_bytes(view, side=max(view.shape))
+
+
+_MILLIMETRES = {
+    "nm": 1e-6,
+    "nanometer": 1e-6,
+    "nanometre": 1e-6,
+    "um": 1e-3,
+    "µm": 1e-3,
+    "μm": 1e-3,
+    "\\u00b5m": 1e-3,
+    "micron": 1e-3,
+    "microns": 1e-3,
+    "micrometer": 1e-3,
+    "micrometre": 1e-3,
+    "mm": 1.0,
+    "millimeter": 1.0,
+    "millimetre": 1.0,
+    "cm": 10.0,
+    "centimeter": 10.0,
+    "centimetre": 10.0,
+    "m": 1000.0,
+    "meter": 1000.0,
+    "metre": 1000.0,
+    "inch": 25.4,
+    "in": 25.4,
+}
+
+
+def millimetres(unit: str) -> float | None:
+    """Return a unit of length in millimetres, or None for a text that is no unit of length, such as
+    "pixel".
+
+    Examples
+    --------
+    >>> millimetres("micron"), millimetres("µm"), millimetres("pixel")
+    (0.001, 0.001, None)
+    """
+    return _MILLIMETRES.get(unit.strip().lower())

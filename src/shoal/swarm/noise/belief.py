@@ -1,25 +1,103 @@
-"""NoisyBelief: for each cell, the log-odds that the cell is free, estimated from noisy observations of particles."""
+"""NoisyBelief: for each cell, the log-odds that the cell is free, estimated from noisy observations
+of particles.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import log
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import encode, letters_of
-from shoal.swarm.grid.fields import new_field
-from shoal.swarm.grid.trace import Trace
-from shoal.swarm.kernels.noise import noisy_episode
-from shoal.swarm.kernels.noise import noisy_state as kernels
-from shoal.swarm.kernels.records import new_record
-from shoal.swarm.kernels.search.frontier_search import Search
-from shoal.swarm.noise.branches import cells_behind
+from shoal.core.dataclass import dataclass
+from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
+from shoal.swarm.grid.scans import Trace
+from shoal.swarm.grid.state import Belief, new_field
+from shoal.swarm.kernels import noise as kernels
+from shoal.swarm.kernels.moves import new_record
+from shoal.swarm.kernels.noise import PATIENCE, TIMES
+from shoal.swarm.kernels.search import Search
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise.model import CONFIDENCE, PRIOR, Noise, bound_of
-from shoal.swarm.policies.paths import path_to_frontier
+from shoal.swarm.policies.protocol import path_to_frontier
+
+
+def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:
+    """Return for each free cell the number of free cells that become unreachable from ``roots`` if
+    the cell is a wall.
+
+    Of a root, the function returns 0.
+
+    Parameters
+    ----------
+    free : Board
+    roots : Board
+        The cells from which particles start. A part of the map without a root gets one of its cells
+        as root.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        In the order of ``free.cells``.
+
+    Notes
+    -----
+    Source: Hopcroft and Tarjan (1973), Efficient algorithms for graph manipulation: a depth-first
+    search, in which the subtree of a child belongs behind its parent if no edge leads from it to a
+    cell found before the parent.
+
+    Examples
+    --------
+    >>> free = Board.of_mask(np.array([[1, 1, 1, 1], [1, 1, 0, 0]], dtype=bool))
+    >>> cells_behind(free, Board.of_cells(free.layout, [(1, 0)])).tolist()
+    [0, 2, 1, 0, 0, 0]
+    """
+    index = np.full(free.layout.window, -1, dtype=np.int64)
+    mask = free.mask
+    index[mask] = np.arange(len(free))
+    beside = [np.roll(index, way, axis)[mask] for axis in range(index.ndim) for way in (-1, 1)]
+    neighbours = np.stack(
+        beside, axis=1
+    ).tolist()  # a board never reaches around its rim: both sides would have to be free
+    starts = [i for i in index[(roots & free).mask].tolist() if i >= 0]
+    count = len(neighbours)
+    found, low, size, behind = [0] * count, [0] * count, [1] * count, [0] * count
+    outside = set(starts)
+    time = 1  # all roots are found at time 1, as if one cell outside the map joined them
+    for first in [*starts, *range(count)]:
+        if found[first]:
+            continue
+        time += 1
+        found[first] = time
+        low[first] = 1 if first in outside else time
+        stack = [(first, -1, iter(neighbours[first]))]
+        while stack:
+            cell, parent, rest = stack[-1]
+            for other in rest:
+                if other < 0 or other == parent:
+                    continue
+                if found[other]:
+                    low[cell] = min(low[cell], found[other])
+                    continue
+                time += 1
+                found[other] = time
+                low[other] = 1 if other in outside else time
+                stack.append((other, cell, iter(neighbours[other])))
+                break
+            else:
+                stack.pop()
+                if stack:
+                    before = stack[-1][0]
+                    size[before] += size[cell]
+                    low[before] = min(low[before], low[cell])
+                    if low[cell] >= found[before]:
+                        behind[before] += size[cell]
+    sizes = np.array(behind, dtype=np.int64)
+    sizes[starts] = 0
+    return sizes
+
 
 PAD = 3  # the rim and two more cells that are never free
 NEVER = -700.0  # log-odds
@@ -36,10 +114,19 @@ def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kernels.NoisyState:
-    """Return the arrays with which kernels store a noisy state, for an unknown workspace without particles."""
+    """Return the arrays with which kernels store a noisy state, for an unknown workspace without
+    particles.
+    """
     shape = padded_shape(layout.shape)
     strides = [1, shape[-1], shape[-1] * shape[-2]]
-    steps = {"l": -strides[0], "u": -strides[1], "r": strides[0], "d": strides[1], "i": -strides[2], "o": strides[2]}
+    steps = {
+        "l": -strides[0],
+        "u": -strides[1],
+        "r": strides[0],
+        "d": strides[1],
+        "i": -strides[2],
+        "o": strides[2],
+    }
     size = int(np.prod(shape))
     logit = np.full(shape, np.log(PRIOR / (1 - PRIOR)))
     guard = np.ones(shape, dtype=np.bool_)
@@ -61,14 +148,19 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
     )
 
 
-def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0) -> NDArray[np.generic]:
-    """Return the part of a kernel's array that covers the workspace and a margin of ``rim`` cells."""
+def inner_of(
+    flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0
+) -> NDArray[np.generic]:
+    """Return the part of a kernel's array that covers the workspace and a margin of
+    ``rim`` cells.
+    """
     cut = PAD - rim
     return flat.reshape(padded_shape(shape))[(slice(cut, -cut or None),) * len(shape)]
 
 
 class NoisyBelief:
-    """The belief of a swarm under noise: the log-odds that each cell is free. Commands and scans change the object in place.
+    """The belief of a swarm under noise: the log-odds that each cell is free. Commands and scans
+    change the object in place.
 
     Parameters
     ----------
@@ -77,11 +169,11 @@ class NoisyBelief:
         The cells in which the first scan shows particles.
     noise : Noise
     confidence : float
-        A cell counts as classified if its probability of being free, or its probability of being an obstacle, is at least
-        ``confidence``. The confidence must exceed 0.75.
+        A cell counts as classified if its probability of being free, or its probability of being an
+        obstacle, is at least ``confidence``. The confidence must exceed 0.75.
     loss : float
-        Probability that a particle disappears at a move. With a loss above 0, a particle that scans do not show for longer than
-        the miss rate explains loses its probability.
+        Probability that a particle disappears at a move. With a loss above 0, a particle that scans
+        do not show for longer than the miss rate explains loses its probability.
 
     Raises
     ------
@@ -89,15 +181,17 @@ class NoisyBelief:
 
     Notes
     -----
-    At each move, the belief spreads the probability of every particle over the cells that the particle may have entered. At each
-    scan, Bayes' rule updates the log-odds of each cell together with the neighbouring cell from which a particle may have come. The
-    belief treats all cells as independent of each other, except two neighbouring cells between which a particle may have moved. A
-    move without a scan changes no log-odds. The page docs/concepts/noise.md explains the estimation.
+    At each move, the belief spreads the probability of every particle over the cells that the
+    particle may have entered. At each scan, Bayes' rule updates the log-odds of each cell together
+    with the neighbouring cell from which a particle may have come. The belief treats all cells as
+    independent of each other, except two neighbouring cells between which a particle may have
+    moved. A move without a scan changes no log-odds. The page docs/concepts/noise.md explains the
+    estimation.
 
     Examples
     --------
-    In the following example, two commands push a particle against the wall on its left. Each command lowers the probability that
-    the wall cell is free.
+    In the following example, two commands push a particle against the wall on its left. Each
+    command lowers the probability that the wall cell is free.
 
     >>> layout = GridLayout((1, 3))
     >>> here = Board.of_cells(layout, [(0, 0)])
@@ -117,9 +211,15 @@ class NoisyBelief:
         confidence: float = CONFIDENCE,
         *,
         loss: float = 0.0,
-        noisy: kernels.NoisyState | None = None,  # of a simulation, whose true state is in the same arrays
+        noisy: kernels.NoisyState
+        | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
-        self.layout, self.noise, self.confidence, self.loss = GridLayout(shape), noise, confidence, loss
+        self.layout, self.noise, self.confidence, self.loss = (
+            GridLayout(shape),
+            noise,
+            confidence,
+            loss,
+        )
         self.state = noisy_state_of(self.layout, noise, confidence) if noisy is None else noisy
         self.guard = guard_of(self.layout)
         self._field = new_field(self.layout)
@@ -127,67 +227,85 @@ class NoisyBelief:
         self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
         self._show(seen)
         kernels.first_belief(self.state)
-        noisy_episode.refresh(self.state, self._field, self.guard)
+        kernels.refresh(self.state, self._field, self.guard)
 
     def update(self, command: str, seen: Board) -> int:
-        """Update the belief after one command and one scan. ``seen`` contains the cells in which the scan shows particles.
+        """Update the belief after one command and one scan. ``seen`` contains the cells in which
+        the scan shows particles.
 
         Return the number of cells classified for the first time.
         """
         self._show(seen)
-        # Bayes' rule below then weighs "still there, but not seen" (which needs a miss) against "gone" (which needs nothing)
+        # Bayes' rule below then weighs "still there, but not seen" (which needs a miss) against
+        # "gone" (which needs nothing)
         self.state.inside[:] *= 1 - self.loss
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
     def learn(self, code: np.int8) -> int:
-        """Update the belief after one command and one scan, as `update` does. ``code`` is the number of the command.
+        """Update the belief after one command and one scan, as `update` does. ``code`` is the
+        number of the command.
 
-        Before the call, ``state.seen`` must contain the cells in which the scan shows particles. Return the number of cells
-        classified for the first time.
+        Before the call, ``state.seen`` must contain the cells in which the scan shows particles.
+        Return the number of cells classified for the first time.
         """
         kernels.learn_noisy(self.state, code)
-        return int(noisy_episode.refresh(self.state, self._field, self.guard))
+        return int(kernels.refresh(self.state, self._field, self.guard))
 
     def spread(self, command: str) -> None:
         """Update the belief after a command without a scan.
 
-        Spread the probability of each particle over the cells that the particle may have entered. The log-odds stay unchanged.
+        Spread the probability of each particle over the cells that the particle may have entered.
+        The log-odds stay unchanged.
         """
         self.spread_code(encode(command, ndim=self.layout.ndim)[0])
 
     def spread_code(self, code: np.int8) -> None:
-        """Update the belief after a command without a scan, as `spread` does. ``code`` is the number of the command."""
+        """Update the belief after a command without a scan, as `spread` does. ``code`` is the
+        number of the command.
+        """
         kernels.spread_noisy(self.state, code)
-        noisy_episode.refresh(self.state, self._field, self.guard)
+        kernels.refresh(self.state, self._field, self.guard)
 
-    def play(self, search: Search, rng: Generator, trace: Trace, *, every: int, limit: int) -> tuple[int, int]:
+    def play(
+        self, search: Search, rng: Generator, trace: Trace, *, every: int, limit: int
+    ) -> tuple[int, int]:
         """Run the policy closest-frontier until the trace is full or the episode ends.
 
         Return the number of moves and the status code.
         """
-        played, status = noisy_episode.play_noisy(self.state, self._field, search, self.guard, rng, trace, every, limit)
+        played, status = kernels.play_noisy(
+            self.state, self._field, search, self.guard, rng, trace, every, limit
+        )
         return int(played), int(status)
 
     def follow(self, rng: Generator, trace: Trace) -> None:
-        """Replay the commands and the scans that the trace contains, and fill the other columns of the trace."""
-        noisy_episode.follow_noisy(self.state, self._field, self.guard, rng, trace)
+        """Replay the commands and the scans that the trace contains, and fill the other columns of
+        the trace.
+        """
+        kernels.follow_noisy(self.state, self._field, self.guard, rng, trace)
 
     def _show(self, seen: Board) -> None:
         inner_of(self.state.seen, self.layout.shape, rim=1)[...] = seen.mask
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """The probability that a cell is free (float64), for the cells of the workspace and of a rim that is one cell wide."""
+        """The probability that a cell is free (float64), for the cells of the workspace and of a
+        rim that is one cell wide.
+        """
         return 1 / (1 + np.exp(-self.logit))
 
     @property
     def logit(self) -> NDArray[np.float64]:
-        """The log-odds that a cell is free (float64), for the cells of the workspace and of a rim that is one cell wide."""
+        """The log-odds that a cell is free (float64), for the cells of the workspace and of a rim
+        that is one cell wide.
+        """
         return np.array(inner_of(self.state.logit, self.layout.shape, rim=1))
 
     @property
     def particles(self) -> float:
-        """Expected number of particles: the sum of the probabilities with which cells hold a particle."""
+        """Expected number of particles: the sum of the probabilities with which cells hold a
+        particle.
+        """
         return float(self.state.inside.sum())
 
     @property
@@ -197,10 +315,11 @@ class NoisyBelief:
 
     @property
     def finished(self) -> bool:
-        """Whether the mapping is complete: no frontier cell is in reach, and every cell that a particle may enter is classified.
+        """Whether the mapping is complete: no frontier cell is in reach, and every cell that a
+        particle may enter is classified.
 
-        The property is false if the policy gave up a cell as undecidable, if no cell surely holds a particle, and while there are
-        `weak_walls`.
+        The property is false if the policy gave up a cell as undecidable, if no cell surely holds a
+        particle, and while there are `weak_walls`.
         """
         belief, occupied = self.belief, self.occupied
         if self.undecided or not belief.open or not occupied or path_to_frontier(belief, occupied):
@@ -211,26 +330,32 @@ class NoisyBelief:
     def closed(self) -> bool:
         """Whether every cell that a particle may still enter is classified.
 
-        The property looks at all cells that may hold a particle, and not only, as policies do, at cells that surely hold one and
-        are surely free. A particle in an unclassified cell is beside cells that it can still classify.
+        The property looks at all cells that may hold a particle, and not only, as policies do, at
+        cells that surely hold one and are surely free. A particle in an unclassified cell is beside
+        cells that it can still classify.
         """
         from scipy import ndimage
 
         passable = self.logit > -bound_of(self.confidence)
-        may_hold = np.asarray(inner_of(self.state.inside > MAY_HOLD, self.layout.shape, rim=1), dtype=np.bool_)
+        may_hold = np.asarray(
+            inner_of(self.state.inside > MAY_HOLD, self.layout.shape, rim=1), dtype=np.bool_
+        )
         parts, _ = ndimage.label(passable)
         reachable = np.isin(parts, np.unique(parts[may_hold & passable]))
         return bool(reachable.any()) and not bool((reachable & ~self.belief.open.mask).any())
 
     @property
     def weak_walls(self) -> Board:
-        """The walls that must be pushed again before the mapping is complete, because too much may lie behind them.
+        """The walls that must be pushed again before the mapping is complete, because too much may
+        lie behind them.
 
-        Let e be the probability of what the scans show at a wall if it is a free cell, divided by this probability if it is a wall.
-        Of n free cells, each counts as a wall in the end with a probability of about e, and then hides the cells that particles
-        reach only through it: on average a share f of the map (`cells_behind`). The expected share of hidden cells is n f e, and
-        `SAFETY` times this share must not exceed 1 - ``confidence``. Behind a wall without unclassified cells beside it, nothing is
-        hidden, and beside a small unclassified part, no more than this part.
+        Let e be the probability of what the scans show at a wall if it is a free cell, divided by
+        this probability if it is a wall. Of n free cells, each counts as a wall in the end with a
+        probability of about e, and then hides the cells that particles reach only through it: on
+        average a share f of the map (`cells_behind`). The expected share of hidden cells is n f e,
+        and `SAFETY` times this share must not exceed 1 - ``confidence``. Behind a wall without
+        unclassified cells beside it, nothing is hidden, and beside a small unclassified part, no
+        more than this part.
         """
         from scipy import ndimage
 
@@ -244,13 +369,20 @@ class NoisyBelief:
             for way in (-1, 1):
                 np.maximum(behind, np.roll(around, way, axis), out=behind)
         walls = np.zeros(self.layout.window, dtype=np.bool_)
-        walls[inner] = (belief.obstacles & belief.open.dilated()).mask[inner]  # beyond the rim, nothing is hidden
+        walls[inner] = (belief.obstacles & belief.open.dilated()).mask[
+            inner
+        ]  # beyond the rim, nothing is hidden
         walls &= behind > 0
         if not walls.any():
             return Board.empty(self.layout)
         share = np.minimum(self._share_behind, (1 + behind) / (len(belief.known) + behind))
         mistaken = np.exp(self.logit - log(PRIOR / (1 - PRIOR)))
-        return Board(self.layout, self.layout.pack(walls & (len(belief.open) * SAFETY * share * mistaken > 1 - self.confidence)))
+        return Board(
+            self.layout,
+            self.layout.pack(
+                walls & (len(belief.open) * SAFETY * share * mistaken > 1 - self.confidence)
+            ),
+        )
 
     @property
     def _share_behind(self) -> float:
@@ -273,15 +405,193 @@ class NoisyBelief:
 
     @property
     def belief(self) -> Belief:
-        """The belief in the form that policies use: a `Belief` with all cells that are classified at the given confidence."""
+        """The belief in the form that policies use: a `Belief` with all cells that are classified
+        at the given confidence.
+        """
         field = self._field
         return Belief(
-            *(Board(self.layout, words.reshape(self.layout.words).copy()) for words in (field.open, field.known, field.frontier))
+            *(
+                Board(self.layout, words.reshape(self.layout.words).copy())
+                for words in (field.open, field.known, field.frontier)
+            )
         )
 
 
-def guard_of(layout: GridLayout) -> noisy_episode.ProgressGuard:
-    """Return the initial memory of the progress guard, which makes sure that an episode with noise ends."""
+def guard_of(layout: GridLayout) -> kernels.ProgressGuard:
+    """Return the initial memory of the progress guard, which makes sure that an episode with noise
+    ends.
+    """
     size = layout.words[0] * layout.words[1]
-    memory = new_record(noisy_episode.MEMORY, budget=-1)
-    return noisy_episode.ProgressGuard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
+    memory = new_record(kernels.MEMORY, budget=-1)
+    return kernels.ProgressGuard(
+        np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory
+    )
+
+
+class Lookout:
+    """Chooses commands where a policy has none although the mapping is not complete.
+
+    A policy sees a particle only where the belief is surer than 0.5, and plans only through cells
+    that are classified as free. If errors are frequent or particles are few, it may therefore find
+    no path although particles may still enter unclassified cells. Commands in all directions in
+    turn then show where the particles are. If every cell in reach is classified, the nearest
+    particle pushes the nearest of the weak walls, behind which more unclassified cells may lie than
+    the confidence allows. If no particle can reach one, particles push the walls between them and
+    the rest of the map.
+
+    After `PATIENCE` commands that neither classify a further cell nor leave fewer weak walls, and
+    `TIMES` more for each cell of the longest path to a wall, the lookout gives up, so that every
+    episode ends.
+
+    Parameters
+    ----------
+    noisy : NoisyBelief
+
+    Examples
+    --------
+    >>> from shoal.swarm.grid.board import GridLayout
+    >>> from shoal.swarm.noise.model import Noise
+    >>> belief = NoisyBelief((1, 3), Board.of_cells(GridLayout((1, 3)), [(0, 0)]), Noise(slip=0.05))
+    >>> lookout = Lookout(belief)
+    >>> [lookout.next() for _ in range(5)]
+    [0, 1, 2, 3, 0]
+    >>> sum(lookout.next() is not None for _ in range(1000))
+    45
+    """
+
+    def __init__(self, noisy: NoisyBelief) -> None:
+        self.noisy = noisy
+        self._known, self._weak = -1, 0
+        self._sent, self._budget = 0, PATIENCE
+
+    def next(self) -> int | None:
+        """Return the number of the next command, or None to give up."""
+        noisy, belief = self.noisy, self.noisy.belief
+        known, path = len(belief.known), ""
+        if known > self._known:  # looking for the particles was worth it
+            self._known, self._weak, self._sent, self._budget = known, known, 0, PATIENCE
+        if noisy.closed:
+            weak = noisy.weak_walls
+            if len(weak) < self._weak:
+                self._weak, self._sent, self._budget = len(weak), 0, PATIENCE
+            path = path_to_frontier(replace(belief, frontier=weak), noisy.occupied)
+            path = path or path_to_frontier(
+                replace(belief, frontier=self._between(belief)), noisy.occupied
+            )
+            self._budget = max(self._budget, PATIENCE + TIMES * len(path))
+        if self._sent >= self._budget:
+            return None
+        self._sent += 1
+        ndim = noisy.layout.ndim
+        return int(encode(path[0], ndim=ndim)[0]) if path else (self._sent - 1) % (2 * ndim)
+
+    def _between(self, belief: Belief) -> Board:
+        """Return the weakest walls between the part of the map with particles and the rest of the
+        map: one of them may be none.
+        """
+        reached = layer = self.noisy.occupied & belief.open
+        while layer:
+            layer = (layer.dilated() & belief.open) - reached
+            reached = reached | layer
+        between = (belief.obstacles & reached.dilated() & (belief.open - reached).dilated()).mask
+        odds = np.where(between, self.noisy.logit, -np.inf)
+        return Board(
+            reached.layout, reached.layout.pack(between & (odds > odds.max() - 1))
+        )  # the next push changes more
+
+
+LEVELS = 8
+"""Number of shades between an unknown cell and a classified cell."""
+
+OBSTACLE, UNKNOWN, FREE = (
+    0,
+    LEVELS,
+    2 * LEVELS,
+)  # values of looks: shades from classified obstacle to classified free,
+FRONTIER = 2 * LEVELS + 1  # the same shades for frontier cells start here,
+FALSE_FREE = 2 * FRONTIER  # an obstacle wrongly classified as free,
+FALSE_OBSTACLE = FALSE_FREE + 1  # a free cell wrongly classified as obstacle
+LOOKS = FALSE_OBSTACLE + 1
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One moment of an episode with noise. The arrays ``particles`` and ``looks`` cover the
+    workspace and a rim of one cell.
+
+    Parameters
+    ----------
+    particles : ndarray of bool
+        Mask that is True for each cell with a particle. For a rig, the mask is True for each cell
+        in which the last scan showed a particle.
+    looks : ndarray of uint8
+        The shade of each cell. A classified obstacle has the shade ``OBSTACLE``, an unknown cell
+        has the shade ``UNKNOWN``, and a classified free cell has the shade ``FREE``. Between these
+        three shades, the shade is linear in the log-odds that the cell is free. The constant
+        ``FRONTIER`` is added to the shade of every frontier cell. If the true map is known, wrongly
+        classified cells have the shade ``FALSE_FREE`` or ``FALSE_OBSTACLE``.
+    """
+
+    particles: NDArray[np.bool_]
+    looks: NDArray[np.uint8]
+
+
+def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
+    """Return the shade of each cell in a picture of a belief. The class `Moment` explains the
+    shades.
+
+    ``truth`` is the true mask of the free cells, with a rim of one cell. If the true map is
+    unknown, ``truth`` is None.
+
+    Examples
+    --------
+    >>> from shoal.swarm.grid.board import Board, GridLayout
+    >>> from shoal.swarm.noise.model import Noise
+    >>> belief = NoisyBelief((1, 3), Board.of_cells(GridLayout((1, 3)), [(0, 0)]), Noise(slip=0.05))
+    >>> looks_of(belief, None)[1].tolist()  # the particle stands between two frontier cells
+    [25, 16, 25, 8, 8]
+    """
+    bound, start = bound_of(belief.confidence), log(PRIOR / (1 - PRIOR))
+    gained = belief.logit - start
+    share = np.where(gained >= 0, gained / (bound - start), gained / (bound + start))
+    inner = LEVELS - 1  # shades of unclassified cells
+    looks = (UNKNOWN + np.clip(np.rint(share * LEVELS), -inner, inner)).astype(np.uint8)
+    known = belief.belief
+    free, obstacles = known.open.mask, known.obstacles.mask
+    looks[free], looks[obstacles] = FREE, OBSTACLE
+    looks[known.frontier.mask] += FRONTIER
+    if truth is not None:
+        looks[free & ~truth] = FALSE_FREE
+        looks[obstacles & truth] = FALSE_OBSTACLE
+    return np.asarray(looks)
+
+
+def truth_of(
+    workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float
+) -> kernels.NoisyState:
+    """Return the arrays with which kernels simulate noise: the workspace, the start cells of the
+    particles, and an empty belief.
+    """
+    noisy = noisy_state_of(GridLayout(workspace.shape), about, confidence)
+    inner_of(noisy.truth, workspace.shape)[...] = workspace.free
+    inner_of(noisy.there, workspace.shape)[tuple(start.T)] = True
+    return noisy
+
+
+def noisy_belief(
+    workspace: GridWorkspace,
+    start: NDArray[np.int64],
+    about: Noise,
+    confidence: float,
+    rng: Generator,
+) -> NoisyBelief:
+    """Return the belief after the first scan of a simulation with noise.
+
+    The arrays of the returned belief contain the true state of the simulation.
+    """
+    noisy, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
+    kernels.look(noisy, rng)
+    seen = Board(
+        layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_))
+    )
+    return NoisyBelief(layout.shape, seen, about, confidence, noisy=noisy)

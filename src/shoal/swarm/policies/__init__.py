@@ -7,36 +7,50 @@ from dataclasses import replace
 from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
-from shoal.swarm.policies.closest_frontier import ClosestFrontier
-from shoal.swarm.policies.compiled_policy import Compiled, check_rules, check_scanning
-from shoal.swarm.policies.depth_first import DepthFirst
-from shoal.swarm.policies.elect_particle import ElectParticle
-from shoal.swarm.policies.manual import Manual
+from shoal.swarm.policies.compiled import (
+    ClosestFrontier,
+    Compiled,
+    ElectParticle,
+    RandomMoves,
+    check_rules,
+    check_scanning,
+)
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
 from shoal.swarm.policies.planners.greedy_classify import GreedyClassify
 from shoal.swarm.policies.planners.offline import Offline
 from shoal.swarm.policies.planners.planner_policy import Budgeted, PlannerPolicy
 from shoal.swarm.policies.planners.rollout import Rollout
 from shoal.swarm.policies.protocol import Decision, Policy, View
-from shoal.swarm.policies.random_moves import RandomMoves
-from shoal.swarm.policies.sweep import WallSweep
+from shoal.swarm.policies.walks import DepthFirst, Manual, WallSweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
-for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, WallSweep, GreedyClassify, Rollout, BeamRollout, Manual):
+for _policy in (
+    ClosestFrontier,
+    ElectParticle,
+    RandomMoves,
+    DepthFirst,
+    WallSweep,
+    GreedyClassify,
+    Rollout,
+    BeamRollout,
+    Manual,
+):
     POLICIES.add(_policy.kind, _policy)
 POLICIES.add(Offline.kind, Offline)
 POLICIES.add("best", BeamRollout)  # an alias, which may denote another policy in a later version
 
 
 def make_policy(policy: str | Policy) -> Policy:
-    """Return the policy object for a name. If ``policy`` is already a policy object, return this object.
+    """Return the policy object for a name. If ``policy`` is already a policy object, return this
+    object.
 
     Parameters
     ----------
     policy : str or Policy
-        A name such as "closest-frontier", "closest-frontier:ties=row-major" or "manual:llurr"; a text "module:attribute" that names
-        a third-party object or class; or an object with the methods of `Policy`. If the attribute is a class, the policy is an
-        object of this class, made without arguments.
+        A name such as "closest-frontier", "closest-frontier:ties=row-major" or "manual:llurr"; a
+        text "module:attribute" that names a third-party object or class; or an object with the
+        methods of `Policy`. If the attribute is a class, the policy is an object of this class,
+        made without arguments.
 
     Raises
     ------
@@ -44,7 +58,10 @@ def make_policy(policy: str | Policy) -> Policy:
     """
     made = configured(POLICIES, policy) if isinstance(policy, str) else policy
     if not isinstance(made, Policy):
-        raise InvalidInputError(f"policy: expected a name, or an object with a name and a method decide, got {shortened(made)}")
+        raise InvalidInputError(
+            "policy: expected a name, or an object with a name and a method decide, got"
+            f" {shortened(made)}"
+        )
     return made
 
 
@@ -66,7 +83,8 @@ def shown_name(policy: Policy, given: str | Policy) -> str:
 
 
 def with_budget(policy: Policy, **wanted: float) -> Policy:
-    """Return a copy of the policy with new planning limits: ``budget`` in simulated moves per move, or ``milliseconds`` per move.
+    """Return a copy of the policy with new planning limits: ``budget`` in simulated moves per move,
+    or ``milliseconds`` per move.
 
     Raises
     ------
@@ -78,7 +96,8 @@ def with_budget(policy: Policy, **wanted: float) -> Policy:
             able = "best, beam-rollout, rollout" + (" or offline" if name == "budget" else "")
             option = "budget" if name == "budget" else "time-per-move"
             raise InvalidInputError(f"{option}: expected a planner ({able}), got {policy.name}")
-        policy = replace(policy, **{name: value})  # type: ignore[type-var]  # a policy with this field is a dataclass
+        # a policy with this field is a dataclass
+        policy = replace(policy, **{name: value})  # type: ignore[type-var]
     return policy
 
 

@@ -1,1 +1,3 @@
-"""The closed loop (observe, decide, send, record) in Python and in compiled code, replays, and episode files."""
+"""The closed loop (observe, decide, send, record) in Python and in compiled code, replays, and
+episode files.
+"""

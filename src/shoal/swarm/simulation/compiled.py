@@ -14,31 +14,48 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.episode import Status
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import encode, letters_of
-from shoal.swarm.grid.fields import RULE_CODES, board_of, empty_boards, field_of, state_of
-from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule
-from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
+from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule, Trace
+from shoal.swarm.grid.state import (
+    RULE_CODES,
+    Belief,
+    SwarmState,
+    board_of,
+    empty_boards,
+    field_of,
+    state_of,
+)
 from shoal.swarm.grid.tasks import Coverage, Mapping
-from shoal.swarm.grid.trace import Trace
-from shoal.swarm.kernels.dynamics import moves
-from shoal.swarm.kernels.episodes import planner_episode, policy_episode, scan_runs
+from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.kernels import moves
+from shoal.swarm.kernels.moves import new_record
 from shoal.swarm.kernels.prediction import expected_gain, lookahead
-from shoal.swarm.kernels.records import new_record
-from shoal.swarm.noise.belief import NoisyBelief
-from shoal.swarm.noise.lookout import Lookout
+from shoal.swarm.noise.belief import Lookout, NoisyBelief
 from shoal.swarm.policies import PlannerPolicy
-from shoal.swarm.policies.paths import search_of, slides_of
 from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, seed_of
+from shoal.swarm.policies.protocol import search_of, slides_of
 
-RUNNING = policy_episode.RUNNING
-STATUSES = {policy_episode.RUNNING: Status.LIMIT, policy_episode.COMPLETE: Status.COMPLETE, policy_episode.STALLED: Status.STALLED}
-KINDS = {"equal": scan_runs.EQUAL, "doubling": scan_runs.DOUBLING, "hyper": scan_runs.HYPER, "adaptive": scan_runs.ADAPTIVE}
+RUNNING = planner_episode.RUNNING
+STATUSES = {
+    planner_episode.RUNNING: Status.LIMIT,
+    planner_episode.COMPLETE: Status.COMPLETE,
+    planner_episode.STALLED: Status.STALLED,
+}
+KINDS = {
+    "equal": planner_episode.EQUAL,
+    "doubling": planner_episode.DOUBLING,
+    "hyper": planner_episode.HYPER,
+    "adaptive": planner_episode.ADAPTIVE,
+}
 LONGEST_RUN = 500  # maximum number of commands in the runs that the adaptive scan rule compares
-SHOWN_FIRST, SHOWN_EVERY = 16, 0.1  # moves of the first piece and seconds of later pieces, if a progress function is given
+SHOWN_FIRST, SHOWN_EVERY = (
+    16,
+    0.1,
+)  # moves of the first piece and seconds of later pieces, if a progress function is given
 TIMED_PIECE = 8  # number of moves after which the computing time is checked
-NOISY_PIECE = 256  # moves with noise between two points at which progress is shown and Ctrl-C takes effect
+NOISY_PIECE = (
+    256  # moves with noise between two points at which progress is shown and Ctrl-C takes effect
+)
 
 
 class Game(Protocol):
@@ -48,7 +65,9 @@ class Game(Protocol):
     """
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Play at most ``limit`` moves, until the trace is full or the episode ends. Return (number of moves, status code)."""
+        """Play at most ``limit`` moves, until the trace is full or the episode ends. Return (number
+        of moves, status code).
+        """
 
     @property
     def remaining(self) -> int:
@@ -61,7 +80,8 @@ class Game(Protocol):
     def cut(self, trace: Trace) -> Status:
         """Return the status of an episode after its maximum number of moves.
 
-        If the maximum number of moves interrupts a run of commands, record a scan after the last command.
+        If the maximum number of moves interrupts a run of commands, record a scan after the last
+        command.
         """
 
 
@@ -79,7 +99,9 @@ def compiled_loop(
     For a replay, ``scanned`` tells for each command whether a scan follows the command.
     """
     watched = on_moves is not None or on_trace is not None or stop is not None
-    first = 2048 if not watched else SHOWN_FIRST if on_trace is not None else 1  # one move of a large swarm may take a second
+    first = (
+        2048 if not watched else SHOWN_FIRST if on_trace is not None else 1
+    )  # one move of a large swarm may take a second
     room, moves, ended = min(first, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     stopped = False
@@ -98,7 +120,9 @@ def compiled_loop(
         if on_trace is not None:
             on_trace(pieces[-1])
         if watched:
-            room = max(1, min(room, round(max(1, played) * SHOWN_EVERY / (time.perf_counter() - began))))
+            room = max(
+                1, min(room, round(max(1, played) * SHOWN_EVERY / (time.perf_counter() - began)))
+            )
     trace = Trace.joined(pieces)
     status = STATUSES[ended]
     if status is Status.LIMIT and scanned is None:
@@ -106,20 +130,27 @@ def compiled_loop(
     return trace, Status.INTERRUPTED if stopped and status is Status.LIMIT else status
 
 
-def trail_of(layout: GridLayout) -> policy_episode.DepthFirstSpace:
+def trail_of(layout: GridLayout) -> planner_episode.DepthFirstSpace:
     """Return the working memory in which the policy depth-first stores its path."""
-    return policy_episode.DepthFirstSpace(empty_boards(layout, 1)[0], np.zeros(int(np.prod(layout.window)), dtype=np.int8))
+    return planner_episode.DepthFirstSpace(
+        empty_boards(layout, 1)[0], np.zeros(int(np.prod(layout.window)), dtype=np.int8)
+    )
 
 
 PLAYED: dict[int, tuple[Any, Callable[[GridLayout], Any]]] = {
-    policy_episode.CLOSEST: (policy_episode.play_closest, lambda _: None),
-    policy_episode.ELECT: (policy_episode.play_elect, lambda layout: policy_episode.ElectSpace(empty_boards(layout, 1)[0])),
-    policy_episode.DEPTH_FIRST: (policy_episode.play_depth_first, trail_of),
-    policy_episode.SWEEP: (policy_episode.play_sweep, lambda _: None),
+    planner_episode.CLOSEST: (planner_episode.play_closest, lambda _: None),
+    planner_episode.ELECT: (
+        planner_episode.play_elect,
+        lambda layout: planner_episode.ElectSpace(empty_boards(layout, 1)[0]),
+    ),
+    planner_episode.DEPTH_FIRST: (planner_episode.play_depth_first, trail_of),
+    planner_episode.SWEEP: (planner_episode.play_sweep, lambda _: None),
 }
-"""For each policy code, the kernel that runs the policy, and the function that makes the policy's working memory.
+"""For each policy code, the kernel that runs the policy, and the function that makes the policy's
+working memory.
 
-The policies manual and random-moves have no entry, because their commands are fixed or drawn before the kernel runs.
+The policies manual and random-moves have no entry, because their commands are fixed or drawn before
+the kernel runs.
 """
 
 
@@ -142,29 +173,58 @@ class SearchGame:
     """
 
     def __init__(
-        self, policy: Any, free: Board, state: SwarmState, belief: Belief, *, rule: str, mapping: bool, n_free: int,
-        rng: Generator, scanning: ScanRule | None,
-    ) -> None:  # fmt: skip
+        self,
+        policy: Any,
+        free: Board,
+        state: SwarmState,
+        belief: Belief,
+        *,
+        rule: str,
+        mapping: bool,
+        n_free: int,
+        rng: Generator,
+        scanning: ScanRule | None,
+    ) -> None:
         self.code, self.rule, self.mapping, self.rng = policy.code, RULE_CODES[rule], mapping, rng
         self.layout, self.field = state.occupied.layout, field_of(free.words, state, belief)
         self.largest = largest_piece(self.field)
-        options = {name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)}
+        options = {
+            name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)
+        }
         plan = getattr(policy, "commands", "")
-        self.play, space_of = PLAYED.get(policy.code, PLAYED[policy_episode.CLOSEST])
-        if rule == "tilt" and policy.code == policy_episode.CLOSEST:
-            self.play, space_of = policy_episode.play_tilts, slides_of
+        self.play, space_of = PLAYED.get(policy.code, PLAYED[planner_episode.CLOSEST])
+        if rule == "tilt" and policy.code == planner_episode.CLOSEST:
+            self.play, space_of = planner_episode.play_tilts, slides_of
         self.policy_state = policy_state_of(
-            self.layout, n_free, belief, plan=plan, scanning=scanning, space=space_of(self.layout), **options
+            self.layout,
+            n_free,
+            belief,
+            plan=plan,
+            scanning=scanning,
+            space=space_of(self.layout),
+            **options,
         )
         self.scan_planner = scan_planner_of(self.layout, scanning)
         if not belief.complete:
             choose_driven(policy.code, state, self.policy_state, rng)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Compute one piece of the episode. For the policy random-moves, first draw the commands of the piece."""
-        if self.code == policy_episode.RANDOM:
-            trace.commands[:] = self.rng.integers(0, len(self.policy_state.search.neighbours), size=trace.moves)
-        played, status = self.play(self.code, self.field, self.rule, self.mapping, self.policy_state, self.scan_planner, trace)
+        """Compute one piece of the episode. For the policy random-moves, first draw the commands of
+        the piece.
+        """
+        if self.code == planner_episode.RANDOM:
+            trace.commands[:] = self.rng.integers(
+                0, len(self.policy_state.search.neighbours), size=trace.moves
+            )
+        played, status = self.play(
+            self.code,
+            self.field,
+            self.rule,
+            self.mapping,
+            self.policy_state,
+            self.scan_planner,
+            trace,
+        )
         return int(played), int(status)
 
     @property
@@ -175,9 +235,13 @@ class SearchGame:
     def cut(self, trace: Trace) -> Status:
         """Return the status of an episode after its maximum number of moves.
 
-        If the maximum number of moves interrupts a run with an uncertain outcome, record a scan after the last command.
+        If the maximum number of moves interrupts a run with an uncertain outcome, record a scan
+        after the last command.
         """
-        known = self.policy_state.scanning.kind == scan_runs.ADAPTIVE and self.policy_state.memory.learnt == 0
+        known = (
+            self.policy_state.scanning.kind == planner_episode.ADAPTIVE
+            and self.policy_state.memory.learnt == 0
+        )
         if self.policy_state.memory.run_left == 0 or known:
             return Status.LIMIT
         trace.scanned[-1] = True
@@ -187,29 +251,52 @@ class SearchGame:
     def final(self) -> tuple[SwarmState, Belief]:
         """Return the current state of the swarm and the current belief."""
         boards = (self.field.open, self.field.known, self.field.frontier)
-        return state_of(self.layout, self.field), Belief(*(board_of(self.layout, words) for words in boards))
+        return state_of(self.layout, self.field), Belief(
+            *(board_of(self.layout, words) for words in boards)
+        )
 
 
 class PlannerGame:
     """An episode of a planner in compiled code. `SearchGame` explains the parameters."""
 
     def __init__(
-        self, policy: PlannerPolicy, free: Board, state: SwarmState, belief: Belief, *, rule: str, mapping: bool, rng: Generator
+        self,
+        policy: PlannerPolicy,
+        free: Board,
+        state: SwarmState,
+        belief: Belief,
+        *,
+        rule: str,
+        mapping: bool,
+        rng: Generator,
     ) -> None:
         seed = 0 if belief.complete else seed_of(rng)
-        self.code, self.rule, self.mapping, self.pace = policy.code, RULE_CODES[rule], mapping, Pace(policy.milliseconds)
+        self.code, self.rule, self.mapping, self.pace = (
+            policy.code,
+            RULE_CODES[rule],
+            mapping,
+            Pace(policy.milliseconds),
+        )
         self.field = field_of(free.words, state, belief)
         self.largest = largest_piece(self.field)
         options = policy.settings(len(state.occupied))
-        self.planner = planner_of(belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options)
+        self.planner = planner_of(
+            belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options
+        )
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Compute one piece of the episode, as `Game` describes."""
-        moves, status, piece = 0, RUNNING, TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves)
+        moves, status, piece = (
+            0,
+            RUNNING,
+            TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves),
+        )
         while moves < trace.moves and status == RUNNING:
             part = trace.part(moves, moves + piece)
             with self.pace.timed(self.planner, part.moves):
-                played, status = planner_episode.play_planner(self.code, self.field, self.rule, self.mapping, self.planner, part)
+                played, status = planner_episode.play_planner(
+                    self.code, self.field, self.rule, self.mapping, self.planner, part
+                )
             moves += int(played)
         return moves, int(status)
 
@@ -219,7 +306,9 @@ class PlannerGame:
         return int(self.planner.memory.remaining)
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status ``limit``. A planner scans after every move and therefore needs no additional scan."""
+        """Return the status ``limit``. A planner scans after every move and therefore needs no
+        additional scan.
+        """
         return Status.LIMIT
 
 
@@ -241,29 +330,40 @@ class NoisyGame:
 
     def __init__(self, policy: Any, belief: NoisyBelief, rng: Generator, *, every: int) -> None:
         size = int(np.prod(belief.layout.window))
-        self.search = search_of(belief.layout, ties=policy.ties, neighbours=policy.neighbours, plan_size=size)
+        self.search = search_of(
+            belief.layout, ties=policy.ties, neighbours=policy.neighbours, plan_size=size
+        )
         self.belief, self.rng, self.every, self.lookout = belief, rng, every, Lookout(belief)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Compute one piece of the episode, as `Game` describes.
 
-        Where the policy finds no path although the mapping is not complete, a `Lookout` chooses the commands.
+        Where the policy finds no path although the mapping is not complete, a `Lookout` chooses the
+        commands.
         """
         belief, moves, status = self.belief, 0, RUNNING
         while moves < trace.moves and status == RUNNING:
             part = trace.part(moves, trace.moves)
-            played, status = belief.play(self.search, self.rng, part, every=self.every, limit=limit - moves)
+            played, status = belief.play(
+                self.search, self.rng, part, every=self.every, limit=limit - moves
+            )
             moves += played
             if status != RUNNING:
-                status = policy_episode.COMPLETE if belief.finished else self._look(trace.part(moves, moves + 1))
+                status = (
+                    planner_episode.COMPLETE
+                    if belief.finished
+                    else self._look(trace.part(moves, moves + 1))
+                )
                 moves += int(status == RUNNING)
         return moves, status
 
     def _look(self, step: Trace) -> int:
-        """Send one command of the lookout, and fill the trace of one move. Return the status code."""
+        """Send one command of the lookout, and fill the trace of one move. Return the
+        status code.
+        """
         code = None if self.belief.undecided else self.lookout.next()
         if code is None:
-            return int(policy_episode.STALLED)
+            return int(planner_episode.STALLED)
         step.commands[0], step.scanned[0] = code, True
         self.belief.follow(self.rng, step)
         self.belief.guard.memory.budget = -1  # of a cell that is found to be no wall
@@ -275,15 +375,22 @@ class NoisyGame:
         return self.belief.remaining
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status ``complete`` if the task is finished, and the status ``limit`` if the task is unfinished."""
+        """Return the status ``complete`` if the task is finished, and the status ``limit`` if the
+        task is unfinished.
+        """
         return Status.COMPLETE if self.belief.finished else Status.LIMIT
 
 
 def is_compiled(task: Any) -> bool:
-    """Return whether kernels support a task: a built-in task, or a subclass that keeps ``begin``, ``update`` and ``mapping``."""
+    """Return whether kernels support a task: a built-in task, or a subclass that keeps ``begin``,
+    ``update`` and ``mapping``.
+    """
     parts = ("begin", "update", "mapping")
     builtin = (known for known in (Mapping, Coverage) if isinstance(task, known))
-    return any(all(getattr(type(task), part) is getattr(known, part) for part in parts) for known in builtin)
+    return any(
+        all(getattr(type(task), part) is getattr(known, part) for part in parts)
+        for known in builtin
+    )
 
 
 def largest_piece(field: moves.Field) -> int:
@@ -291,25 +398,37 @@ def largest_piece(field: moves.Field) -> int:
     return int(np.clip(2**25 // field.free.size, 64, 2**16))
 
 
-def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
-    """Return a scan rule in the form that kernels expect. If ``scanning`` is None, the recorded trace determines the scans."""
-    return scan_runs.Scanning(scan_runs.GIVEN, 1) if scanning is None else scan_runs.Scanning(KINDS[scanning.kind], scanning.step)
+def scanning_of(scanning: ScanRule | None) -> planner_episode.Scanning:
+    """Return a scan rule in the form that kernels expect. If ``scanning`` is None, the recorded
+    trace determines the scans.
+    """
+    return (
+        planner_episode.Scanning(planner_episode.GIVEN, 1)
+        if scanning is None
+        else planner_episode.Scanning(KINDS[scanning.kind], scanning.step)
+    )
 
 
-def scan_planner_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.ScanPlanner | None:
-    """Return the working memory of the adaptive scan rule. For a scan rule that is not adaptive, return None."""
-    if scanning is None or KINDS[scanning.kind] != scan_runs.ADAPTIVE:
+def scan_planner_of(
+    layout: GridLayout, scanning: ScanRule | None
+) -> planner_episode.ScanPlanner | None:
+    """Return the working memory of the adaptive scan rule. For a scan rule that is not adaptive,
+    return None.
+    """
+    if scanning is None or KINDS[scanning.kind] != planner_episode.ADAPTIVE:
         return None
     longest = min(max(layout.window), LONGEST_RUN)
     boards = empty_boards(layout, 2)
-    return scan_runs.ScanPlanner(
+    return planner_episode.ScanPlanner(
         gain=expected_gain.ExpectedGain(
             prices=new_record(lookahead.PRICES, scan=scanning.scan_cost, move=scanning.move_cost),
             prior=new_prior(layout),
             gains=np.zeros((len(letters_of(layout.ndim)), longest + 1), dtype=np.float64),
             columns=layout.columns,
         ),
-        lookahead=lookahead.Lookahead(boards[0], boards[1], np.zeros((0, 0), np.int32), new_record(lookahead.BEST)),
+        lookahead=lookahead.Lookahead(
+            boards[0], boards[1], np.zeros((0, 0), np.int32), new_record(lookahead.BEST)
+        ),
     )
 
 
@@ -323,23 +442,34 @@ def policy_state_of(
     plan: str = "",
     scanning: ScanRule | None = EVERY_MOVE,
     space: Any = None,
-) -> policy_episode.PolicyState:
-    """Return the initial memory of a built-in policy. A policy with fixed commands follows ``plan``."""
-    search = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
-    memory = new_record(policy_episode.MEMORY)
+) -> planner_episode.PolicyState:
+    """Return the initial memory of a built-in policy. A policy with fixed commands follows
+    ``plan``.
+    """
+    search = search_of(
+        layout,
+        ties=ties,
+        neighbours=neighbours,
+        plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN),
+    )
+    memory = new_record(planner_episode.MEMORY)
     memory.run_command, memory.scanned = -1, 1
     memory.remaining = len(belief.frontier)
     if plan:
         search.plan[: len(plan)] = encode(plan, ndim=layout.ndim)
         memory.plan_length = len(plan)
-    return policy_episode.PolicyState(memory, search, scanning_of(scanning), space)
+    return planner_episode.PolicyState(memory, search, scanning_of(scanning), space)
 
 
-def choose_driven(code: int, state: SwarmState, policy_state: policy_episode.PolicyState, rng: Generator) -> None:
-    """Choose the particle that a policy moves: a random particle for elect-particle, and the first particle for depth-first."""
-    if code not in {policy_episode.ELECT, policy_episode.DEPTH_FIRST}:
+def choose_driven(
+    code: int, state: SwarmState, policy_state: planner_episode.PolicyState, rng: Generator
+) -> None:
+    """Choose the particle that a policy moves: a random particle for elect-particle, and the first
+    particle for depth-first.
+    """
+    if code not in {planner_episode.ELECT, planner_episode.DEPTH_FIRST}:
         return
     layout, cells = state.occupied.layout, state.occupied.cells
-    cell = cells[rng.integers(0, len(cells)) if code == policy_episode.ELECT else 0] + 1
+    cell = cells[rng.integers(0, len(cells)) if code == planner_episode.ELECT else 0] + 1
     layer = int(cell[0]) if layout.ndim == 3 else 0
     policy_state.memory.row, policy_state.memory.column = layer * layout.rows + cell[-2], cell[-1]

@@ -1,4 +1,6 @@
-"""Replays of episodes without noise, of simulations with noise, and of runs on a rig with recorded scans."""
+"""Replays of episodes without noise, of simulations with noise, and of runs on a rig with recorded
+scans.
+"""
 
 from __future__ import annotations
 
@@ -11,27 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import decode
-from shoal.swarm.grid.randomness import noise_rng, trial_rng
-from shoal.swarm.grid.scans import ScanRule
-from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.trace import Recorder, Trace
+from shoal.swarm.grid.board import Board, GridLayout, decode, noise_rng, trial_rng
+from shoal.swarm.grid.scans import Recorder, ScanRule, Trace
+from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.kernels.noise import noisy_state as kernels
+from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.belief import NoisyBelief, inner_of
+from shoal.swarm.noise.belief import Moment, NoisyBelief, inner_of, looks_of, noisy_belief
 from shoal.swarm.noise.model import LOSS, Noise
-from shoal.swarm.noise.moments import Moment, looks_of
-from shoal.swarm.noise.simulated import noisy_belief
-from shoal.swarm.policies.manual import Manual
+from shoal.swarm.policies.walks import Manual
 from shoal.swarm.simulation.compiled import SearchGame, compiled_loop, is_compiled
-from shoal.swarm.simulation.exact import ExactSwarm
+from shoal.swarm.simulation.swarms import ExactSwarm
 
 
 class End(NamedTuple):
-    """The result of a replay: the state, the belief, the trace, and the number of frontier cells at the start."""
+    """The result of a replay: the state, the belief, the trace, and the number of frontier cells at
+    the start.
+    """
 
     state: SwarmState
     belief: Belief
@@ -50,10 +48,14 @@ class Replay(Protocol):
 
     @property
     def end(self) -> End:
-        """The state of the swarm and the belief at the end of the replay, and the trace of the replay."""
+        """The state of the swarm and the belief at the end of the replay, and the trace of the
+        replay.
+        """
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first scan that violates the scan rule. If all scans follow the scan rule, return None."""
+        """Return a description of the first scan that violates the scan rule. If all scans follow
+        the scan rule, return None.
+        """
 
 
 @dataclass(frozen=True)
@@ -83,13 +85,15 @@ class ExactReplay:
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        The belief contains what the last scan showed. If the outcome of a command after the last scan is certain, the belief also
-        contains this outcome.
+        The belief contains what the last scan showed. If the outcome of a command after the last
+        scan is certain, the belief also contains this outcome.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)
         yield state, shown
-        for command, scanned in zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True):
+        for command, scanned in zip(
+            decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
+        ):
             swarm.carry_out(command, 1)
             if scanned or swarm.belief.known == shown.known:
                 shown = swarm.belief
@@ -106,31 +110,52 @@ class ExactReplay:
         first = len(belief.frontier)
         if is_compiled(self.task):
             game = SearchGame(
-                Manual(decode(self.trace.commands)), self.world.free, state, belief, rule=self.world.rule,
-                mapping=self.task.mapping, n_free=self.world.workspace.n_free, rng=trial_rng(0), scanning=None,
-            )  # fmt: skip
+                Manual(decode(self.trace.commands)),
+                self.world.free,
+                state,
+                belief,
+                rule=self.world.rule,
+                mapping=self.task.mapping,
+                n_free=self.world.workspace.n_free,
+                rng=trial_rng(0),
+                scanning=None,
+            )
             trace, _ = compiled_loop(game, self.trace.moves, scanned=self.trace.scanned)
             if trace.moves == self.trace.moves:
                 return End(*game.final, trace, first)
-            state, belief = self._begin()  # compiled code stops at completion, but a drive of a rig ends with closing moves
+            state, belief = (
+                self._begin()
+            )  # compiled code stops at completion, but a drive of a rig ends with closing moves
         swarm, recorder = ExactSwarm(self.world, self.task, state, belief), Recorder()
-        for command, scanned in zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True):
+        for command, scanned in zip(
+            decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
+        ):
             recorder.add(command, swarm.carry_out(command, 1)[0], scanned=scanned)
         return End(swarm.state, swarm.belief, recorder.trace, first)
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first scan that violates the scan rule. If all scans follow the scan rule, return None.
+        """Return a description of the first scan that violates the scan rule. If all scans follow
+        the scan rule, return None.
 
         Every scan rule requires a scan before each change of direction.
         """
         commands, scanned = self.trace.commands, self.trace.scanned
         if scanning.every_move and not scanned.all():
-            return f"no scan after move {int(np.argmin(scanned)) + 1}, although there should be one after every move"
+            return (
+                f"no scan after move {int(np.argmin(scanned)) + 1}, although there should be one"
+                " after every move"
+            )
         unseen = 0  # moves since the last scan whose effect is not yet observed
-        for move, (code, scan) in enumerate(zip(commands.tolist(), scanned.tolist(), strict=True), start=1):
+        for move, (code, scan) in enumerate(
+            zip(commands.tolist(), scanned.tolist(), strict=True), start=1
+        ):
             if unseen and code != commands[move - 2]:
                 return f"no scan after move {move - 1}, where the direction changes"
-            if scanning.kind != "adaptive" or unseen or (self.targets is None and self.trace.classified[move - 1] > 0):
+            if (
+                scanning.kind != "adaptive"
+                or unseen
+                or (self.targets is None and self.trace.classified[move - 1] > 0)
+            ):
                 unseen += 1
             if scanning.kind == "equal" and unseen > scanning.step:
                 return f"no scan after move {move - 1}, {scanning.step} moves after the one before"
@@ -145,9 +170,11 @@ class _BeliefReplay(ABC):
 
     @abstractmethod
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief and a mask of the cells of the particles, at the start and after each command.
+        """Yield the belief and a mask of the cells of the particles, at the start and after each
+        command.
 
-        The mask includes the rim. The yielded belief is always the same object, which changes in place.
+        The mask includes the rim. The yielded belief is always the same object, which changes in
+        place.
 
         For a rig, the cells of the particles are the cells in which the last scan showed particles.
         """
@@ -156,7 +183,9 @@ class _BeliefReplay(ABC):
     def _truth(self) -> NDArray[np.bool_] | None: ...
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield the estimated state of the swarm and the belief, at the start and after each command."""
+        """Yield the estimated state of the swarm and the belief, at the start and after each
+        command.
+        """
         for belief, _ in self.beliefs():
             yield SwarmState(belief.occupied), belief.belief
 
@@ -168,7 +197,8 @@ class _BeliefReplay(ABC):
             yield Moment(particles, looks_of(belief, truth))
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first scan that violates the scan rule. If all scans follow the scan rule, return None.
+        """Return a description of the first scan that violates the scan rule. If all scans follow
+        the scan rule, return None.
 
         In an episode with noise, the direction of the commands may change without a scan.
         """
@@ -182,7 +212,8 @@ class _BeliefReplay(ABC):
 
 @dataclass(frozen=True)
 class NoisyReplay(_BeliefReplay):
-    """A replay of a simulation with noise. The replay draws the noise of the episode again from the episode's seed.
+    """A replay of a simulation with noise. The replay draws the noise of the episode again from the
+    episode's seed.
 
     Parameters
     ----------
@@ -210,7 +241,9 @@ class NoisyReplay(_BeliefReplay):
         return self.workspace.free
 
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief and the true cells of the particles, at the start and after each command."""
+        """Yield the belief and the true cells of the particles, at the start and after each
+        command.
+        """
         belief, rng = self._begin()
         yield belief, self._particles(belief)
         for code, scanned in zip(self.trace.commands, self.trace.scanned.tolist(), strict=True):
@@ -227,7 +260,9 @@ class NoisyReplay(_BeliefReplay):
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:
-        """The belief after the last command as a `NoisyBelief`, and the result of the replay as an `End`."""
+        """The belief after the last command as a `NoisyBelief`, and the result of the replay as an
+        `End`.
+        """
         belief, rng = self._begin()
         first, trace = belief.remaining, Trace.empty(self.trace.moves)
         trace.commands[:], trace.scanned[:] = self.trace.commands, self.trace.scanned
@@ -267,13 +302,17 @@ class ObservedReplay(_BeliefReplay):
         return self.truth
 
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief and the cells in which the last scan showed particles, at the start and after each command."""
+        """Yield the belief and the cells in which the last scan showed particles, at the start and
+        after each command.
+        """
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
         belief = NoisyBelief(self.shape, seen, self.noise, self.confidence, loss=LOSS)
         yield belief, seen.mask
-        for command, scanned in zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True):
+        for command, scanned in zip(
+            decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
+        ):
             if scanned:
                 seen = next(boards)
                 belief.update(command, seen)
@@ -285,8 +324,8 @@ class ObservedReplay(_BeliefReplay):
     def end(self) -> End:
         """The result of the replay.
 
-        The columns ``classified`` and ``travelled`` are copies of the recorded columns, because the recorded scans do not determine
-        these columns.
+        The columns ``classified`` and ``travelled`` are copies of the recorded columns, because the
+        recorded scans do not determine these columns.
         """
         frontier: list[int] = []
         belief: Any = None

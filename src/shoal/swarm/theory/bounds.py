@@ -1,13 +1,16 @@
-"""Lower bounds on the number of moves of a mapping or coverage on any map."""
+"""Bounds on the number of moves, and optima of small maps."""
 
 from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.grid.commands import offsets_of
+from shoal.swarm.grid.board import letters_of, offsets_of
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -16,19 +19,22 @@ _AXES = ((0, 2), (1, 3), (4, 5))  # commands with opposite directions
 
 @dataclass(frozen=True)
 class LowerBound:
-    """Three lower bounds on the number of moves of any plan. The property ``moves`` is the largest of the three bounds.
+    """Three lower bounds on the number of moves of any plan. The property ``moves`` is the largest
+    of the three bounds.
 
     Parameters
     ----------
     count : int
-        Counting bound: a lower bound that follows from the fact that each move classifies at most one cell per particle.
+        Counting bound: a lower bound that follows from the fact that each move classifies at most
+        one cell per particle.
     distance : int
-        Distance bound: if N of the cells to classify are more than d moves away from all particles, a plan needs at least d moves
-        plus the counting bound of these N cells. The distance bound is the largest of these sums over all d.
+        Distance bound: if N of the cells to classify are more than d moves away from all particles,
+        a plan needs at least d moves plus the counting bound of these N cells. The distance bound
+        is the largest of these sums over all d.
     axes : int
-        Axis bound: the minimum number of commands along each axis, summed over all axes. The minimum number of commands along
-        an axis follows from cells that need many commands along the axis, and from walls that particles can probe along this
-        axis only.
+        Axis bound: the minimum number of commands along each axis, summed over all axes. The
+        minimum number of commands along an axis follows from cells that need many commands along
+        the axis, and from walls that particles can probe along this axis only.
     """
 
     count: int
@@ -42,30 +48,46 @@ class LowerBound:
 
 
 def flat_cells(workspace: GridWorkspace) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the mask of free cells as a flat array with a rim of one cell, and the index offset of each command."""
+    """Return the mask of free cells as a flat array with a rim of one cell, and the index offset of
+    each command.
+    """
     padded = np.pad(workspace.free, 1)
     return padded.ravel(), offsets_of(padded.shape)
 
 
 def flat_mask(workspace: GridWorkspace, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return the mask of a set of cells as a flat array with a rim of one cell, in the layout of `flat_cells`."""
+    """Return the mask of a set of cells as a flat array with a rim of one cell, in the layout of
+    `flat_cells`.
+    """
     mask = np.zeros(workspace.shape, dtype=np.bool_)
     mask[tuple(cells.T)] = True
     return np.pad(mask, 1).ravel()
 
 
 def check_case(
-    workspace: GridWorkspace, start: ArrayLike, task: str, targets: NDArray[np.bool_] | None, rule: str
+    workspace: GridWorkspace,
+    start: ArrayLike,
+    task: str,
+    targets: NDArray[np.bool_] | None,
+    rule: str,
 ) -> NDArray[np.int64]:
-    """Return the start cells of the particles. Refuse a task, targets or a move rule for which no lower bounds are known."""
+    """Return the start cells of the particles. Refuse a task, targets or a move rule for which no
+    lower bounds are known.
+    """
     if rule not in ("block", "merge"):
         raise InvalidInputError(
-            f"rule: expected block or merge, under which a particle moves at most one cell per command, got {rule}"
+            "rule: expected block or merge, under which a particle moves at most one cell per"
+            f" command, got {rule}"
         )
     if task not in ("mapping", "coverage"):
-        raise InvalidInputError(f"task: expected mapping or coverage (of targets, if given), got {task!r}")
+        raise InvalidInputError(
+            f"task: expected mapping or coverage (of targets, if given), got {task!r}"
+        )
     if targets is not None and (task == "mapping" or np.shape(targets) != workspace.shape):
-        raise InvalidInputError(f"targets: expected a mask of shape {workspace.shape} for coverage, got {np.shape(targets)}")
+        raise InvalidInputError(
+            f"targets: expected a mask of shape {workspace.shape} for coverage, got"
+            f" {np.shape(targets)}"
+        )
     return check_start(workspace, start, rule=rule)
 
 
@@ -77,7 +99,8 @@ def lower_bound(
     targets: NDArray[np.bool_] | None = None,
     rule: str = "block",
 ) -> LowerBound:
-    """Return lower bounds on the number of moves of any plan, even of a plan made with the complete map.
+    """Return lower bounds on the number of moves of any plan, even of a plan made with the complete
+    map.
 
     Parameters
     ----------
@@ -85,10 +108,11 @@ def lower_bound(
     start : array_like of int, shape (n, ndim)
         Start cells of the particles.
     task : str
-        "coverage" or "mapping". In a mapping, the particles must classify all free cells that they can reach, and all walls beside
-        reachable cells.
+        "coverage" or "mapping". In a mapping, the particles must classify all free cells that they
+        can reach, and all walls beside reachable cells.
     targets : ndarray of bool, the shape of the workspace, optional
-        For a coverage: the cells that the particles must cover. By default, the particles must cover all free cells.
+        For a coverage: the cells that the particles must cover. By default, the particles must
+        cover all free cells.
     rule : str
         The move rule: "block" or "merge".
 
@@ -106,7 +130,7 @@ def lower_bound(
     -----
     The page docs/concepts/bounds.md proves the lower bounds.
     """
-    from shoal.swarm.kernels.theory.command_costs import FAR, fewest_both_ways, fewest_paid
+    from shoal.swarm.kernels.theory import FAR, fewest_both_ways, fewest_paid
 
     cells = check_case(workspace, start, task, targets, rule)
     free, offsets = flat_cells(workspace)
@@ -119,20 +143,191 @@ def lower_bound(
     else:
         chosen = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
         wanted = chosen & ~particles & (distances < FAR)
-    n, left = len(cells), np.bincount(distances[wanted]) if wanted.any() else np.zeros(1, dtype=np.int64)
+    n, left = (
+        len(cells),
+        np.bincount(distances[wanted]) if wanted.any() else np.zeros(1, dtype=np.int64),
+    )
     beyond = left.sum() - np.cumsum(left)  # cells farther than d
     farthest = max((d + -(-int(more) // n) for d, more in enumerate(beyond) if more), default=0)
     axes = 0
     for back, forth in _AXES[: workspace.ndim]:
         costs, before = np.zeros(free.size, dtype=np.int64), np.zeros(free.size, dtype=np.int64)
-        reach = int(fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack))
-        axes += max(reach, sum(-(-_only_by(free, offsets, wanted, way) // n) for way in (back, forth)))
-    return LowerBound(count=-(-int(left.sum()) // n), distance=max(farthest, len(left) - 1), axes=axes)
+        reach = int(
+            fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack)
+        )
+        axes += max(
+            reach, sum(-(-_only_by(free, offsets, wanted, way) // n) for way in (back, forth))
+        )
+    return LowerBound(
+        count=-(-int(left.sum()) // n), distance=max(farthest, len(left) - 1), axes=axes
+    )
 
 
-def _only_by(free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int) -> int:
-    """Return the number of wanted walls with a single free neighbour, from which particles probe the wall by ``command``."""
+def _only_by(
+    free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int
+) -> int:
+    """Return the number of wanted walls with a single free neighbour, from which particles probe
+    the wall by ``command``.
+    """
     walls = np.flatnonzero(wanted & ~free)
     inside = [(walls - offset >= 0) & (walls - offset < free.size) for offset in offsets]
-    entered = [ok & free[np.clip(walls - offset, 0, free.size - 1)] for ok, offset in zip(inside, offsets, strict=True)]
+    entered = [
+        ok & free[np.clip(walls - offset, 0, free.size - 1)]
+        for ok, offset in zip(inside, offsets, strict=True)
+    ]
     return int(np.count_nonzero(entered[command] & (np.sum(entered, axis=0) == 1)))
+
+
+MOST_STATES = 2_000_000
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The minimum number of moves for a coverage task, proved by an exhaustive search.
+
+    Parameters
+    ----------
+    moves : int
+    commands : str
+        A plan with the minimum number of moves, as command letters.
+    states : int
+        Number of different states that the search has found, including states that it has not
+        expanded.
+    """
+
+    moves: int
+    commands: str
+    states: int
+
+
+def optimum(
+    workspace: GridWorkspace,
+    start: ArrayLike,
+    *,
+    targets: NDArray[np.bool_] | None = None,
+    rule: str = "block",
+    most_states: int = MOST_STATES,
+) -> Optimum:
+    """Return the minimum number of moves that cover all free cells or all target cells, found by an
+    A* search.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+        A small workspace, because the number of states grows exponentially with the number of
+        cells.
+    start : array_like of int, shape (n, ndim)
+        Start cells of the particles.
+    targets : ndarray of bool, the shape of the workspace, optional
+        The cells that the particles must cover. By default, the particles must cover all free
+        cells.
+    rule : str
+        The move rule: "block" or "merge".
+    most_states : int
+        Maximum number of different states that the search may find.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if particles cannot reach a target cell, or if the search needs more than
+        ``most_states`` states.
+
+    Examples
+    --------
+    >>> optimum(GridWorkspace([[1, 1, 1], [1, 1, 1]]), [(0, 0)]).moves
+    5
+    """
+    cells = check_case(workspace, start, "coverage", targets, rule)
+    free, offsets = flat_cells(workspace)
+    world = SmallWorld(free, offsets, rule)
+    wanted = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
+    particles = world.number(flat_mask(workspace, cells))
+    left = world.number(wanted) & ~particles
+    balls = {cell: world.balls(cell) for cell in set_bits(left)}
+    if any(not steps[-1] & particles for steps in balls.values()):
+        raise InvalidInputError(
+            "optimum: expected a particle in every connected part with cells to cover, got a part"
+            " without a particle"
+        )
+    n, letters = len(cells), letters_of(workspace.ndim)
+
+    def estimate(particles: int, left: int) -> int:
+        farthest = 0
+        for cell in set_bits(left):
+            steps = balls[cell]
+            while not steps[farthest] & particles if farthest < len(steps) else False:
+                farthest += 1
+        return max(farthest, -(-left.bit_count() // n))
+
+    seen = {(particles, left): 0}
+    queue = [(estimate(particles, left), 0, particles, left, "")]
+    while queue:
+        _, negative, here, todo, plan = heapq.heappop(queue)
+        moves = -negative
+        if not todo:
+            return Optimum(moves, plan, len(seen))
+        if seen[here, todo] < moves:
+            continue
+        for command, letter in enumerate(letters):
+            there = world.push(here, command)
+            state = there, todo & ~there
+            if there == here or seen.get(state, MOST_STATES) <= moves + 1:
+                continue
+            if len(seen) >= most_states:
+                raise InvalidInputError(
+                    f"optimum: expected at most {most_states} states, got more for {workspace.name}"
+                )
+            seen[state] = moves + 1
+            heapq.heappush(queue, (moves + 1 + estimate(*state), -moves - 1, *state, plan + letter))
+    raise AssertionError("a reachable cell was not reached")
+
+
+class SmallWorld:
+    """A small world in which each set of cells is an integer with one bit per cell."""
+
+    def __init__(self, free: NDArray[np.bool_], offsets: NDArray[np.int64], rule: str) -> None:
+        self.free, self.offsets, self.merge = self.number(free), offsets.tolist(), rule == "merge"
+
+    @staticmethod
+    def number(mask: NDArray[np.bool_]) -> int:
+        """Return a mask of cells as an integer with one bit per cell."""
+        return int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
+
+    @staticmethod
+    def shifted(cells: int, offset: int) -> int:
+        """Return a set of cells, shifted by a number of bits."""
+        return cells << offset if offset > 0 else cells >> -offset
+
+    def push(self, particles: int, command: int, free: int | None = None) -> int:
+        """Return the cells that hold particles after one command."""
+        offset = self.offsets[command]
+        moving = particles & self.shifted(self.free if free is None else free, -offset)
+        staying = particles & ~moving
+        while not self.merge:
+            held = moving & self.shifted(staying, -offset)
+            if not held:
+                break
+            staying |= held
+            moving &= ~held
+        return staying | self.shifted(moving, offset)
+
+    def balls(self, cell: int) -> list[int]:
+        """Return a list of sets of cells: set number d contains all cells within d moves of
+        ``cell``.
+        """
+        found = [1 << cell]
+        while True:
+            wider = found[-1]
+            for offset in self.offsets:
+                wider |= self.shifted(found[-1], offset) & self.free
+            if wider == found[-1]:
+                return found
+            found.append(wider)
+
+
+def set_bits(number: int) -> Iterator[int]:
+    """Yield the index of each 1 bit in an integer."""
+    while number:
+        low = number & -number
+        yield low.bit_length() - 1
+        number ^= low

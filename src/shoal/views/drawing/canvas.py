@@ -1,8 +1,10 @@
-"""A fast antialiased canvas for film frames, which uses the renderer of matplotlib but not its figures and artists."""
+"""A fast antialiased canvas for film frames, which uses the renderer of matplotlib but not its
+figures and artists.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,7 +44,9 @@ class Canvas:
 
     def frame(self) -> NDArray[np.uint8]:
         """Return a copy of the drawing as RGB pixels; uint8, shape (height, width, 3)."""
-        return np.asarray(Image.fromarray(self._pixels).convert("RGB"))  # several times as fast as a slice
+        return np.asarray(
+            Image.fromarray(self._pixels).convert("RGB")
+        )  # several times as fast as a slice
 
     def paint(self, pixels: NDArray[np.uint8]) -> None:
         """Replace the drawing by the RGB picture ``pixels``; uint8, shape (height, width, 3)."""
@@ -61,17 +65,33 @@ class Canvas:
         """Draw a line through ``points``, an array of shape (n, 2), in pixels."""
         self._draw(_path([np.asarray(points)], closed=closed), None, colour, width, alpha, dashes)
 
-    def lines(self, pieces: Sequence[ArrayLike], colour: Colour, width: float, *, alpha: float = 1.0) -> None:
+    def lines(
+        self, pieces: Sequence[ArrayLike], colour: Colour, width: float, *, alpha: float = 1.0
+    ) -> None:
         """Draw several lines at once.
 
-        One call of `lines` is faster than a call of `line` for each line. At a crossing of transparent lines, `lines` paints the
-        colour once. Several calls of `line` paint the colour once for each line, so that the crossing is darker.
+        One call of `lines` is faster than a call of `line` for each line. At a crossing of
+        transparent lines, `lines` paints the colour once. Several calls of `line` paint the colour
+        once for each line, so that the crossing is darker.
         """
         if pieces:
-            self._draw(_path([np.asarray(piece) for piece in pieces], closed=False), None, colour, width, alpha, None)
+            self._draw(
+                _path([np.asarray(piece) for piece in pieces], closed=False),
+                None,
+                colour,
+                width,
+                alpha,
+                None,
+            )
 
     def area(
-        self, rings: Sequence[ArrayLike], fill: Colour, *, alpha: float = 1.0, edge: Colour | None = None, width: float = 0
+        self,
+        rings: Sequence[ArrayLike],
+        fill: Colour,
+        *,
+        alpha: float = 1.0,
+        edge: Colour | None = None,
+        width: float = 0,
     ) -> None:
         """Fill the area inside closed lines (rings).
 
@@ -93,23 +113,44 @@ class Canvas:
     ) -> None:
         """Draw a disc, or only its border if ``fill`` is None."""
         x, y = np.asarray(place)
-        self._draw(_CIRCLE.transformed(Affine2D().scale(radius).translate(x, y)), fill, edge, width, alpha, None)
+        self._draw(
+            _CIRCLE.transformed(Affine2D().scale(radius).translate(x, y)),
+            fill,
+            edge,
+            width,
+            alpha,
+            None,
+        )
 
-    def text(self, place: ArrayLike, words: str, colour: Colour, size: float, *, bold: bool = False, align: float = 0.0) -> float:
+    def text(
+        self,
+        place: ArrayLike,
+        words: str,
+        colour: Colour,
+        size: float,
+        *,
+        bold: bool = False,
+        align: float = 0.0,
+    ) -> float:
         """Write a text with its baseline at ``place``, and return the width of the text in pixels.
 
-        The text is left-aligned if ``align`` is 0, centred if ``align`` is 0.5, and right-aligned if ``align`` is 1.
+        The text is left-aligned if ``align`` is 0, centred if ``align`` is 0.5, and right-aligned
+        if ``align`` is 1.
         """
         if not words:
             return 0.0
         path, width = self._outline(words, size, bold)
         x, y = np.asarray(place)
-        moved = path.transformed(Affine2D().scale(1, -1).translate(float(x) - align * width, float(y)))
+        moved = path.transformed(
+            Affine2D().scale(1, -1).translate(float(x) - align * width, float(y))
+        )
         self._draw(moved, colour, None, 0, 1.0, None)
         return width
 
     def _outline(self, words: str, size: float, bold: bool) -> tuple[Path, float]:
-        """Return the outline of a text as a path, and the width of the text in pixels; a cache keeps known outlines."""
+        """Return the outline of a text as a path, and the width of the text in pixels; a cache
+        keeps known outlines.
+        """
         known = self._words.get((words, size, bold))
         if known is None:
             font = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
@@ -146,5 +187,40 @@ def _path(rings: Sequence[NDArray[np.float64]], *, closed: bool) -> Path:
     corners, codes = [], []
     for ring in rings:
         corners.append(np.concatenate([ring, ring[:1]]) if closed else ring)
-        codes += [Path.MOVETO, *[Path.LINETO] * (len(ring) - 1), *([Path.CLOSEPOLY] if closed else [])]
+        codes += [
+            Path.MOVETO,
+            *[Path.LINETO] * (len(ring) - 1),
+            *([Path.CLOSEPOLY] if closed else []),
+        ]
     return Path(np.concatenate(corners), codes)
+
+
+Ring = NDArray[np.float64]
+
+
+def rings_of(area: Any) -> list[list[Ring]]:
+    """Return the closed border lines (rings) of each part of an area, the outer ring first; each
+    float64, shape (n, 2).
+    """
+    return [
+        [np.asarray(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]
+        for part in getattr(area, "geoms", [area])
+        if part.geom_type == "Polygon" and not part.is_empty
+    ]
+
+
+def path_of_rings(rings: Iterable[Ring]) -> Any:
+    """Return several closed lines (rings) as one matplotlib path."""
+    from matplotlib.path import Path
+
+    return Path.make_compound_path(
+        *(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in rings)
+    )
+
+
+def hole_in(frame: Ring, ring: Ring) -> Ring:
+    """Return the closed line ``ring`` with the orientation opposite to ``frame``. In drawings, this
+    line is a hole in ``frame``.
+    """
+    areas = [float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) for x, y in (ring.T, frame.T)]
+    return ring if areas[0] * areas[1] < 0 else ring[::-1]

@@ -1,8 +1,9 @@
-"""Charts with curves: means with confidence bands in front of published curves, and numbers of frontier cells over the moves."""
+"""Curves: means with intervals of several runs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,23 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
+from shoal.views.drawing.charts import (
+    BLUE,
+    GREEN,
+    INK,
+    MUTED,
+    ORANGE,
+    PURPLE,
+    SKY,
+    new_figure,
+    plain_axes,
+    set_title,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, MUTED)
 Numbers = NDArray[np.float64]
@@ -29,9 +42,11 @@ class Published:
     ----------
     x, mean : ndarray of float64, shape (n,)
     std : ndarray of float64, shape (n,), optional
-        Published standard deviations, with NaN at points where the paper gives no standard deviation.
+        Published standard deviations, with NaN at points where the paper gives no standard
+        deviation.
     points : bool
-        Whether the paper gives only single points. A chart shows single points as circles instead of a curve.
+        Whether the paper gives only single points. A chart shows single points as circles instead
+        of a curve.
     """
 
     x: Numbers
@@ -71,8 +86,11 @@ class Labels:
     note: str = ""
 
 
-def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> Figure:
-    """Return a figure of means with confidence bands. Published curves are grey, with a band of ± one standard deviation.
+def mean_curves(
+    curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True
+) -> Figure:
+    """Return a figure of means with confidence bands. Published curves are grey, with a band of ±
+    one standard deviation.
 
     Raises
     ------
@@ -87,7 +105,9 @@ def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False,
     return figure
 
 
-def draw_curves(axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> None:
+def draw_curves(
+    axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True
+) -> None:
     """Draw means with confidence bands on given axes, as in `mean_curves`."""
     from matplotlib.ticker import LogLocator
 
@@ -95,7 +115,12 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: b
         _behind(axes, curve.published, colour)
         axes.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.25, lw=0, zorder=3)
         axes.plot(curve.x, curve.mean, color=colour, lw=1.6, zorder=4)
-    axes.set(xlabel=labels.x, ylabel=labels.y, xscale="log" if log_x else "linear", yscale="log" if log_y else "linear")
+    axes.set(
+        xlabel=labels.x,
+        ylabel=labels.y,
+        xscale="log" if log_x else "linear",
+        yscale="log" if log_y else "linear",
+    )
     if log_x:
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter("{x:g}")
@@ -121,18 +146,41 @@ def _behind(axes: Axes, published: Published | None, colour: str) -> None:
     if published.points:
         errors = None if published.std is None else np.nan_to_num(published.std)
         axes.errorbar(
-            published.x, published.mean, yerr=_above_zero(published.mean, errors), fmt="o", ms=6, mfc="white", mec=colour, mew=1.4,
-            ecolor=colour, elinewidth=0.9, capsize=2.5, alpha=0.9, zorder=5,
-        )  # fmt: skip
+            published.x,
+            published.mean,
+            yerr=_above_zero(published.mean, errors),
+            fmt="o",
+            ms=6,
+            mfc="white",
+            mec=colour,
+            mew=1.4,
+            ecolor=colour,
+            elinewidth=0.9,
+            capsize=2.5,
+            alpha=0.9,
+            zorder=5,
+        )
         return
     if published.std is not None:
         below = np.maximum(published.mean - published.std, published.mean / 5)
-        axes.fill_between(published.x, below, published.mean + published.std, color=MUTED, alpha=0.16, lw=0, zorder=1)
-    axes.plot(published.x, published.mean, color=MUTED, lw=5, alpha=0.5, zorder=2, solid_capstyle="round")
+        axes.fill_between(
+            published.x,
+            below,
+            published.mean + published.std,
+            color=MUTED,
+            alpha=0.16,
+            lw=0,
+            zorder=1,
+        )
+    axes.plot(
+        published.x, published.mean, color=MUTED, lw=5, alpha=0.5, zorder=2, solid_capstyle="round"
+    )
 
 
 def _above_zero(mean: Numbers, errors: Numbers | None) -> Numbers | None:
-    """Return the lower and upper errors of ``mean``. The lower errors are limited to 80 % of ``mean``, for a logarithmic axis."""
+    """Return the lower and upper errors of ``mean``. The lower errors are limited to 80 % of
+    ``mean``, for a logarithmic axis.
+    """
     return None if errors is None else np.stack([np.minimum(errors, 0.8 * mean), errors])
 
 
@@ -141,9 +189,14 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
     from matplotlib.patches import Patch
 
     handles: list[object] = [
-        Line2D([], [], color=colour, lw=2.4, label=curve.label) for curve, colour in zip(curves, COLOURS * 9, strict=False)
+        Line2D([], [], color=colour, lw=2.4, label=curve.label)
+        for curve, colour in zip(curves, COLOURS * 9, strict=False)
     ]
-    lines = [curve.published for curve in curves if curve.published is not None and not curve.published.points]
+    lines = [
+        curve.published
+        for curve in curves
+        if curve.published is not None and not curve.published.points
+    ]
     if lines:
         handles.append(Line2D([], [], color=MUTED, lw=5, alpha=0.5, label=labels.published))
         if any(line.std is not None for line in lines):
@@ -166,16 +219,22 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
 
 
 def frontier_curves(
-    groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title: str, note: str = "", printed: Mapping[str, float] | None = None
+    groups: Mapping[str, Sequence[NDArray[np.int32]]],
+    *,
+    title: str,
+    note: str = "",
+    printed: Mapping[str, float] | None = None,
 ) -> Figure:
-    """Return a figure of the number of frontier cells over the moves, with a thin line for each trial and a thick median line.
+    """Return a figure of the number of frontier cells over the moves, with a thin line for each
+    trial and a thick median line.
 
     Source: figure 8 of paper M.
 
     Parameters
     ----------
     groups : mapping from name to arrays of int32, shape (moves + 1,)
-        For each named group of trials, the number of frontier cells before the first move and after each move of each trial.
+        For each named group of trials, the number of frontier cells before the first move and after
+        each move of each trial.
     title, note : str
     printed : mapping from name to float, optional
         For some groups, the mean number of moves that a paper prints. The figure marks this number.
@@ -191,15 +250,33 @@ def frontier_curves(
     axes = figure.add_subplot()
     for (name, curves), colour in zip(groups.items(), COLOURS, strict=False):
         for curve in curves:
-            axes.plot(np.arange(1, len(curve) + 1), np.maximum(curve, 0.5), color=colour, lw=0.5, alpha=0.25)
+            axes.plot(
+                np.arange(1, len(curve) + 1),
+                np.maximum(curve, 0.5),
+                color=colour,
+                lw=0.5,
+                alpha=0.25,
+            )
         if printed and name in printed:
-            axes.axvline(printed[name] + 1, color=colour, lw=1.2, ls=":", label=f"{name}, printed mean: {printed[name]:g} moves")
+            axes.axvline(
+                printed[name] + 1,
+                color=colour,
+                lw=1.2,
+                ls=":",
+                label=f"{name}, printed mean: {printed[name]:g} moves",
+            )
         median = median_of(curves)
         alive = median > 0
         axes.plot(
-            np.arange(1, len(median) + 1)[alive], median[alive], color=colour, lw=2.2, label=f"{name}, median of {len(curves)}"
+            np.arange(1, len(median) + 1)[alive],
+            median[alive],
+            color=colour,
+            lw=2.2,
+            label=f"{name}, median of {len(curves)}",
         )
-    axes.set(xlabel="moves + 1", ylabel="frontier cells", xscale="log", yscale="log", ylim=(0.8, None))
+    axes.set(
+        xlabel="moves + 1", ylabel="frontier cells", xscale="log", yscale="log", ylim=(0.8, None)
+    )
     axes.legend(frameon=False, fontsize=9, labelcolor=INK)
     set_title(axes, title)
     plain_axes(axes)
@@ -208,8 +285,140 @@ def frontier_curves(
 
 
 def median_of(curves: Sequence[NDArray[np.integer[Any]]]) -> Numbers:
-    """Return the median of several curves at each position, as float64. Zeros extend short curves to the greatest length."""
+    """Return the median of several curves at each position, as float64. Zeros extend short curves
+    to the greatest length.
+    """
     table = np.zeros((len(curves), max(len(curve) for curve in curves)))
     for row, curve in zip(table, curves, strict=True):
         row[: len(curve)] = curve
     return np.asarray(np.median(table, axis=0))
+
+
+ASIDE = 0.007
+"""Horizontal distance between the intervals of two lines at the same axis value, as a fraction of
+the length of the axis.
+"""
+
+
+@dataclass(frozen=True)
+class PointMean:
+    """The mean of a measure at one point of a sweep, that is, for one combination of axis values.
+
+    Parameters
+    ----------
+    values : dict
+        Value of each sweep axis at the point, by the name of the axis.
+    mean : float
+    low, high : float
+        Lower and upper end of the mean's confidence interval, or NaN if the point has a single
+        trial.
+    """
+
+    values: Mapping[str, Any]
+    mean: float
+    low: float
+    high: float
+
+
+def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Figure:
+    """Return a figure of the means at all points of a sweep.
+
+    The first sweep axis with several numbers becomes the x axis, and each combination of values of
+    the other axes becomes a line. If no axis has several numbers, each point of the sweep becomes a
+    row.
+
+    Raises
+    ------
+    InvalidInputError
+        If ``means`` is empty.
+    """
+    if not means:
+        raise InvalidInputError("means: expected at least one mean, got none")
+    axis = _axis_of_numbers([mean.values for mean in means])
+    lines: dict[str, list[PointMean]] = {}
+    for mean in means:
+        lines.setdefault(_words(mean.values, axis), []).append(mean)
+    figure = new_figure(7.4, 4.8 if axis else 1.6 + 0.4 * len(means))
+    axes = figure.add_subplot()
+    places = sorted({mean.values[axis] for mean in means}) if axis else []
+    for number, (label, line) in enumerate(lines.items()):
+        at = np.array([one.values[axis] for one in line] if axis else [number])
+        middle = np.array([one.mean for one in line])
+        ends = np.array(
+            [[one.low, one.high] if isfinite(one.low) else [one.mean, one.mean] for one in line]
+        ).T
+        errors = np.abs(ends - middle)
+        colour = COLOURS[number % len(COLOURS)] if axis else COLOURS[0]
+        if axis:
+            beside = _beside(at, places, number - (len(lines) - 1) / 2)
+            axes.errorbar(
+                beside,
+                middle,
+                yerr=errors,
+                marker="o",
+                ms=4,
+                lw=1.6,
+                capsize=3,
+                color=colour,
+                label=label,
+            )
+        else:
+            axes.errorbar(middle, at, xerr=errors, marker="o", ms=7, lw=2.4, color=colour)
+    if axis:
+        if _is_logarithmic(places):
+            axes.set_xscale("log")
+        if len(places) <= 12:
+            axes.set_xticks(places, [f"{place:g}" for place in places])
+            axes.minorticks_off()
+        axes.set(xlabel=axis, ylabel=_label(measure))
+        if len(lines) > 1:
+            axes.legend(frameon=False)
+    else:
+        axes.set_yticks(range(len(lines)), list(lines), parse_math=False)
+        axes.set(xlabel=_label(measure), ylim=(len(lines) - 0.5, -0.5))
+    set_title(axes, title)
+    plain_axes(axes)
+    return figure
+
+
+def _is_logarithmic(places: Sequence[float]) -> bool:
+    return places[0] > 0 and places[-1] >= 10 * places[0]
+
+
+def _beside(at: Any, places: Sequence[float], steps: float) -> Any:
+    """Return axis values moved to the side by a number of steps, so that intervals of two lines do
+    not hide each other.
+    """
+    if _is_logarithmic(places):
+        return at * (places[-1] / places[0]) ** (ASIDE * steps)
+    return at + (places[-1] - places[0]) * ASIDE * steps
+
+
+def _label(measure: str) -> str:
+    return f"mean {measure}, with 95 % confidence intervals"
+
+
+def _axis_of_numbers(points: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return the name of the first numeric sweep axis with several values, or None if no such axis
+    exists.
+    """
+    for name in points[0]:
+        found = {
+            point[name]
+            for point in points
+            if isinstance(point[name], int | float) and not isinstance(point[name], bool)
+        }
+        if len(found) > 1 and all(isinstance(point[name], int | float) for point in points):
+            return name
+    return None
+
+
+def _words(values: Mapping[str, Any], without: str | None) -> str:
+    kept = {name: value for name, value in values.items() if name != without}
+    return (
+        ", ".join(
+            str(value) if isinstance(value, str) else f"{name} {value}"
+            for name, value in kept.items()
+        )
+        or "all"
+    )

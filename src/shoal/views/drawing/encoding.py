@@ -1,4 +1,4 @@
-"""Encoding of frames as GIF or MP4 films."""
+"""Encoding of pictures and films, and the window that shows an episode while it runs."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from fractions import Fraction
+from io import BytesIO
 from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
@@ -26,7 +29,8 @@ Frame = NDArray[np.uint8]
 At = TypeVar("At")
 _SAMPLES = 6  # number of frames from which the palette of a GIF is computed
 _KEPT = 32  # number of most frequent colours that are kept exactly
-_APART = 9  # minimum difference of two palette colours, because Pillow rounds colours down to multiples of 4
+# minimum difference of two palette colours, because Pillow rounds colours down to multiples of 4
+_APART = 9
 
 
 def check_film(path: str | os.PathLike[str]) -> Path:
@@ -38,15 +42,18 @@ def check_film(path: str | os.PathLike[str]) -> Path:
     """
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
-        raise InvalidInputError(f"{target}: expected a film ({' '.join(SUFFIXES)}), got the suffix {target.suffix!r}")
+        raise InvalidInputError(
+            f"{target}: expected a film ({' '.join(SUFFIXES)}), got the suffix {target.suffix!r}"
+        )
     return target
 
 
 def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
-    """Return (width, height) of a film of ``height`` × ``width`` cells, such that its longer side has at most ``side`` pixels.
+    """Return (width, height) of a film of ``height`` × ``width`` cells, such that its longer side
+    has at most ``side`` pixels.
 
-    Width and height are even, as video requires. If ``side`` permits, a cell is a whole number of pixels wide. If ``side`` is None,
-    a cell is one pixel.
+    Width and height are even, as video requires. If ``side`` permits, a cell is a whole number of
+    pixels wide. If ``side`` is None, a cell is one pixel.
 
     Examples
     --------
@@ -75,18 +82,20 @@ class Clip(Generic[At]):
     Parameters
     ----------
     frames : callable
-        Function that yields a picture for each given moment; each picture is uint8 of shape (height, width, 3).
+        Function that yields a picture for each given moment; each picture is uint8 of shape
+        (height, width, 3).
     moments : sequence
         The moments that the film shows, one for each frame.
     rate : float
         Number of frames per second.
     side : int or None
-        Length of the film's longer side in pixels, to which smaller pictures are enlarged. If ``side`` is None, the film has the
-        size of the pictures.
+        Length of the film's longer side in pixels, to which smaller pictures are enlarged. If
+        ``side`` is None, the film has the size of the pictures.
     quality : int
         Constant rate factor (CRF) of H.264; smaller values give a better quality.
     palette : bytes, optional
-        Colours of a GIF as red, green and blue bytes. If ``palette`` is None, the encoder computes the colours from a few frames.
+        Colours of a GIF as red, green and blue bytes. If ``palette`` is None, the encoder computes
+        the colours from a few frames.
     """
 
     frames: Callable[[Sequence[At]], Iterator[Frame]]
@@ -103,7 +112,10 @@ def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | N
     if gif:
         palette = clip.palette
         if palette is None:
-            sample = [moments[k] for k in np.unique(np.linspace(0, len(moments) - 1, _SAMPLES).astype(int))]
+            sample = [
+                moments[k]
+                for k in np.unique(np.linspace(0, len(moments) - 1, _SAMPLES).astype(int))
+            ]
             palette = palette_of(list(clip.frames(sample)))
         write_gif(path, frames, clip.rate, palette=palette, side=clip.side)
     else:
@@ -117,17 +129,27 @@ def palette_of(frames: list[Frame]) -> bytes:
     """
     from PIL import Image as Pillow
 
-    packed = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(np.uint32) @ np.array(
-        [1 << 16, 1 << 8, 1], np.uint32
-    )
+    packed = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(
+        np.uint32
+    ) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     colours, counts = np.unique(packed, return_counts=True)
     order = np.argsort(-counts, kind="stable")
-    # Soft edges have many colours of few pixels each. To keep them visible, the weight of a colour grows slowly with its area.
+    # Soft edges have many colours of few pixels each. To keep them visible, the weight of a colour
+    # grows slowly with its area.
     rest = np.repeat(colours[order], 1 + np.log2(counts[order]).astype(np.int64))
-    found = Pillow.fromarray(_unpacked(rest)[None]).quantize(256, method=Pillow.Quantize.MEDIANCUT).getpalette() or []
+    found = (
+        Pillow.fromarray(_unpacked(rest)[None])
+        .quantize(256, method=Pillow.Quantize.MEDIANCUT)
+        .getpalette()
+        or []
+    )
     chosen = np.zeros((0, 3), np.int64)
-    for colour in np.concatenate([_unpacked(colours[order[:_KEPT]]), np.array(found, np.uint8).reshape(-1, 3)]).astype(np.int64):
-        if len(chosen) < 256 and (not len(chosen) or np.abs(chosen - colour).max(axis=1).min() >= _APART):
+    for colour in np.concatenate(
+        [_unpacked(colours[order[:_KEPT]]), np.array(found, np.uint8).reshape(-1, 3)]
+    ).astype(np.int64):
+        if len(chosen) < 256 and (
+            not len(chosen) or np.abs(chosen - colour).max(axis=1).min() >= _APART
+        ):
             chosen = np.vstack([chosen, colour])
     return chosen.astype(np.uint8).tobytes()
 
@@ -136,7 +158,9 @@ def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=-1).astype(np.uint8)
 
 
-def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int | None) -> None:
+def write_gif(
+    path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int | None
+) -> None:
     """Write uint8 frames of shape (H, W, 3) as a GIF.
 
     The function enlarges small frames to about ``side`` pixels, without interpolation.
@@ -154,11 +178,23 @@ def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: byte
     first = next(images)
     duration = max(20, round(1000 / rate / 10) * 10)  # the format counts hundredths of a second
     with path.open("wb") as file:  # Pillow would leave the file open after an interruption
-        first.save(file, format="GIF", save_all=True, append_images=images, duration=duration, loop=0, optimize=False, disposal=1)
+        first.save(
+            file,
+            format="GIF",
+            save_all=True,
+            append_images=images,
+            duration=duration,
+            loop=0,
+            optimize=False,
+            disposal=1,
+        )
 
 
-def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | None, quality: int) -> None:
-    """Write frames as H.264 with a separate ffmpeg process, with the constant rate factor ``quality``.
+def write_mp4(
+    path: Path, frames: Iterator[Frame], rate: float, *, side: int | None, quality: int
+) -> None:
+    """Write frames as H.264 with a separate ffmpeg process, with the constant rate factor
+    ``quality``.
 
     The function raises an error if the exit code of ffmpeg shows a failure.
     """
@@ -174,10 +210,16 @@ def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | N
         "-crf", str(quality), "-preset", "superfast", "-movflags", "+faststart", "-threads", "2", f"file:{path}",
     ]
     # fmt: on
-    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said) as encoder:
+    with (
+        tempfile.TemporaryFile() as said,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said) as encoder,
+    ):
         assert encoder.stdin is not None
         try:
-            with suppress(BrokenPipeError), encoder.stdin:  # the encoder has ended: its exit code gives the reason
+            with (
+                suppress(BrokenPipeError),
+                encoder.stdin,
+            ):  # the encoder has ended: its exit code gives the reason
                 for frame in chain([first], frames):
                     encoder.stdin.write(frame.tobytes())
         except BaseException:
@@ -202,5 +244,47 @@ def _encoder() -> str:
     except RuntimeError as error:
         raise MissingExtraError(f"films as .mp4 need ffmpeg: {error}") from None
     if shutil.which(program) is None:
-        raise MissingExtraError(f"films as .mp4 need ffmpeg: expected a program, got {program!r} (IMAGEIO_FFMPEG_EXE)")
+        raise MissingExtraError(
+            f"films as .mp4 need ffmpeg: expected a program, got {program!r} (IMAGEIO_FFMPEG_EXE)"
+        )
     return program
+
+
+class LiveWindow:
+    """A window that shows one picture. On a machine without a display, the class shows nothing and
+    raises no error.
+    """
+
+    def __init__(self, title: str) -> None:
+        self._figure = plt.figure()
+        if self._figure.canvas.manager is not None:
+            self._figure.canvas.manager.set_window_title(title)
+        self._axes = self._figure.add_axes((0, 0, 1, 1))
+
+    def show(self, picture: NDArray[np.uint8], *, pause: float) -> None:
+        """Show a uint8 picture of shape (height, width, 3) in the window, and wait for ``pause``
+        seconds.
+        """
+        self._axes.clear()
+        self._axes.set_axis_off()
+        self._axes.imshow(picture)
+        if self._figure.canvas.required_interactive_framework is not None:  # a display exists
+            plt.pause(pause)
+
+    def close(self) -> None:
+        """Close the window."""
+        plt.close(self._figure)
+
+
+class NotebookFigure(Figure):
+    """A matplotlib figure that displays itself in a notebook."""
+
+    def _repr_png_(self) -> bytes:
+        return encode_figure(self)
+
+
+def encode_figure(figure: Figure) -> bytes:
+    """Return a figure as PNG bytes, with a size that suits notebooks."""
+    picture = BytesIO()
+    figure.savefig(picture, format="png", dpi=110)
+    return picture.getvalue()

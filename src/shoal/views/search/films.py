@@ -8,16 +8,14 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.counts import count_text
+from shoal.core.checks import count_text
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
-from shoal.views.drawing.canvas import Canvas
+from shoal.views.drawing.canvas import Canvas, hole_in
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
-from shoal.views.drawing.polygon_paths import hole_in
 from shoal.views.search.figures import cell_colours
-from shoal.views.search.history import Activity, SearchHistory, robot_colour
-from shoal.views.search.panels import sizes_text
+from shoal.views.search.history import Activity, SearchHistory, robot_colour, sizes_text
 
 RATE = {".gif": 10, ".mp4": 30}  # frames per second
 HEIGHT = {".gif": 432, ".mp4": 720}
@@ -52,8 +50,13 @@ class SearchFilm:
         self._unit = unit = max(height / 720, 0.7)
         head, foot, side = 64 * unit, 92 * unit, 32 * unit
         across = float(np.clip((right - left) / (top - bottom), 0.9, 1.9))
-        self.height, self.width = height, 2 * round(((height - head - foot) * across + 2 * side) / 2)
-        self._scale = min((self.width - 2 * side) / (right - left), (height - head - foot) / (top - bottom))
+        self.height, self.width = (
+            height,
+            2 * round(((height - head - foot) * across + 2 * side) / 2),
+        )
+        self._scale = min(
+            (self.width - 2 * side) / (right - left), (height - head - foot) / (top - bottom)
+        )
         self._corner = (
             (self.width - self._scale * (right - left)) / 2,
             head + (height - head - foot - self._scale * (top - bottom)) / 2,
@@ -61,10 +64,13 @@ class SearchFilm:
         self._canvas: Canvas = Canvas(self.width, self.height)
         self._label = self._pixels()
         self._rings = [[self._at(ring) for ring in part] for part in self.history.panels.parts]
-        self._outlines = [list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)]
+        self._outlines = [
+            list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)
+        ]
 
     def times(self, rate: float, longest: int) -> list[float]:
-        """Return the times of the frames, in cell times (the time that a robot of speed 1 needs for one cell).
+        """Return the times of the frames, in cell times (the time that a robot of speed 1 needs for
+        one cell).
 
         The last frames repeat the final time, so that the film pauses at its end.
         """
@@ -97,33 +103,64 @@ class SearchFilm:
         panels, (left, _, _, top) = self.history.panels, self.history.extent
         corner = self._at(np.array([left, top]))
         rows, cols = (
-            np.floor((np.arange(length) + 0.5 - first) / (self._scale * panels.step)).astype(np.int64)
+            np.floor((np.arange(length) + 0.5 - first) / (self._scale * panels.step)).astype(
+                np.int64
+            )
             for length, first in ((self.height, corner[1]), (self.width, corner[0]))
         )
         number = self.history.raster(np.arange(self.history.n_cells), self.history.n_cells)
         padded = np.pad(number, 1, constant_values=self.history.n_cells)
         height, width = panels.shape
-        return np.asarray(padded[np.clip(rows + 1, 0, height + 1)[:, None], np.clip(cols + 1, 0, width + 1)[None]])
+        return np.asarray(
+            padded[np.clip(rows + 1, 0, height + 1)[:, None], np.clip(cols + 1, 0, width + 1)[None]]
+        )
 
     def _draw_background(self) -> None:
         canvas, unit, episode = self._canvas, self._unit, self.history.episode
-        canvas.area([[(0, 0), (self.width, 0), (self.width, self.height), (0, self.height)]], "#ffffff")
+        canvas.area(
+            [[(0, 0), (self.width, 0), (self.width, self.height), (0, self.height)]], "#ffffff"
+        )
         name = episode.plan.grid.region.name
-        width = canvas.text((32 * unit, 38 * unit), name if len(name) < 30 else name[:29] + "…", INK, 19 * unit, bold=True)
-        words = f"{count_text(self.history.n_robots, 'robot')}, {self.history.n_cells:,} cells of {sizes_text(episode.plan)}"
+        width = canvas.text(
+            (32 * unit, 38 * unit),
+            name if len(name) < 30 else name[:29] + "…",
+            INK,
+            19 * unit,
+            bold=True,
+        )
+        words = (
+            f"{count_text(self.history.n_robots, 'robot')}, {self.history.n_cells:,} cells of"
+            f" {sizes_text(episode.plan)}"
+        )
         canvas.text((32 * unit + width + 14 * unit, 38 * unit), words, MUTED, 14 * unit)
         self._plain = canvas.frame()
         self._draw_cells(-1.0)
 
     def _draw_cells(self, time: float) -> None:
-        """Draw the cells without their parts outside the region, and store the drawing as the background of the next frames."""
-        colours = np.rint(255 * np.vstack([cell_colours(self.history, time), (1.0, 1.0, 1.0)])).astype(np.uint8)
+        """Draw the cells without their parts outside the region, and store the drawing as the
+        background of the next frames.
+        """
+        colours = np.rint(
+            255 * np.vstack([cell_colours(self.history, time), (1.0, 1.0, 1.0)])
+        ).astype(np.uint8)
         canvas = self._canvas
-        canvas.paint(np.where((self._label < self.history.n_cells)[..., None], colours[self._label], self._plain))
+        canvas.paint(
+            np.where(
+                (self._label < self.history.n_cells)[..., None], colours[self._label], self._plain
+            )
+        )
         for robot, activities in enumerate(self.history.activities):
             if any(activity.kind == "taken" and activity.begin <= time for activity in activities):
                 canvas.lines(self._outlines[robot], robot_colour(robot), 2 * self._unit)
-        frame = np.array([(-9, -9), (self.width + 9, -9), (self.width + 9, self.height + 9), (-9, self.height + 9)], dtype=float)
+        frame = np.array(
+            [
+                (-9, -9),
+                (self.width + 9, -9),
+                (self.width + 9, self.height + 9),
+                (-9, self.height + 9),
+            ],
+            dtype=float,
+        )
         head = 56 * self._unit
         frame[:2, 1], frame[2:, 1] = head, self.height - 80 * self._unit
         canvas.area([frame, *(hole_in(frame, part[0]) for part in self._rings)], "#ffffff")
@@ -133,7 +170,9 @@ class SearchFilm:
             for ring in part:
                 canvas.line(ring, _EDGE, 1.4 * self._unit, closed=True)
         for words, x, y in self.history.panels.labels:
-            canvas.text(self._at(np.array([x, y])) - (0, 5 * self._unit), words, INK, 13 * self._unit)
+            canvas.text(
+                self._at(np.array([x, y])) - (0, 5 * self._unit), words, INK, 13 * self._unit
+            )
         canvas.keep()
 
     def _draw_frame(self, time: float) -> None:
@@ -163,25 +202,56 @@ class SearchFilm:
         if activity.kind == "dead":
             for width, shade in ((5.5 * unit, "#ffffff"), (2.6 * unit, INK)):
                 for sign in (1, -1):
-                    canvas.line(place + 0.62 * radius * np.array([(-1, -sign), (1, sign)]), shade, width)
-            canvas.text(place + radius * np.array((0.9, 1.3)), str(robot + 1), INK, 11 * unit, bold=True)
+                    canvas.line(
+                        place + 0.62 * radius * np.array([(-1, -sign), (1, sign)]), shade, width
+                    )
+            canvas.text(
+                place + radius * np.array((0.9, 1.3)), str(robot + 1), INK, 11 * unit, bold=True
+            )
             return
         if activity.kind == "taken":
             since = (time - activity.begin) / (self.history.end / _FLASH)
             if since < 1:
-                canvas.disc(place, radius * (1.2 + 2.6 * since), None, edge=colour, width=3 * unit, alpha=1 - since)
+                canvas.disc(
+                    place,
+                    radius * (1.2 + 2.6 * since),
+                    None,
+                    edge=colour,
+                    width=3 * unit,
+                    alpha=1 - since,
+                )
             canvas.disc(place, 1.38 * radius, None, edge=colour, width=2.2 * unit)
         idle = activity.kind in ("waiting", "complete", "listening", "paused")
         if idle and activity.kind != "listening" and self.history.circle:
-            canvas.disc(place, self._scale * self.history.circle, None, edge=colour, width=1.2 * unit, alpha=0.7)
+            canvas.disc(
+                place,
+                self._scale * self.history.circle,
+                None,
+                edge=colour,
+                width=1.2 * unit,
+                alpha=0.7,
+            )
         canvas.disc(
-            place, radius, "#ffffff" if idle else colour, edge=colour if idle else "#ffffff", width=(2.4 if idle else 1.4) * unit
+            place,
+            radius,
+            "#ffffff" if idle else colour,
+            edge=colour if idle else "#ffffff",
+            width=(2.4 if idle else 1.4) * unit,
         )
         size = 1.05 * radius
-        canvas.text(place + np.array((0, 0.37 * size)), str(robot + 1), colour if idle else "#ffffff", size, bold=True, align=0.5)
+        canvas.text(
+            place + np.array((0, 0.37 * size)),
+            str(robot + 1),
+            colour if idle else "#ffffff",
+            size,
+            bold=True,
+            align=0.5,
+        )
 
     def _draw_foot(self, time: float, now: list[Activity]) -> None:
-        """Draw the foot of a frame: the clock, the searched fraction, and the number of robots in each activity."""
+        """Draw the foot of a frame: the clock, the searched fraction, and the number of robots in
+        each activity.
+        """
         canvas, unit, history = self._canvas, self._unit, self.history
         level, left, right = self.height - 26 * unit, 32 * unit, self.width - 32 * unit
         done = history.searched(time)
@@ -189,18 +259,29 @@ class SearchFilm:
         if 0 < history.n_cells - done < 0.005 * history.n_cells:
             share = f"{history.n_cells - done} cells left"
         width = canvas.text((left, level - 20 * unit), share, INK, 19 * unit, bold=True)
-        clock = " of ".join(duration_text(history.episode.clock(moment)) for moment in (time, history.end))
+        clock = " of ".join(
+            duration_text(history.episode.clock(moment)) for moment in (time, history.end)
+        )
         canvas.text((left + width + 14 * unit, level - 20 * unit), clock, MUTED, 14 * unit)
         kinds = [activity.kind for activity in now]
         words = [
             f"{kinds.count(kind)} {name}"
-            for kind, name in (("dead", "dead"), ("taken", "taking over"), ("paused", "paused"), ("waiting", "waiting"))
+            for kind, name in (
+                ("dead", "dead"),
+                ("taken", "taking over"),
+                ("paused", "paused"),
+                ("waiting", "waiting"),
+            )
             if kind in kinds
         ]
         canvas.text((right, level - 20 * unit), " · ".join(words), MUTED, 14 * unit, align=1.0)
         canvas.line([(left, level), (right, level)], _BAR, 5 * unit)
         if done:
-            canvas.line([(left, level), (left + (right - left) * done / history.n_cells, level)], "#0072b2", 5 * unit)
+            canvas.line(
+                [(left, level), (left + (right - left) * done / history.n_cells, level)],
+                "#0072b2",
+                5 * unit,
+            )
 
 
 def _current(activities: tuple[Activity, ...], time: float) -> Activity:

@@ -1,9 +1,10 @@
-"""The history of a search episode for drawings: each robot's positions and activities, and the robot that searched each cell."""
+"""What a search looked like at each time: paths, states, and the panels that show them."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
-from math import inf
+from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -11,25 +12,418 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.search import Arc, RobotLog, SearchEpisode
-from shoal.search.allocation.partition import partition
-from shoal.search.problem.faults import Liar, WrongPosition
-from shoal.search.simulation.findings import Finding
-from shoal.views.search.panels import LayerPanels
-from shoal.views.search.trajectories import RobotTrajectory, RobotWays, death_of
+from shoal.search.allocation.allocate import partition
+from shoal.search.cells.grid import CellGrid, rotated_shape
+from shoal.search.cells.layers import layers_of
+from shoal.search.planning.plan import SearchPlan
+from shoal.search.problem.network import Liar, Slow, WrongPosition
+from shoal.search.simulation.trace import cell_spans
+from shoal.search.simulation.world import Finding
+from shoal.views.drawing.canvas import rings_of
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
-# Neighbouring colours of the cycle differ in hue and lightness. All are dark enough for thin lines and white numbers.
+
+
+def death_of(log: RobotLog) -> float:
+    """Return the time at which a robot failed, or infinity if it never failed."""
+    return next((moment for moment, state in log.states if state == "dead"), inf)
+
+
+@dataclass(frozen=True, eq=False)
+class RobotTrajectory:
+    """The position of a robot as a function of time.
+
+    Parameters
+    ----------
+    times : ndarray of float64, shape (k,)
+        Increasing times, in cell times (the time that a robot of speed 1 needs for one cell).
+    points : ndarray of float64, shape (k, 2)
+        Positions of the robot at ``times``, in metres. The robot moves uniformly from one position
+        to the next. Before the first and after the last time, the robot stands still.
+    """
+
+    times: Floats
+    points: Floats
+
+    def at(self, time: float) -> Floats:
+        """Return the position of the robot at a given time, in metres; float64, shape (2,)."""
+        return np.array([np.interp(time, self.times, column) for column in self.points.T])
+
+    def until(self, time: float) -> Floats:
+        """Return the path of the robot up to a given time, as positions in metres; float64, shape
+        (n, 2).
+        """
+        return np.concatenate(
+            [self.points[: np.searchsorted(self.times, time, side="right")], self.at(time)[None]]
+        )
+
+
+class RobotWays:
+    """The paths of all robots in a search episode."""
+
+    def __init__(self, episode: SearchEpisode) -> None:
+        self.episode = episode
+
+    def stop_ends(self, robot: int) -> Numbers:
+        """Return indices of points of a robot's route; int64, shape (k + 1,).
+
+        The indices are those of the start and of the k points at which the robot searched a cell.
+        """
+        log, route = self.episode.trace.robots[robot], self.episode.routes[robot]
+        ends = (
+            cell_spans(self.episode.plan, route, log)[:, 1]
+            if len(log.cells)
+            else np.zeros(0, dtype=np.int64)
+        )
+        return np.concatenate([[0], ends])
+
+    def of(self, robot: int) -> Floats:
+        """Return the route of a robot, (x, y) in metres and possibly the layer; float64, shape (k,
+        2) or (k, 3).
+
+        If the grid has several layers, a third column holds the layer. A point between two cells
+        belongs to the layer with the nearer altitude. If the altitudes of both cells are equally
+        near, a point between them belongs to the layer of the second cell.
+        """
+        plan, route, log = (
+            self.episode.plan,
+            self.episode.routes[robot],
+            self.episode.trace.robots[robot],
+        )
+        if route.points.shape[1] == 2 or not len(log.cells):
+            return route.points[:, :2]
+        ends, layers = self.stop_ends(robot), plan.tour.cells[log.cells, 0]
+        cell = np.clip(np.searchsorted(ends, np.arange(len(route.points))) - 1, 0, len(layers) - 1)
+        here, before = layers[cell], np.concatenate([[0], layers])[cell]
+        away = np.abs(route.points[:, 2] - np.array(plan.altitudes)[np.stack([here, before])])
+        return np.column_stack([route.points[:, :2], np.where(away[0] <= away[1], here, before)])
+
+    def _way(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
+        """Return the path between two points (columns as in `of`), and the distance of each point
+        from the start, in metres.
+        """
+        plan = self.episode.plan
+        ups = np.array(plan.altitudes)
+        if len(ups) == 1:
+            found = plan.leg(start, end)
+            return found, np.concatenate([[0.0], np.cumsum(plan.leg_lengths(found))])
+        ends = np.array(
+            [[*place[:2], place[2] if len(place) == 3 else 0.0] for place in (start, end)]
+        )
+        heights = ups[ends[:, 2].astype(np.int64)]
+        if plan.grid.region.contains(ends[:, :2]).all():
+            found = plan.paths.legs(np.column_stack([ends[:, :2], heights])).points
+        else:  # an outside launch point: the altitude changes at the beginning of the path
+            found = plan.leg(start, end)
+            found = np.column_stack([found, np.where(np.arange(len(found)) == 0, *heights)])
+        nearer = np.argmin(np.abs(found[:, 2, None] - ups[ends[:, 2].astype(np.int64)]), axis=1)
+        far = np.concatenate([[0.0], np.cumsum(plan.leg_lengths(found))])
+        return np.column_stack([found[:, :2], ends[nearer, 2]]), far
+
+    def _rate(self, robot: int, times: Floats) -> Floats:
+        """Return the relative speed of a robot just before each of the given times."""
+        rates = np.full(len(times), self.episode.scenario.rates[robot])
+        for fault in self.episode.scenario.faults:
+            if isinstance(fault, Slow) and fault.robot == robot + 1:
+                rates[times > fault.time] /= fault.factor
+        return rates
+
+    def trajectory(self, robot: int) -> RobotTrajectory:
+        """Return the trajectory of a robot, that is, its route as a function of time.
+
+        In a drawing, a robot arrives in a cell when it has searched the cell, and departs for the
+        next cell as late as possible.
+        """
+        log = self.episode.trace.robots[robot]
+        if not len(log.cells):
+            return self._first_leg(robot)
+        route, size = self.episode.routes[robot], self.episode.plan.grid.size
+        ends = self.stop_ends(robot)
+        way = self.of(robot)
+        far = np.concatenate([[0.0], np.cumsum(self.episode.plan.leg_lengths(route.points))])
+        lengths = np.diff(far[ends]) / size
+        rates = self._rate(robot, log.times)
+        arrivals = log.times.copy()
+        arrivals[0] = max(
+            arrivals[0] - 1.0 / rates[0], 0.0
+        )  # it searches the first cell from where it stands
+        lasting = np.where(np.arange(len(lengths)) == 0, lengths, np.maximum(lengths, 1.0)) / rates
+        departures = np.maximum(arrivals - lasting, np.concatenate([[0.0], log.times[:-1]]))
+        leg = np.repeat(np.arange(len(lengths)), np.diff(ends))
+        share = (far[1:] - far[ends[leg]]) / np.maximum(np.diff(far[ends])[leg], 1e-300)
+        share[ends[1:] - 1] = 1.0
+        moments = departures[leg] + share * (arrivals - departures)[leg]
+        times = np.insert(np.concatenate([[0.0], moments]), ends[:-1] + 1, departures)
+        points = np.insert(way, ends[:-1] + 1, way[ends[:-1]], axis=0)
+        times = np.maximum.accumulate(times)
+        new = np.concatenate(
+            [[True], (np.diff(times) > 1e-9) | (np.abs(np.diff(points, axis=0)).max(axis=1) > 0)]
+        )
+        return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
+
+    def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
+        """Return the trajectory with a path to the launch point and back wherever the robot
+        recharged between two searched cells.
+
+        The time between the two searches shows that the robot recharged.
+        """
+        plan, log, brief = (
+            self.episode.plan,
+            self.episode.trace.robots[robot],
+            self.episode.scenario.brief,
+        )
+        if (
+            brief.energy == inf or plan.tour_cost.stepwise
+        ):  # the latter's paths home are part of the route
+            return trajectory
+        start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
+        times, points, home = trajectory.times, trajectory.points, self._home(robot)
+        for k in range(len(log.cells) - 1, 0, -1):
+            one, other = int(log.cells[k - 1]), int(log.cells[k])
+            there, back = (
+                plan.tour_cost.length(one, start) / rates[k],
+                plan.tour_cost.length(start, other) / rates[k],
+            )
+            if (
+                abs(log.times[k] - log.times[k - 1] - there - brief.recharge - back - 1 / rates[k])
+                > 1e-6
+            ):
+                continue
+            first, last = (
+                np.searchsorted(times, log.times[k - 1], side="right"),
+                np.searchsorted(times, log.times[k], side="left"),
+            )
+            left = log.times[k - 1]
+            ways = [self._way(points[first - 1], home), self._way(home, points[last])]
+            moments = [
+                begin + span * far / max(float(far[-1]), size * 1e-9)
+                for (_, far), begin, span in zip(
+                    ways, (left, left + there + brief.recharge), (there, back), strict=True
+                )
+            ]
+            times = np.concatenate([times[:first], *moments, times[last:]])
+            points = np.concatenate([points[:first], *(way for way, _ in ways), points[last:]])
+        return RobotTrajectory(times, points)
+
+    def _first_leg(self, robot: int) -> RobotTrajectory:
+        """Return the trajectory of a robot that failed before it searched a cell: its path towards
+        its part of the tour.
+        """
+        plan, died = self.episode.plan, death_of(self.episode.trace.robots[robot])
+        home, cells = self._home(robot), plan.numbers(plan.allocation.arcs[robot])
+        began = next(
+            (
+                moment
+                for moment, state in self.episode.trace.robots[robot].states
+                if state == "searching"
+            ),
+            inf,
+        )
+        if not (len(cells) and began < died < inf):
+            return RobotTrajectory(np.zeros(1), home[None])
+        first = plan.positions(cells[:1])[0]
+        way, far = self._way(
+            home, first if len(first) == 2 else np.append(first[:2], plan.tour.cells[cells[0], 0])
+        )
+        times = began + far / plan.grid.size / float(self._rate(robot, np.array([died]))[0])
+        whole = RobotTrajectory(times, way)
+        kept = whole.until(min(died, float(times[-1])))
+        return RobotTrajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
+
+    def _home(self, robot: int) -> Floats:
+        """Return the launch point of a robot, with columns as in `of`."""
+        home = self.episode.plan.places[robot]
+        return home if len(self.episode.plan.altitudes) == 1 else np.append(home, 0.0)
+
+
+_GAP = 0.12  # distance between panels, relative to a panel's longer side
+_FINE = 2  # squares per side of the smallest cell, if layers have different cells
+
+
+class LayerPanels:
+    """A drawing of the cells of all layers, one panel for each layer. The drawing consists of rows
+    of squares.
+
+    Usually each square of the drawing is a cell. If the layers differ in cell size or orientation,
+    the squares of the drawing are smaller than cells.
+
+    The drawing is rotated by at most 90 degrees, so that the rows of cells in the lowest layer are
+    horizontal, and north points up as far as possible. The panels of the layers follow each other
+    from left to right and then downwards, beginning with the lowest layer.
+    """
+
+    def __init__(self, plan: SearchPlan) -> None:
+        self.plan, self.layers = plan, layers_of(plan.grid)
+        first = self.layers[0]
+        self.angle = 90 - (90 - plan.grid.angle) % 180
+        self._lattice = replace(first.lattice, angle=self.angle)
+        self.alike = all(layer is first for layer in self.layers)
+        self.step = first.size if self.alike else plan.grid.size / _FINE
+        boxes = np.array([self._box(layer) for layer in dict.fromkeys(self.layers)])
+        self.largest = max(layer.size for layer in self.layers)
+        low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+        self._panel = np.rint(np.ceil((high - low) / self.step - 1e-6)).astype(np.int64)[
+            ::-1
+        ]  # rows and columns
+        self._low_left = np.array([low[0], high[1] - self.step * self._panel[0]])
+        gap = max(1, ceil(_GAP * int(self._panel.max()))) if len(self.layers) > 1 else 0
+        wide = float(self._panel[1] + gap) / float(self._panel[0] + gap)
+        self.columns = min(len(self.layers), max(1, round(sqrt(1.5 * len(self.layers) / wide))))
+        self._apart = self._panel + gap
+
+    def _box(self, layer: CellGrid) -> tuple[Floats, Floats]:
+        """Return the lower left and upper right corner of a box around a layer's cells, in drawing
+        coordinates in metres.
+        """
+        (left, top), (rows, columns) = layer.corner, layer.shape
+        across, down = columns * layer.size, rows * layer.size
+        corners = np.array(
+            [(left, top), (left + across, top), (left, top - down), (left + across, top - down)]
+        )
+        turned = self._turned(layer.lattice.to_region(corners))
+        return turned.min(axis=0), turned.max(axis=0)
+
+    def _turned(self, points: Floats) -> Floats:
+        return np.asarray(self._lattice.from_region(points))
+
+    def _offsets(self, layers: Numbers) -> Floats:
+        """Return the displacement of the panel of each given layer from the first panel, in metres;
+        float64, shape (n, 2).
+        """
+        return (
+            np.stack(
+                [
+                    layers % self.columns * self._apart[1],
+                    -(layers // self.columns) * self._apart[0],
+                ],
+                axis=1,
+            )
+            * self.step
+        )
+
+    def place(self, points: Floats, layers: Floats | Numbers) -> Floats:
+        """Convert points of the region in given layers to drawing coordinates in metres; float64,
+        shape (n, 2).
+        """
+        turned = self._turned(points)
+        return turned if len(self.layers) == 1 else turned + self._offsets(layers.astype(np.int64))
+
+    @cached_property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and number of columns of squares in the whole drawing."""
+        down = ceil(len(self.layers) / self.columns)
+        rows, columns = (self._apart * (down - 1, self.columns - 1) + self._panel).tolist()
+        return rows, columns
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """The left, right, bottom and top edges of all squares of the drawing, in metres."""
+        left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])
+        return left, left + self.shape[1] * self.step, top - self.shape[0] * self.step, top
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """For each square of the drawing, the tour index of the cell that contains the square, or
+        -1; int64, of shape `shape`.
+        """
+        found = np.full(self.shape, -1, dtype=np.int64)
+        position = self.plan.tour.position
+        rows, columns = self._panel.tolist()
+        left, top = self.extent[0], self.extent[3]
+        for number, layer in enumerate(self.layers):
+            down, right = divmod(number, self.columns)
+            y, x = np.indices((rows, columns)) + 0.5
+            x, y = left + self.step * x, top - self.step * y
+            middles = layer.lattice.from_region(
+                self._lattice.to_region(np.column_stack([x.ravel(), y.ravel()]))
+            )
+            row = np.floor((layer.corner[1] - middles[:, 1]) / layer.size).astype(np.int64)
+            col = np.floor((middles[:, 0] - layer.corner[0]) / layer.size).astype(np.int64)
+            inside = (row >= 0) & (col >= 0) & (row < layer.shape[0]) & (col < layer.shape[1])
+            own = position if position.ndim == 2 else position[number]
+            cells = np.full(len(middles), -1, dtype=np.int64)
+            cells[inside] = own[row[inside], col[inside]]
+            begin = self._apart * (down, right)
+            found[begin[0] : begin[0] + rows, begin[1] : begin[1] + columns] = cells.reshape(
+                rows, columns
+            )
+        return found
+
+    @cached_property
+    def parts(self) -> list[list[Floats]]:
+        """The closed border lines of each part of the region in each layer, the outer line first,
+        in drawing coordinates.
+        """
+        shapes = [
+            (self.shape_of(layer.region.area, number)) for number, layer in enumerate(self.layers)
+        ]
+        return [rings for shape in shapes for rings in rings_of(shape)]
+
+    def shape_of(self, shape: Any, layer: int) -> Any:
+        """Convert a Shapely geometry from region coordinates to the drawing coordinates
+        of a layer.
+        """
+        from shapely.affinity import translate
+
+        return translate(
+            rotated_shape(shape, -self.angle), *self._offsets(np.array([layer]))[0].tolist()
+        )
+
+    @property
+    def labels(self) -> list[tuple[str, float, float]]:
+        """The label of each panel, and the x and y of its upper left corner in metres. For a single
+        layer, the list is empty.
+        """
+        if len(self.layers) == 1:
+            return []
+        ups, tour, (left, _, _, top) = self.plan.altitudes, self.plan.tour, self.extent
+        words = [f"{up:.4g} m" for up in ups]
+        if len({*ups}) < len(ups):
+            turned = [
+                f"rows at {tour.row_angle(one.angle, k):.4g}\N{DEGREE SIGN}"
+                for k, one in enumerate(self.layers)
+            ]
+            words = [
+                f"{word}, {rows}" if len({*ups}) > 1 else rows
+                for word, rows in zip(words, turned, strict=True)
+            ]
+        offsets = self._offsets(np.arange(len(ups)))
+        return [
+            (word, left + float(x), top + float(y))
+            for word, (x, y) in zip(words, offsets, strict=True)
+        ]
+
+
+def sizes_text(plan: SearchPlan) -> str:
+    """Return the side of the cells, or the range of sides, as a text such as "8.8 to 14.7 m"."""
+    low, high = (choose(layer.size for layer in layers_of(plan.grid)) for choose in (min, max))
+    return f"{low:.3g} m" if low == high else f"{low:.3g} to {high:.3g} m"
+
+
+# Neighbouring colours of the cycle differ in hue and lightness. All are dark enough for thin lines
+# and white numbers.
 ROBOTS = (
-    "#0072b2", "#d55e00", "#00805d", "#aa4499", "#946c00", "#2f94d6",
-    "#882255", "#5f7a1f", "#d1495b", "#4b3ba6", "#7a4a21", "#138a94",
-)  # fmt: skip
+    "#0072b2",
+    "#d55e00",
+    "#00805d",
+    "#aa4499",
+    "#946c00",
+    "#2f94d6",
+    "#882255",
+    "#5f7a1f",
+    "#d1495b",
+    "#4b3ba6",
+    "#7a4a21",
+    "#138a94",
+)
 
 
 def robot_colour(robot: int) -> str:
     """Return the colour of the robot with the index ``robot``, counted from 0.
 
-    If there are more than twelve robots, several robots have the same colour, and only their numbers distinguish them in drawings.
+    If there are more than twelve robots, several robots have the same colour, and only their
+    numbers distinguish them in drawings.
     """
     return ROBOTS[robot % len(ROBOTS)]
 
@@ -41,10 +435,11 @@ class Activity:
     Parameters
     ----------
     begin, end : float
-        Start and end of the period, in cell times (the time that a robot of speed 1 needs for one cell).
+        Start and end of the period, in cell times (the time that a robot of speed 1 needs for one
+        cell).
     kind : str
-        "listening", "own" (searching its own part), "taken" (searching the part of another robot), "waiting", "paused", "dead" or
-        "complete".
+        "listening", "own" (searching its own part), "taken" (searching the part of another robot),
+        "waiting", "paused", "dead" or "complete".
     other : int
         Number of the other robot whose part the robot searches, or 0 in all other activities.
     """
@@ -58,19 +453,23 @@ class Activity:
 class SearchHistory:
     """A search episode with additional data for drawing.
 
-    The class computes the robots' parts of the tour as if all robots knew about each other. A robot that is dead from the beginning
-    has no part.
+    The class computes the robots' parts of the tour as if all robots knew about each other. A robot
+    that is dead from the beginning has no part.
     """
 
     def __init__(self, episode: SearchEpisode) -> None:
         self.episode = episode
         self.n_cells = len(episode.plan.tour_cost)
         self.n_robots = len(episode.trace.robots)
-        self.liars = frozenset(fault.robot for fault in episode.scenario.faults if isinstance(fault, Liar))
+        self.liars = frozenset(
+            fault.robot for fault in episode.scenario.faults if isinstance(fault, Liar)
+        )
 
     @cached_property
     def end(self) -> float:
-        """Time of the last event of the search, in cell times (the time that a robot of speed 1 needs for one cell); at least 1."""
+        """Time of the last event of the search, in cell times (the time that a robot of speed 1
+        needs for one cell); at least 1.
+        """
         moments = [state[0] for log in self.episode.trace.robots for state in log.states]
         moments += [float(log.times[-1]) for log in self.episode.trace.robots if log.times.size]
         return max([1.0, *moments, *self.episode.trace.declared.values()])
@@ -79,38 +478,56 @@ class SearchHistory:
     def owners(self) -> tuple[Numbers, dict[int, int]]:
         """The owner of each cell in the order of the tour, and the rank of each robot.
 
-        The owner of a cell is the number of the robot whose part contains the cell, or 0 if no part contains the cell. The rank of
-        a robot is its position in the order of the robots along the tour, counted from 0. The dictionary of the ranks has the
-        numbers of the robots as keys.
+        The owner of a cell is the number of the robot whose part contains the cell, or 0 if no part
+        contains the cell. The rank of a robot is its position in the order of the robots along the
+        tour, counted from 0. The dictionary of the ranks has the numbers of the robots as keys.
         """
-        episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
+        episode, tour_cost, scenario = (
+            self.episode,
+            self.episode.plan.tour_cost,
+            self.episode.scenario,
+        )
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
             works = list(enumerate(episode.plan.allocation.arcs, start=1))
         else:
-            off = {fault.robot: fault.off for fault in episode.scenario.faults if isinstance(fault, WrongPosition)}
+            off = {
+                fault.robot: fault.off
+                for fault in episode.scenario.faults
+                if isinstance(fault, WrongPosition)
+            }
             known = [
                 (number, (start + off.get(number, 0)) % self.n_cells, rate, width)
-                for number, (start, rate, width) in enumerate(zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1)
+                for number, (start, rate, width) in enumerate(
+                    zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1
+                )
                 if episode.trace.robots[number - 1].states[:1] != ((0.0, "dead"),)
             ]
-            parts = partition(tour_cost, episode.plan.allocation.allocator, tuple(known)) if known else ()
+            parts = (
+                partition(tour_cost, episode.plan.allocation.allocator, tuple(known))
+                if known
+                else ()
+            )
             works = [(part.robot, part.arcs) for part in parts]
         for number, arcs in works:
             owner[episode.plan.numbers(arcs)] = number
         return owner, {number: rank for rank, (number, _) in enumerate(works)}
 
     def arcs(self, robot: int) -> tuple[Arc, ...]:
-        """Return the arcs (stretches of the tour) that the plan gives to the robot with the index ``robot``, counted from 0."""
+        """Return the arcs (stretches of the tour) that the plan gives to the robot with the index
+        ``robot``, counted from 0.
+        """
         return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
-        """Return, for each stop of a robot, the number of the other robot in whose part the stop lies, or 0; int64, shape (k,).
+        """Return, for each stop of a robot, the number of the other robot in whose part the stop
+        lies, or 0; int64, shape (k,).
 
-        A stop is a cell in which the robot searched. For a stop in the robot's own part of the tour, the value is 0. With a
-        footprint wider than one cell, the value is 0 if the robot sees at least one new cell of its own part. If the robot sees new
-        cells of other parts only, the value names the part with the most newly seen cells. If several robots must search each cell,
-        the parts of the next robots along the tour also count as the robot's own part.
+        A stop is a cell in which the robot searched. For a stop in the robot's own part of the
+        tour, the value is 0. With a footprint wider than one cell, the value is 0 if the robot sees
+        at least one new cell of its own part. If the robot sees new cells of other parts only, the
+        value names the part with the most newly seen cells. If several robots must search each
+        cell, the parts of the next robots along the tour also count as the robot's own part.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]
@@ -118,20 +535,28 @@ class SearchHistory:
             fresh = np.ones(self.n_cells, dtype=np.bool_)
             for k, seen in enumerate(self.episode.seen[robot]):
                 whose = owner[seen[fresh[seen]]]
-                theirs[k] = robot + 1 if robot + 1 in whose else np.bincount(whose, minlength=1).argmax()
+                theirs[k] = (
+                    robot + 1 if robot + 1 in whose else np.bincount(whose, minlength=1).argmax()
+                )
                 fresh[seen] = False
         number, multiplicity = robot + 1, self.episode.scenario.brief.multiplicity
         if number not in ranks:
             return theirs
         mine = theirs == number
-        for other, rank in ranks.items():  # if several robots search each cell, the parts ahead also belong to its own work
+        for (
+            other,
+            rank,
+        ) in (
+            ranks.items()
+        ):  # if several robots search each cell, the parts ahead also belong to its own work
             if (rank - ranks[number]) % len(ranks) < multiplicity:
                 mine |= theirs == other
         return np.where(mine, 0, theirs)
 
     @cached_property
     def first(self) -> tuple[Floats, Numbers]:
-        """The time of the first search of each cell, and the number of the searching robot; infinity and 0 for an unsearched cell.
+        """The time of the first search of each cell, and the number of the searching robot;
+        infinity and 0 for an unsearched cell.
 
         A search by a robot with the fault `Liar` does not count.
         """
@@ -144,17 +569,28 @@ class SearchHistory:
         return times, by
 
     def seen_at(self, robot: int) -> Floats:
-        """Return, in increasing order, the times at which a robot first saw the cells that it searched; float64, shape (k,)."""
+        """Return, in increasing order, the times at which a robot first saw the cells that it
+        searched; float64, shape (k,).
+        """
         log = self.episode.trace.robots[robot]
-        return np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
+        return (
+            np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
+        )
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:
-        """For each cell in tour order, whether the first search came from a stop in another robot's part (see `others`); bool."""
+        """For each cell in tour order, whether the first search came from a stop in another robot's
+        part (see `others`); bool.
+        """
         found = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
             seen = self.episode.seen[robot]
-            over = np.concatenate([*(seen[k] for k in np.flatnonzero(self.others(robot) > 0)), np.zeros(0, dtype=np.int64)])
+            over = np.concatenate(
+                [
+                    *(seen[k] for k in np.flatnonzero(self.others(robot) > 0)),
+                    np.zeros(0, dtype=np.int64),
+                ]
+            )
             found[over[self.first[1][over] == robot + 1]] = True
         return found
 
@@ -191,12 +627,15 @@ class SearchHistory:
         return tuple(RobotTrajectory(one.times, self.on_picture(one.points)) for one in found)
 
     def on_picture(self, points: Floats) -> Floats:
-        """Convert points of the region to drawing coordinates in metres, in which the rows of cells are horizontal.
+        """Convert points of the region to drawing coordinates in metres, in which the rows of cells
+        are horizontal.
 
-        A third column of ``points`` contains the layer of each point. If ``points`` has two columns, all points are in the lowest
-        layer.
+        A third column of ``points`` contains the layer of each point. If ``points`` has two
+        columns, all points are in the lowest layer.
         """
-        return self.panels.place(points[:, :2], points[:, 2] if points.shape[1] == 3 else np.zeros(len(points)))
+        return self.panels.place(
+            points[:, :2], points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
+        )
 
     @cached_property
     def panels(self) -> LayerPanels:
@@ -210,16 +649,22 @@ class SearchHistory:
 
     @property
     def circle(self) -> float:
-        """Radius, in metres, of the circles in which a fixed-wing aircraft waits; 0 for other vehicles."""
+        """Radius, in metres, of the circles in which a fixed-wing aircraft waits; 0 for other
+        vehicles.
+        """
         return self.episode.plan.vehicle.ground_radius
 
     @property
     def north(self) -> float | None:
-        """Direction of north in the drawing, in degrees clockwise from up; None for a region without a position on Earth."""
+        """Direction of north in the drawing, in degrees clockwise from up; None for a region
+        without a position on Earth.
+        """
         return None if self.episode.plan.grid.region.frame is None else self.panels.angle
 
     def place_of(self, finding: Finding) -> Floats:
-        """Return the position of a finding in drawing coordinates, in metres; float64, shape (2,)."""
+        """Return the position of a finding in drawing coordinates, in metres; float64,
+        shape (2,).
+        """
         plan = self.episode.plan
         place = plan.positions([finding.cell])[:, :2]
         return np.asarray(self.panels.place(place, plan.tour.cells[[finding.cell], 0])[0])
@@ -227,11 +672,13 @@ class SearchHistory:
     def raster(self, values: Any, empty: Any) -> Any:
         """Return the value of each square in the drawing.
 
-        The array ``values`` contains one value for each cell, in the order of the tour. A square without a cell gets the value
-        ``empty``.
+        The array ``values`` contains one value for each cell, in the order of the tour. A square
+        without a cell gets the value ``empty``.
         """
         values = np.asarray(values)
-        return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[self.panels.numbers]
+        return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[
+            self.panels.numbers
+        ]
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -240,23 +687,42 @@ class SearchHistory:
 
     @property
     def sides(self) -> tuple[float, float, float, float]:
-        """The left, right, bottom and top edges of the drawing in metres, including paths from launch points outside the region."""
+        """The left, right, bottom and top edges of the drawing in metres, including paths from
+        launch points outside the region.
+        """
         left, right, bottom, top = self.extent
-        x, y = np.concatenate([self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]).T
-        seen = min(left, float(x.min())), max(right, float(x.max())), min(bottom, float(y.min())), max(top, float(y.max()))
+        x, y = np.concatenate(
+            [self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]
+        ).T
+        seen = (
+            min(left, float(x.min())),
+            max(right, float(x.max())),
+            min(bottom, float(y.min())),
+            max(top, float(y.max())),
+        )
         beyond = 0.0 if seen == self.extent else 0.5 * self.episode.plan.grid.size
         return seen[0] - beyond, seen[1] + beyond, seen[2] - beyond, seen[3] + beyond
 
     def outline(self, robot: int) -> Floats:
-        """Return the border of all cells that a robot searched in other robots' parts, as segments in metres; shape (k, 2, 2)."""
+        """Return the border of all cells that a robot searched in other robots' parts, as segments
+        in metres; shape (k, 2, 2).
+        """
         mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
         left, _, _, top = self.extent
         size = self.panels.step
         padded = np.pad(mask, 1)
         rows, cols = np.nonzero(padded[:, 1:] != padded[:, :-1])
-        upright = np.stack([np.stack([cols, rows - 1], axis=1), np.stack([cols, rows], axis=1)], axis=1)
+        upright = np.stack(
+            [np.stack([cols, rows - 1], axis=1), np.stack([cols, rows], axis=1)], axis=1
+        )
         across_rows, across_cols = np.nonzero(padded[1:] != padded[:-1])
-        level = np.stack([np.stack([across_cols - 1, across_rows], axis=1), np.stack([across_cols, across_rows], axis=1)], axis=1)
+        level = np.stack(
+            [
+                np.stack([across_cols - 1, across_rows], axis=1),
+                np.stack([across_cols, across_rows], axis=1),
+            ],
+            axis=1,
+        )
         corners = np.concatenate([upright, level]).astype(np.float64)
         return np.asarray(corners * (size, -size) + (left, top))
 
@@ -266,8 +732,12 @@ def _earliest(seen: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats
     return cells, log.times[np.repeat(np.arange(len(seen)), [len(some) for some in seen])[index]]
 
 
-def _add_searching(found: list[Activity], begin: float, end: float, times: Floats, others: Numbers) -> None:
-    """Add to ``found`` the searching activities of a robot between two times, one activity for each searched part."""
+def _add_searching(
+    found: list[Activity], begin: float, end: float, times: Floats, others: Numbers
+) -> None:
+    """Add to ``found`` the searching activities of a robot between two times, one activity for each
+    searched part.
+    """
     bounds = np.flatnonzero(np.diff(others)) if len(others) else np.zeros(0, dtype=np.int64)
     owners = [int(others[k]) for k in (*bounds, -1)] if len(others) else [0]
     ends = [*(float(times[k]) for k in bounds), end]

@@ -1,4 +1,6 @@
-"""The map of missions: launch and rally points, no-go zones, fence, nearest approach, and the path of each robot in its colour."""
+"""The map of missions: launch and rally points, no-go zones, fence, nearest approach, and the path
+of each robot in its colour.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shoal.core.counts import count_text
+from shoal.core.checks import count_text
+from shoal.missions.approach import MissionApproach
+from shoal.missions.mission import Mission
+from shoal.missions.rules import inside_of, searching
 from shoal.search.episode import duration_text
-from shoal.search.missions.approach import MissionApproach
-from shoal.search.missions.mission import Mission
-from shoal.search.missions.rules import inside_of, searching
 from shoal.search.regions.region import SearchRegion
-from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
-from shoal.views.drawing.polygon_paths import path_of_rings, rings_of
-from shoal.views.drawing.scale_bar import draw_scale_bar
+from shoal.views.drawing.canvas import path_of_rings, rings_of
+from shoal.views.drawing.charts import INK, MUTED, bare_axes, draw_scale_bar, new_figure
+from shoal.views.search.figures import draw_heading
 from shoal.views.search.history import ROBOTS, robot_colour
-from shoal.views.search.timeline import draw_heading
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,14 +32,18 @@ _PAD = 0.04  # relative to the longer side
 _LONG = 0.02  # relative to all paths: level stretches whose altitude has its own colour
 
 
-def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach: MissionApproach | None = None) -> Figure:
-    """Return a figure with the map of missions, in which each robot has the same colour as in the figure of the search.
+def missions_figure(
+    missions: Sequence[Mission], region: SearchRegion, approach: MissionApproach | None = None
+) -> Figure:
+    """Return a figure with the map of missions, in which each robot has the same colour as in the
+    figure of the search.
 
-    The legend names the colour and the altitudes of each robot, unless there are more robots than colours.
+    The legend names the colour and the altitudes of each robot, unless there are more robots than
+    colours.
 
-    A triangle marks a launch point, a square marks a landing point, and a cross in a ring marks a rally point. Hatched red areas
-    are no-go zones, and the dotted line is the fence. Grey areas are holes of the region. A black ring marks the nearest approach
-    of two vehicles.
+    A triangle marks a launch point, a square marks a landing point, and a cross in a ring marks a
+    rally point. Hatched red areas are no-go zones, and the dotted line is the fence. Grey areas are
+    holes of the region. A black ring marks the nearest approach of two vehicles.
 
     Parameters
     ----------
@@ -50,7 +55,14 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     ways = [mission.way_in(region.frame) for mission in missions]
     circles = [mission.circle_in(region.frame) for mission in missions]
     fence = next((mission.fence for mission in missions if mission.fence is not None), None)
-    rings = [] if fence is None else [ring if region.frame is None else region.frame.to_metres(ring) for ring in fence.outlines]
+    rings = (
+        []
+        if fence is None
+        else [
+            ring if region.frame is None else region.frame.to_metres(ring)
+            for ring in fence.outlines
+        ]
+    )
     low, high = np.reshape(region.outline.bounds, (2, 2))
     every = np.vstack([low, high, *(way[:, :2] for way in ways), *rings, *circles])
     low, high = every.min(axis=0), every.max(axis=0)
@@ -68,10 +80,14 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     if approach is not None:
         _draw_approach(axes, approach)
     axes.set(xlim=(left, right), ylim=(bottom, top))
-    axes.set_xlabel("metres\n", color=MUTED, fontsize=8)  # the empty line leaves room for the scale bar above the legend
+    axes.set_xlabel(
+        "metres\n", color=MUTED, fontsize=8
+    )  # the empty line leaves room for the scale bar above the legend
     bare_axes(axes)
     axes.set_anchor("N")
-    axes.set_title(_summary(missions, approach), fontsize=9, color=MUTED, loc="left", parse_math=False)
+    axes.set_title(
+        _summary(missions, approach), fontsize=9, color=MUTED, loc="left", parse_math=False
+    )
     draw_heading(figure, axes, f"{region.name}: missions")
     _draw_legend(figure, missions, region, levels, approach)
     figure.draw_without_rendering()
@@ -87,14 +103,20 @@ def _summary(missions: Sequence[Mission], approach: MissionApproach | None) -> s
     sorties = f", {len(missions)} sorties" if len(missions) > robots else ""
     last = max((mission.start or 0.0 for mission in missions if mission.sortie > 1), default=0.0)
     told = f", last sortie at {duration_text(last)}" if last else ""
-    return f"{count_text(robots, 'vehicle')}{sorties}, first starts within {duration_text(waits)}{told}{_approach_text(approach)}"
+    return (
+        f"{count_text(robots, 'vehicle')}{sorties}, first starts within"
+        f" {duration_text(waits)}{told}{_approach_text(approach)}"
+    )
 
 
 def _approach_text(approach: MissionApproach | None) -> str:
     if approach is None:
         return ""
     one, other = approach.robots
-    return f"\nnearest approach {approach.horizontal:.3g} m: robots {one} and {other} after {duration_text(approach.time)}"
+    return (
+        f"\nnearest approach {approach.horizontal:.3g} m: robots {one} and {other} after"
+        f" {duration_text(approach.time)}"
+    )
 
 
 def _draw_region(axes: Axes, region: SearchRegion) -> None:
@@ -103,8 +125,14 @@ def _draw_region(axes: Axes, region: SearchRegion) -> None:
 
     for shape, look in (
         (region.outline, {"facecolor": _LAND, "edgecolor": INK, "lw": 1.2, "zorder": 1}),
-        (shapely.MultiPolygon(_holes(region)), {"facecolor": _HOLE, "edgecolor": INK, "lw": 1.2, "zorder": 1.1}),
-        (region.no_go, {"facecolor": "none", "edgecolor": _ZONE, "lw": 1.0, "hatch": "////", "zorder": 1.4}),
+        (
+            shapely.MultiPolygon(_holes(region)),
+            {"facecolor": _HOLE, "edgecolor": INK, "lw": 1.2, "zorder": 1.1},
+        ),
+        (
+            region.no_go,
+            {"facecolor": "none", "edgecolor": _ZONE, "lw": 1.0, "hatch": "////", "zorder": 1.4},
+        ),
     ):
         for part in rings_of(shape):
             axes.add_patch(PathPatch(path_of_rings(part), **look))
@@ -118,11 +146,17 @@ def _holes(region: SearchRegion) -> list[Any]:
 def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
     """Return the altitudes of each mission's waypoints, in metres.
 
-    An altitude at which vehicles fly only short stretches is replaced by the nearest altitude of a long stretch.
+    An altitude at which vehicles fly only short stretches is replaced by the nearest altitude of a
+    long stretch.
     """
     levels = [np.round(mission.levels, 1) for mission in missions]
-    legs = [np.hypot(*np.diff(way[2 : 2 + len(ups), :2], axis=0).T) for way, ups in zip(ways, levels, strict=True)]
-    flat = [np.where(np.diff(ups) == 0, lengths, 0.0) for ups, lengths in zip(levels, legs, strict=True)]
+    legs = [
+        np.hypot(*np.diff(way[2 : 2 + len(ups), :2], axis=0).T)
+        for way, ups in zip(ways, levels, strict=True)
+    ]
+    flat = [
+        np.where(np.diff(ups) == 0, lengths, 0.0) for ups, lengths in zip(levels, legs, strict=True)
+    ]
     known, where = np.unique(np.concatenate([ups[1:] for ups in levels]), return_inverse=True)
     along = np.bincount(where, weights=np.concatenate(flat), minlength=len(known))
     main = known[along >= _LONG * max(sum(lengths.sum() for lengths in legs), 1e-9)]
@@ -138,7 +172,8 @@ def _draw_ways(
     levels: Sequence[Any],
     region: SearchRegion,
 ) -> None:
-    """Draw the path of each mission: solid in the search itself, and dashed from home to the search and from the search to the end.
+    """Draw the path of each mission: solid in the search itself, and dashed from home to the search
+    and from the search to the end.
 
     Dashed circles show where vehicles loiter.
     """
@@ -146,34 +181,48 @@ def _draw_ways(
     for mission, way, circle, ups in zip(missions, ways, circles, levels, strict=True):
         colour = robot_colour(mission.robot - 1)
         searched = _searched(mission, way, region)
-        for beside in (way[: 3 + searched.start], way[: searched.stop : -1]):  # both from home, so that equal dashes coincide
+        for beside in (
+            way[: 3 + searched.start],
+            way[: searched.stop : -1],
+        ):  # both from home, so that equal dashes coincide
             axes.plot(*beside[:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*circle.T, color=colour, lw=1.1, ls=(0, (5, 1.5)), zorder=2.6)
         level = ups[searched]
         borders = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
         for begin, end in pairwise(borders):
             stretch, rank = way[2 + searched.start :][begin:end, :2], heights.index(level[end - 1])
-            under = len(heights) - 1 - rank if np.ptp(level) else 0  # lower paths are wider, to be visible below higher ones
-            look: dict[str, Any] = {"color": colour, "lw": 1.3 + 1.6 * under, "zorder": 3 - 0.01 * under}
+            under = (
+                len(heights) - 1 - rank if np.ptp(level) else 0
+            )  # lower paths are wider, to be visible below higher ones
+            look: dict[str, Any] = {
+                "color": colour,
+                "lw": 1.3 + 1.6 * under,
+                "zorder": 3 - 0.01 * under,
+            }
             axes.plot(*stretch.T, solid_joinstyle="round", **look)
 
 
 def _searched(mission: Mission, way: Any, region: SearchRegion) -> slice:
     """Return the slice of a mission's waypoints that belong to the search.
 
-    If a mission file does not mark these waypoints, the function derives them from the border of the region, as in `searching`.
+    If a mission file does not mark these waypoints, the function derives them from the border of
+    the region, as in `searching`.
     """
     if mission.waypoints_out is not None:
         return mission.searched
     count = len(mission.waypoints)
     over = np.vstack([way[:1], way[2 : 2 + count], way[-1:]])[:, :2]
     here = searching(inside_of(region, over), mission.kind)
-    first = here.start + int(here.start == 0 and np.allclose(over[1], over[0], atol=0.01))  # a first waypoint above home
+    first = here.start + int(
+        here.start == 0 and np.allclose(over[1], over[0], atol=0.01)
+    )  # a first waypoint above home
     return slice(min(first, here.stop - 1), here.stop)
 
 
 def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) -> None:
-    """Draw each launch, landing and rally point once, and beside each launch point the numbers of its robots."""
+    """Draw each launch, landing and rally point once, and beside each launch point the numbers of
+    its robots.
+    """
     placed = np.array if region.frame is None else region.frame.to_metres
     starts: dict[tuple[float, float], list[int]] = {}
     for mission in missions:
@@ -183,10 +232,18 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
     for place, offset, robots in zip(homes, offsets, starts.values(), strict=True):
         axes.plot(*place, "^", mfc=INK, mec="white", ms=9, zorder=6)
         axes.annotate(
-            _numbers(sorted({*robots})), place, xytext=offset, textcoords="offset points", fontsize=7.5, zorder=7, ha="center",
-            va="center", color=robot_colour(robots[0] - 1) if len({*robots}) == 1 else INK, fontweight="bold",
+            _numbers(sorted({*robots})),
+            place,
+            xytext=offset,
+            textcoords="offset points",
+            fontsize=7.5,
+            zorder=7,
+            ha="center",
+            va="center",
+            color=robot_colour(robots[0] - 1) if len({*robots}) == 1 else INK,
+            fontweight="bold",
             bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8},
-        )  # fmt: skip
+        )
     for end in {mission.end for mission in missions} - {*starts}:
         axes.plot(*placed([end])[0], "s", mfc=INK, mec="white", ms=7, zorder=6)
     for point in {point for mission in missions for point in mission.rally}:
@@ -198,15 +255,17 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
 def label_offsets(places: Any) -> list[tuple[float, float]]:
     """Return the offset of each place's label from the place, in points (1/72 inch).
 
-    The function chooses the direction in which the label is farthest from the nearest other place or label. Of equally good
-    directions, the function prefers down, and then up.
+    The function chooses the direction in which the label is farthest from the nearest other place
+    or label. Of equally good directions, the function prefers down, and then up.
     """
     angles = np.radians([270, 90, 180, 0, 225, 315, 135, 45])
     around = _BESIDE * np.column_stack([np.cos(angles), np.sin(angles)])
     known, found = places, []
     for number, place in enumerate(places):
         others = np.delete(known, number, axis=0)
-        apart = np.hypot(*np.moveaxis((place + around)[:, None] - others, -1, 0)).min(axis=1, initial=_FREE)
+        apart = np.hypot(*np.moveaxis((place + around)[:, None] - others, -1, 0)).min(
+            axis=1, initial=_FREE
+        )
         found.append(tuple(around[int(np.argmax(np.round(apart, 1)))].tolist()))
         known = np.vstack([known, place + found[-1]])
     return found
@@ -220,25 +279,44 @@ def _numbers(robots: list[int]) -> str:
             runs[-1].append(robot)
         else:
             runs.append([robot])
-    return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]}\N{EN DASH}{run[-1]}" for run in runs)
+    return ", ".join(
+        str(run[0]) if len(run) == 1 else f"{run[0]}\N{EN DASH}{run[-1]}" for run in runs
+    )
 
 
 def _draw_approach(axes: Axes, approach: MissionApproach) -> None:
-    axes.plot(*(float(part) for part in approach.place[:2]), "o", mfc="none", mec=_NEAR, mew=1.8, ms=13, zorder=8)
+    axes.plot(
+        *(float(part) for part in approach.place[:2]),
+        "o",
+        mfc="none",
+        mec=_NEAR,
+        mew=1.8,
+        ms=13,
+        zorder=8,
+    )
 
 
 def _heights_by_robot(missions: Sequence[Mission], levels: Sequence[Any]) -> list[tuple[int, str]]:
-    """Return each robot's number and its range of altitudes as text. For more robots than colours, the list is empty."""
+    """Return each robot's number and its range of altitudes as text. For more robots than colours,
+    the list is empty.
+    """
     found: dict[int, set[float]] = {}
     for mission, ups in zip(missions, levels, strict=True):
         found.setdefault(mission.robot, set()).update(ups.tolist())
     if len(found) > len(ROBOTS):
         return []
-    return [(robot, f"{' to '.join(f'{up:g}' for up in sorted({min(ups), max(ups)}))} m") for robot, ups in sorted(found.items())]
+    return [
+        (robot, f"{' to '.join(f'{up:g}' for up in sorted({min(ups), max(ups)}))} m")
+        for robot, ups in sorted(found.items())
+    ]
 
 
 def _draw_legend(
-    figure: Figure, missions: Sequence[Mission], region: SearchRegion, levels: Sequence[Any], approach: MissionApproach | None
+    figure: Figure,
+    missions: Sequence[Mission],
+    region: SearchRegion,
+    levels: Sequence[Any],
+    approach: MissionApproach | None,
 ) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -253,10 +331,23 @@ def _draw_legend(
         handles.append(Line2D([], [], ls="", marker="s", color=INK, ms=6, label="landing"))
     if any(mission.loiter for mission in missions):
         handles.append(
-            Line2D([], [], color=MUTED, lw=1.1, ls=(0, (5, 1.5)), marker="o", mfc="none", mew=1.1, ms=9, label="loiter circle")
+            Line2D(
+                [],
+                [],
+                color=MUTED,
+                lw=1.1,
+                ls=(0, (5, 1.5)),
+                marker="o",
+                mfc="none",
+                mew=1.1,
+                ms=9,
+                label="loiter circle",
+            )
         )
     if any(mission.rally for mission in missions):
-        handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec=INK, ms=7, label="rally point"))
+        handles.append(
+            Line2D([], [], ls="", marker="o", mfc="white", mec=INK, ms=7, label="rally point")
+        )
     if not region.no_go.is_empty:
         handles.append(Patch(facecolor="none", edgecolor=_ZONE, hatch="////", label="no-go zone"))
     if _holes(region):
@@ -264,8 +355,26 @@ def _draw_legend(
     if any(mission.fence is not None for mission in missions):
         handles.append(Line2D([], [], color=_FENCE, lw=1.0, ls=(0, (1, 2)), label="fence"))
     if approach is not None:
-        handles.append(Line2D([], [], ls="", marker="o", mfc="none", mec=_NEAR, mew=1.6, ms=9, label="nearest approach"))
+        handles.append(
+            Line2D(
+                [],
+                [],
+                ls="",
+                marker="o",
+                mfc="none",
+                mec=_NEAR,
+                mew=1.6,
+                ms=9,
+                label="nearest approach",
+            )
+        )
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=4 if figure.get_figwidth() > 6 else 2, frameon=False, fontsize=8,
-        labelcolor=INK, handletextpad=0.5, columnspacing=1.4,
-    )  # fmt: skip
+        handles=handles,
+        loc="outside lower center",
+        ncols=4 if figure.get_figwidth() > 6 else 2,
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+        handletextpad=0.5,
+        columnspacing=1.4,
+    )

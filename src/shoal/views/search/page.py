@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.counts import count_text
+from shoal.core.checks import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
-from shoal.search.simulation.findings import Finding
+from shoal.search.simulation.world import Finding
 from shoal.views.player import render
-from shoal.views.search.history import SearchHistory
-from shoal.views.search.panels import sizes_text
-from shoal.views.search.trajectories import RobotTrajectory
+from shoal.views.search.history import RobotTrajectory, SearchHistory, sizes_text
 
 LARGEST = 300_000
 """Maximum number of visits of cells that a page plays smoothly."""
@@ -35,37 +33,45 @@ def player_page(episode: SearchEpisode) -> str:
 
 
 def page_data(episode: SearchEpisode) -> dict[str, object]:
-    """Return the data of a search for the player page, as JSON data with arrays as base64 texts of little-endian numbers.
+    """Return the data of a search for the player page, as JSON data with arrays as base64 texts of
+    little-endian numbers.
 
     Returns
     -------
     dict
-        ``title``, ``tour``, ``allocation`` and ``version`` are texts; ``seed``, ``takeovers`` and ``cells`` are integers;
-        ``cellTime`` is a number of seconds. ``end`` is the time of the last event, in cell times. ``covered`` is the time at which
-        the search became complete, in cell times, or None for an incomplete search.
+        ``title``, ``tour``, ``allocation`` and ``version`` are texts; ``seed``, ``takeovers`` and
+        ``cells`` are integers; ``cellTime`` is a number of seconds. ``end`` is the time of the last
+        event, in cell times. ``covered`` is the time at which the search became complete, in cell
+        times, or None for an incomplete search.
 
-        The drawing consists of rows of squares, usually one square for each cell. ``box`` holds the left, bottom, right and top
-        edge of all squares together, in metres. ``shape`` holds the numbers of rows and columns of squares. ``size`` is the side of
-        a square in metres. ``cellSize`` is a text with the sides of the cells. ``labels`` holds [text, x, y] for the label above
-        each layer, if the drawing has several layers. The list ``parts`` contains the polygons of the region. A polygon is a list
-        of closed lines.
+        The drawing consists of rows of squares, usually one square for each cell. ``box`` holds the
+        left, bottom, right and top edge of all squares together, in metres. ``shape`` holds the
+        numbers of rows and columns of squares. ``size`` is the side of a square in metres.
+        ``cellSize`` is a text with the sides of the cells. ``labels`` holds [text, x, y] for the
+        label above each layer, if the drawing has several layers. The list ``parts`` contains the
+        polygons of the region. A polygon is a list of closed lines.
 
-        ``first`` holds the time of the first search of each searched square (float32, increasing). ``searched`` holds the times of
-        the first searches of all cells, if the squares of the drawing are smaller than cells. For each searched square, ``by``
-        (uint16) holds the index of the searching robot, and ``where`` (uint32) holds the number row * columns + column. For each
-        searched square, ``taken`` (uint8) states whether the square lies in the part of a robot other than the searching robot.
+        ``first`` holds the time of the first search of each searched square (float32, increasing).
+        ``searched`` holds the times of the first searches of all cells, if the squares of the
+        drawing are smaller than cells. For each searched square, ``by`` (uint16) holds the index of
+        the searching robot, and ``where`` (uint32) holds the number row * columns + column. For
+        each searched square, ``taken`` (uint8) states whether the square lies in the part of a
+        robot other than the searching robot.
 
-        ``robots`` holds the data of each robot. For each robot, ``times`` (float32) and ``places`` (uint16) are the times and the
-        corners of its path. The numbers in ``places`` are x and y in turn, in 65,535ths of the drawing's width and height from the
-        lower left corner. For each robot, ``visits`` (float32) holds the time at which it first saw each cell that it searched. For
-        each robot, ``activities`` is a list of [begin, end, kind, other], the fields of `shoal.views.search.history.Activity`. For
-        each robot, ``outline`` (uint16) holds the border of the cells that it took over, as segments column, row, column, row. For
-        each robot, ``liar`` states whether it has the fault liar.
+        ``robots`` holds the data of each robot. For each robot, ``times`` (float32) and ``places``
+        (uint16) are the times and the corners of its path. The numbers in ``places`` are x and y in
+        turn, in 65,535ths of the drawing's width and height from the lower left corner. For each
+        robot, ``visits`` (float32) holds the time at which it first saw each cell that it searched.
+        For each robot, ``activities`` is a list of [begin, end, kind, other], the fields of
+        `shoal.views.search.history.Activity`. For each robot, ``outline`` (uint16) holds the border
+        of the cells that it took over, as segments column, row, column, row. For each robot,
+        ``liar`` states whether it has the fault liar.
 
-        ``obstacles`` is a list of [row * columns + column, time of discovery] for all obstacles that the robots found. ``findings``
-        is a list of [x, y, time of the first discovery, confidence]. ``north`` is the direction of north in degrees clockwise from
-        up, or null. ``circle`` is the radius, in metres, of the circles in which a fixed-wing aircraft waits, or 0 for other
-        vehicles.
+        ``obstacles`` is a list of [row * columns + column, time of discovery] for all obstacles
+        that the robots found. ``findings`` is a list of [x, y, time of the first discovery,
+        confidence]. ``north`` is the direction of north in degrees clockwise from up, or null.
+        ``circle`` is the radius, in metres, of the circles in which a fixed-wing aircraft waits, or
+        0 for other vehicles.
 
     Raises
     ------
@@ -75,7 +81,10 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
     history, plan = SearchHistory(episode), episode.plan
     visits = sum(len(history.seen_at(robot)) for robot in range(history.n_robots))
     if visits > LARGEST:
-        raise InvalidInputError(f"the HTML player: expected at most {LARGEST} visits of cells, got {visits} (use .gif or .mp4)")
+        raise InvalidInputError(
+            f"the HTML player: expected at most {LARGEST} visits of cells, got {visits} (use .gif"
+            " or .mp4)"
+        )
     times, by = history.first
     order = np.argsort(times, kind="stable")[: int(np.count_nonzero(times < inf))]
     rank = np.full(history.n_cells, history.n_cells)
@@ -104,7 +113,9 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "labels": [list(label) for label in history.panels.labels],
         "parts": [[np.round(ring, 3).tolist() for ring in rings] for rings in history.panels.parts],
         "first": _text(times[order], "<f4"),
-        "searched": None if history.panels.alike else _text(np.sort(times[np.isfinite(times)]), "<f4"),
+        "searched": (
+            None if history.panels.alike else _text(np.sort(times[np.isfinite(times)]), "<f4")
+        ),
         "by": _text(by[order] - 1, "<u2"),
         "where": _text(where, "<u4"),
         "taken": _text(history.taken[order], "<u1"),
@@ -114,7 +125,10 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
             for cell, moment in episode.obstacles.items()
             for square in np.flatnonzero(history.panels.numbers.ravel() == cell)
         ],
-        "findings": [[*history.place_of(one).tolist(), _found_at(history, one), one.confidence] for one in episode.findings],
+        "findings": [
+            [*history.place_of(one).tolist(), _found_at(history, one), one.confidence]
+            for one in episode.findings
+        ],
         "north": history.north,
         "circle": history.circle,
     }
@@ -150,14 +164,18 @@ def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
         "times": _text(trajectory.times, "<f4"),
         "places": _text(np.clip(places, 0, _STEPS), "<u2"),
         "visits": _text(history.seen_at(robot), "<f4"),
-        "activities": [[one.begin, one.end, one.kind, one.other] for one in history.activities[robot]],
+        "activities": [
+            [one.begin, one.end, one.kind, one.other] for one in history.activities[robot]
+        ],
         "outline": _text(np.rint(sides).reshape(-1), "<u2"),
         "liar": robot + 1 in history.liars,
     }
 
 
 def simplified(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory:
-    """Return a trajectory without the points that linear interpolation reproduces within ``tolerance`` metres."""
+    """Return a trajectory without the points that linear interpolation reproduces within
+    ``tolerance`` metres.
+    """
     times, points = trajectory.times, trajectory.points
     if len(times) < 3:
         return trajectory

@@ -1,1 +1,3 @@
-"""Views of steering episodes: figures of plans and of reachable sets, films, and the data of the player page."""
+"""Views of steering episodes: figures of plans and of reachable sets, films, and the data of the
+player page.
+"""

@@ -1,32 +1,307 @@
-"""Figures of steering: the workspace and the Δ configuration space (all position differences) side by side, both with the moves."""
+"""Figures of steering: the workspace and the Δ configuration space (all position differences) side
+by side, both with the moves.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.errors import InvalidInputError
 from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode
-from shoal.steering.delta_space.two_moves import two_move_pieces
-from shoal.views.drawing.charts import GRID, INK, ORANGE, bare_axes, new_figure, set_title
-from shoal.views.steering.axes import PARTICLES, colour_of, draw_trajectories, draw_workspace, legend_below, outlines_of
-from shoal.views.steering.space import draw_space
+from shoal.steering.delta_space import two_move_pieces
+from shoal.views.drawing.charts import (
+    BLUE,
+    GRID,
+    INK,
+    ORANGE,
+    PURPLE,
+    bare_axes,
+    new_figure,
+    set_title,
+)
+from shoal.views.steering.trajectories import Frame3D, camera_for, flattened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-REACH_COLOURS = ("#08306b", "#2171b5", "#4292c6", "#6baed6", "#9ecae1", "#c6dbef", "#deebf7", "#eef5fc")
+
+SIZE = 8.0  # points, the size of the text
+_APART = (5.0, 8.0, 12.0, 16.0)  # points between an end point and the box of its number
+_MARK = 6.0  # points, the radius of the marks of starts and goals
+_ENOUGH = 3.5  # points of free space around a number
+_ANGLES = np.pi / 4 + np.arange(16) * np.pi / 8  # to the upper right first
+_MOST = 3  # numbers at one end point
+
+
+class MoveNumbers:
+    """A writer that puts the numbers of moves at free places on the axes of a chart.
+
+    Parameters
+    ----------
+    axes : Axes
+        The axes, on which everything else is already drawn.
+    lines : list of ndarray of float64, shape (n, 2)
+        The paths and walls that no number may cover, in the coordinates of the axes.
+    marks : ndarray of float64, shape (n, 2)
+        The starts and goals.
+    """
+
+    def __init__(
+        self, axes: Axes, lines: list[NDArray[np.float64]], marks: NDArray[np.float64]
+    ) -> None:
+        self._axes = axes
+        self._scale = _points_per_unit(axes)
+        rings = (marks[:, None] * self._scale + _MARK * _WAYS).reshape(-1, 2)
+        self._taken = np.concatenate([*(_dense(line * self._scale) for line in lines), rings])
+
+    def write(self, place: NDArray[np.float64], numbers: list[str], colour: str) -> None:
+        """Write the numbers of the moves that end at ``place`` beside this point, at the offset
+        where the text covers the least.
+        """
+        text = ", ".join(numbers[:_MOST]) + ("…" if len(numbers) > _MOST else "")
+        half = SIZE * np.array([0.3 * len(text), 0.4])
+        offsets = [
+            apart * way + half * way / np.abs(way).max() for apart in _APART for way in _WAYS
+        ]
+        free = [min(self._space(place * self._scale + offset, half), _ENOUGH) for offset in offsets]
+        best = offsets[int(np.argmax(free))]
+        self._taken = np.concatenate([self._taken, place * self._scale + best + half * _CORNERS])
+        self._axes.annotate(
+            text,
+            (float(place[0]), float(place[1])),
+            xytext=(float(best[0]), float(best[1])),
+            textcoords="offset points",
+            ha="center",
+            va="center_baseline",
+            color=colour,
+            fontsize=SIZE,
+            zorder=5,
+        )
+
+    def _space(self, middle: NDArray[np.float64], half: NDArray[np.float64]) -> float:
+        """Return the distance between a box and the nearest drawn object, in points; negative if
+        the box covers an object.
+        """
+        apart = np.abs(self._taken - middle) - half
+        inside = apart.max(axis=1)
+        outside = np.hypot(*np.maximum(apart, 0.0).T)
+        return float(np.where(inside < 0, inside, outside).min())
+
+
+_WAYS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+_CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
+
+
+def _points_per_unit(axes: Axes) -> float:
+    """Return the length of one unit of the axes in points (1/72 inch), for axes with the same scale
+    in both directions.
+    """
+    box, dpi = axes.get_window_extent(), axes.figure.dpi
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    return float(min(box.width / (right - left), box.height / (high - low)) * 72.0 / dpi)
+
+
+def _dense(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points on a line, at most two units from each point to the next point; float64, shape
+    (n, 2).
+    """
+    parts = [line[-1:]]
+    for here, there in pairwise(line):
+        count = int(np.ceil(np.hypot(*(there - here)) / 2.0)) + 1
+        parts.append(here + np.linspace(0.0, 1.0, count)[:, None] * (there - here))
+    return np.concatenate(parts)
+
+
+PARTICLES = (BLUE, ORANGE, PURPLE, "#009e73", "#b8860b")
+_ROUND = 240
+_BENT = 160  # maximum number of moves with numbers
+
+
+def colour_of(particle: int) -> str:
+    """Return the colour of the particle with a given index, counted from 0; after five particles,
+    the colours repeat.
+    """
+    return PARTICLES[particle % len(PARTICLES)]
+
+
+def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
+    """Draw the walls and the free area of a plane workspace."""
+    for k, ring in enumerate(outlines_of(workspace)):
+        hole = k > 0
+        axes.fill(
+            *ring.T,
+            facecolor="#d6d9de" if hole else "#f7f8fa",
+            edgecolor=INK,
+            lw=1.6,
+            zorder=0.5 if hole else 0,
+        )
+    bare_axes(axes)
+
+
+def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]]:
+    """Return the outline of a plane workspace and the outlines of its obstacles; each float64,
+    shape (n, 2).
+    """
+    if isinstance(workspace, Region):
+        return list(workspace.rings)
+    if workspace.round:
+        angles = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)
+        return [
+            workspace.center + workspace.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        ]
+    return [workspace.vertices]
+
+
+def draw_trajectories(
+    axes: Axes,
+    episode: SteeringEpisode,
+    at: Callable[[ArrayLike], NDArray[np.float64]] = np.asarray,
+) -> None:
+    """Draw the path of each particle, with a square at its start, a circle at its goal, and the
+    number of each move at its end.
+
+    The function ``at`` converts points of the workspace to the coordinates of the axes.
+    """
+    from matplotlib.patches import Polygon
+
+    size = episode.problem.place.size
+    for particle in range(episode.problem.n_particles):
+        way, colour = episode.states[:, particle], colour_of(particle)
+        for here, there in pairwise(way):
+            if np.linalg.norm(there - here) > 1e-4 * size:
+                arrow_between(axes, at(here), at(there), colour, width=1.5)
+        axes.plot(*at(way[0]), "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        axes.plot(*at(episode.goal[particle]), "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
+    ways = [at(episode.states[:, particle]) for particle in range(episode.problem.n_particles)]
+    walls = [line.get_xydata() for line in axes.lines] + [
+        patch.get_xy() for patch in axes.patches if isinstance(patch, Polygon)
+    ]
+    numbers = MoveNumbers(axes, [*ways, *walls], at([*episode.states[0], *episode.goal]))
+    for particle, way in enumerate(ways):
+        for place, moves in _ends(way, size):
+            numbers.write(place, moves, colour_of(particle))
+    legend_below(axes)
+
+
+def arrow_between(
+    axes: Axes,
+    here: NDArray[np.float64],
+    there: NDArray[np.float64],
+    colour: str,
+    *,
+    width: float = 1.6,
+    order: float = 3,
+) -> None:
+    """Draw an arrow from the point ``here`` to the point ``there``, each of shape (2,)."""
+    style = {"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", xy=tuple(there), xytext=tuple(here), zorder=order, arrowprops=style)
+
+
+def legend_below(axes: Axes, *, off: float = 0.06) -> None:
+    """Place the legend of the chart below the axes."""
+    axes.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, -off),
+        ncols=3,
+        frameon=False,
+        labelcolor=INK,
+        handletextpad=0.3,
+    )
+
+
+def _ends(way: NDArray[np.float64], size: float) -> list[tuple[NDArray[np.float64], list[str]]]:
+    """Return the points of a particle's path at which moves end, each with the numbers of these
+    moves.
+
+    The list omits moves that do not displace the particle. Nearly equal end points share one entry.
+    If the path has more than `_BENT` moves, the list is empty.
+    """
+    labelled: list[tuple[NDArray[np.float64], list[str]]] = []
+    if len(way) - 1 > _BENT:
+        return labelled
+    for number in range(1, len(way)):
+        if np.linalg.norm(way[number] - way[number - 1]) <= 1e-4 * size:
+            continue
+        near = next(
+            (entry for entry in labelled if np.linalg.norm(entry[0] - way[number]) < 0.03 * size),
+            None,
+        )
+        if near is None:
+            labelled.append((way[number], [str(number)]))
+        else:
+            near[1].append(str(number))
+    return labelled
+
+
+AZIMUTH = -pi / 3  # direction of the camera: x to the right and away, y to the left and away
+_SHADOW, _FLOOR, _FAINT = "#8a919c", "#f4f6f8", "#b9c0c9"
+
+
+def draw_space(axes: Axes, episode: SteeringEpisode) -> None:
+    """Draw a 3-D plan: paths with starts and goals, their shadows on the floor, and a vertical line
+    below each start and goal.
+    """
+    workspace, states = episode.problem.place, episode.states
+    assert isinstance(workspace, ConvexWorkspace)
+    camera = camera_for(workspace, states, azimuth=AZIMUTH)
+
+    def at(points: ArrayLike) -> NDArray[np.float64]:
+        return camera.project(points)[..., :2]
+
+    frame = Frame3D.of(workspace)
+    behind, front = frame.edges(camera.eye)
+    axes.fill(*at(frame.floor).T, facecolor=_FLOOR, lw=0, zorder=0)
+    for edge in behind:
+        axes.plot(*at(edge).T, color=_FAINT, lw=1, zorder=0.5)
+    for particle in range(episode.problem.n_particles):
+        way, goal = states[:, particle], episode.goal[particle]
+        axes.plot(*at(flattened(way)).T, color=_SHADOW, lw=1.2, alpha=0.6, zorder=1)
+        for end in (way[0], goal):
+            axes.plot(
+                *at([flattened(end), end]).T,
+                color=colour_of(particle),
+                lw=1,
+                ls=(0, (2, 2)),
+                alpha=0.7,
+                zorder=1.5,
+            )
+            axes.plot(*at(flattened(end)), ".", color=_SHADOW, ms=6, zorder=1.5)
+    draw_trajectories(axes, episode, at)
+    for edge in front:
+        axes.plot(*at(edge).T, color=INK, lw=1.3, alpha=0.8, zorder=3.5)
+    bare_axes(axes)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    legend_below(axes, off=0.01)
+
+
+REACH_COLOURS = (
+    "#08306b",
+    "#2171b5",
+    "#4292c6",
+    "#6baed6",
+    "#9ecae1",
+    "#c6dbef",
+    "#deebf7",
+    "#eef5fc",
+)
 
 
 def plan_figure(episode: SteeringEpisode) -> Figure:
-    """Return a figure of a plan: the workspace with the particles' paths, and the path of the position difference Δ.
+    """Return a figure of a plan: the workspace with the particles' paths, and the path of the
+    position difference Δ.
 
-    The number of each move stands at the end point of the move. With infinite friction, a shaded area shows the position
-    differences that two moves can reach from the start. The figure shows a 3-D plan in perspective, with the shadows of the
-    paths on the floor. Beside a 3-D plan, a chart shows the heights of the particles after each move.
+    The number of each move stands at the end point of the move. With infinite friction, a shaded
+    area shows the position differences that two moves can reach from the start. The figure shows a
+    3-D plan in perspective, with the shadows of the paths on the floor. Beside a 3-D plan, a chart
+    shows the heights of the particles after each move.
     """
     problem = episode.problem
     plane = problem.place.dimensions == 2
@@ -39,7 +314,9 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
     else:
         draw_space(grid[0], episode)
     missed = "" if episode else f"{episode.status}: "
-    set_title(grid[0], f"{missed}{episode.planner}, {episode.moves} moves, length {episode.length:.4g}")
+    set_title(
+        grid[0], f"{missed}{episode.planner}, {episode.moves} moves, length {episode.length:.4g}"
+    )
     if not plane:
         _draw_heights(grid[1], episode)
     elif pair:
@@ -48,20 +325,37 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
 
 
 def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
-    """Draw the Δ configuration space, the position differences that two moves can reach, and the path of the difference Δ."""
+    """Draw the Δ configuration space, the position differences that two moves can reach, and the
+    path of the difference Δ.
+    """
     workspace = episode.problem.place
     assert isinstance(workspace, ConvexWorkspace)
     draw_workspace(axes, workspace.differences)
     deltas = episode.states[:, 1] - episode.states[:, 0]
-    ideal = not episode.problem.noisy and not episode.problem.particle_radius and np.isinf(episode.problem.friction)
+    ideal = (
+        not episode.problem.noisy
+        and not episode.problem.particle_radius
+        and np.isinf(episode.problem.friction)
+    )
     if ideal:  # otherwise the set has another shape
         for piece in two_move_pieces(workspace, deltas[0]):
-            axes.fill(*piece.T, color="#9ecae1", alpha=0.9 if not workspace.round else 1.0, lw=0, zorder=1)
+            axes.fill(
+                *piece.T, color="#9ecae1", alpha=0.9 if not workspace.round else 1.0, lw=0, zorder=1
+            )
         axes.fill([], [], color="#9ecae1", label="reached in two moves")
     axes.plot(*deltas.T, "-", color=INK, lw=1.4, zorder=3)
     axes.plot(*deltas.T, ".", color=INK, ms=6, zorder=3)
     axes.plot(*deltas[0], "s", color=INK, ms=8, zorder=4, label="Δ at the start")
-    axes.plot(*(episode.goal[1] - episode.goal[0]), "o", mfc="white", mec=INK, mew=2, ms=9, zorder=4, label="Δ at the goal")
+    axes.plot(
+        *(episode.goal[1] - episode.goal[0]),
+        "o",
+        mfc="white",
+        mec=INK,
+        mew=2,
+        ms=9,
+        zorder=4,
+        label="Δ at the goal",
+    )
     legend_below(axes)
     set_title(axes, "Δ configuration space")
 
@@ -69,8 +363,18 @@ def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
 def _draw_heights(axes: Axes, episode: SteeringEpisode) -> None:
     for particle in range(episode.problem.n_particles):
         heights, colour = episode.states[:, particle, 2], colour_of(particle)
-        axes.plot(range(len(heights)), heights, "o-", color=colour, lw=1.5, ms=4, label=f"particle {particle + 1}")
-        axes.plot(len(heights) - 1, episode.goal[particle, 2], "o", mfc="none", mec=colour, ms=11, mew=1.5)
+        axes.plot(
+            range(len(heights)),
+            heights,
+            "o-",
+            color=colour,
+            lw=1.5,
+            ms=4,
+            label=f"particle {particle + 1}",
+        )
+        axes.plot(
+            len(heights) - 1, episode.goal[particle, 2], "o", mfc="none", mec=colour, ms=11, mew=1.5
+        )
     axes.set_ylim(-0.03 * episode.problem.place.height, 1.03 * episode.problem.place.height)
     from matplotlib.ticker import MaxNLocator
 
@@ -103,15 +407,21 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
     if points is not None:
         workspace = sets[0].workspace
         draw_workspace(grid[0], workspace)
-        for point, colour, name in zip(np.asarray(points), PARTICLES, ("particle 1", "particle 2"), strict=False):
+        for point, colour, name in zip(
+            np.asarray(points), PARTICLES, ("particle 1", "particle 2"), strict=False
+        ):
             grid[0].plot(*point, "s", color=colour, ms=8, label=name)
-        grid[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=2, frameon=False, labelcolor=INK)
+        grid[0].legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=2, frameon=False, labelcolor=INK
+        )
         set_title(grid[0], "Workspace")
     space = sets[0].workspace.differences
     outline = outlines_of(space)[0]
     low, high = outline.min(axis=0), outline.max(axis=0)
     steps = (np.arange(samples) + 0.5) / samples
-    across, up = np.meshgrid(low[0] + steps * (high[0] - low[0]), low[1] + steps * (high[1] - low[1]))
+    across, up = np.meshgrid(
+        low[0] + steps * (high[0] - low[0]), low[1] + steps * (high[1] - low[1])
+    )
     grid_points = np.stack([across, up], axis=-1)
     inside = space.contains(grid_points)
     picture = np.ones((samples, samples, 4))
@@ -124,8 +434,16 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
         new[new] = reach.contains(grid_points[new])
         picture[new] = to_rgba(colour)
         found |= new
-        axes.fill([], [], color=colour, label=f"{reach.moves} moves: {100 * reach.fraction():.2f} %")
-    axes.imshow(picture, origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="bilinear", zorder=1)
+        axes.fill(
+            [], [], color=colour, label=f"{reach.moves} moves: {100 * reach.fraction():.2f} %"
+        )
+    axes.imshow(
+        picture,
+        origin="lower",
+        extent=(low[0], high[0], low[1], high[1]),
+        interpolation="bilinear",
+        zorder=1,
+    )
     axes.fill(*outline.T, facecolor="none", edgecolor=INK, lw=1.6, zorder=2)
     before = sets[0].before
     axes.plot(*before, "s", color=ORANGE, ms=7, zorder=4, label="Δ at the start")

@@ -9,8 +9,14 @@ import numpy as np
 from shoal.core.errors import InvalidInputError
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.player import render
-from shoal.views.steering.axes import outlines_of
-from shoal.views.steering.trajectories import FilmSchedule, delta_outline, has_delta, trajectories_of, two_move_rings
+from shoal.views.steering.figures import outlines_of
+from shoal.views.steering.trajectories import (
+    FilmSchedule,
+    delta_outline,
+    has_delta,
+    trajectories_of,
+    two_move_rings,
+)
 
 LARGEST = 200_000
 """Maximum number of path points that a page plays smoothly."""
@@ -33,18 +39,22 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
     Returns
     -------
     dict
-        ``title``, ``planner``, ``kind``, ``status``, ``reason`` and ``version`` are texts, and ``seed`` is an integer. ``size`` (of
-        the workspace), ``radius`` (of a particle), ``tolerance`` (of the goals) and ``length`` (of the plan) are numbers. ``bound``
-        is the lower bound on the length of all plans, or None. ``walls`` is the result of `_walls` for the workspace.
+        ``title``, ``planner``, ``kind``, ``status``, ``reason`` and ``version`` are texts, and
+        ``seed`` is an integer. ``size`` (of the workspace), ``radius`` (of a particle),
+        ``tolerance`` (of the goals) and ``length`` (of the plan) are numbers. ``bound`` is the
+        lower bound on the length of all plans, or None. ``walls`` is the result of `_walls` for the
+        workspace.
 
-        ``start`` and ``goal`` are lists of points, one for each particle. ``trajectories`` is a list with the data ``{"sent",
-        "length", "shares", "points", "held"}`` of each move; see the class `shoal.views.steering.trajectories.MoveTrajectory`.
-        ``starts`` and ``lasting`` are the start and the duration of each move in the film, in seconds. ``seconds`` is the duration
-        of the film in seconds.
+        ``start`` and ``goal`` are lists of points, one for each particle. ``trajectories`` is a
+        list with the data ``{"sent", "length", "shares", "points", "held"}`` of each move; see the
+        class `shoal.views.steering.trajectories.MoveTrajectory`. ``starts`` and ``lasting`` are the
+        start and the duration of each move in the film, in seconds. ``seconds`` is the duration of
+        the film in seconds.
 
-        ``delta`` holds the data ``{"walls", "sets", "which"}`` of the Δ configuration space (all position differences), or is None
-        if `has_delta` is false. In ``delta``, ``walls`` is the outline of the space, ``sets`` holds the sets that two moves can
-        reach, and ``which`` is the index of the set for each move.
+        ``delta`` holds the data ``{"walls", "sets", "which"}`` of the Δ configuration space (all
+        position differences), or is None if `has_delta` is false. In ``delta``, ``walls`` is the
+        outline of the space, ``sets`` holds the sets that two moves can reach, and ``which`` is the
+        index of the set for each move.
 
     Raises
     ------
@@ -52,9 +62,14 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
         If the data of the episode are too large for a browser.
     """
     problem, trajectories = episode.problem, trajectories_of(episode)
-    points = sum(trajectory.points.shape[0] * trajectory.points.shape[1] for trajectory in trajectories)
+    points = sum(
+        trajectory.points.shape[0] * trajectory.points.shape[1] for trajectory in trajectories
+    )
     if points > LARGEST:
-        raise InvalidInputError(f"the HTML player: expected paths of at most {LARGEST} points, got {points} (use .gif or .mp4)")
+        raise InvalidInputError(
+            f"the HTML player: expected paths of at most {LARGEST} points, got {points} (use .gif"
+            " or .mp4)"
+        )
     schedule = FilmSchedule(trajectories, size=problem.place.size)
     names = {2: "Two", 3: "Three", 4: "Four", 5: "Five"}
     count = names.get(problem.n_particles, str(problem.n_particles))
@@ -94,8 +109,14 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
 
 
 def _walls(workspace: ConvexWorkspace | Region) -> dict[str, Any]:
-    """Return a workspace's walls: ``rings`` (outlines), ``circle`` (x, y, radius) or None, ``height``, ``open`` (no end caps)."""
-    circle = [*workspace.center.tolist(), workspace.radius] if isinstance(workspace, ConvexWorkspace) and workspace.round else None
+    """Return a workspace's walls: ``rings`` (outlines), ``circle`` (x, y, radius) or None,
+    ``height``, ``open`` (no end caps).
+    """
+    circle = (
+        [*workspace.center.tolist(), workspace.radius]
+        if isinstance(workspace, ConvexWorkspace) and workspace.round
+        else None
+    )
     return {
         "rings": [] if circle else [ring.tolist() for ring in outlines_of(workspace)],
         "circle": circle,

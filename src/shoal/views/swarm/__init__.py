@@ -1,1 +1,3 @@
-"""Views of swarm episodes: figures of maps and frontiers, films, the data of the player page, and charts of the theory."""
+"""Views of swarm episodes: figures of maps and frontiers, films, the data of the player page, and
+charts of the theory.
+"""

@@ -2,20 +2,39 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy import ndimage
 
 from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic
 from shoal.swarm import SwarmEpisode
-from shoal.swarm.maps.raster import PALETTE, in_strips
-from shoal.views.drawing.charts import MUTED, new_figure, padded_figure, plain_axes, set_title
+from shoal.swarm.maps.workspace import PALETTE, in_strips
+from shoal.views.drawing.charts import (
+    MUTED,
+    draw_scale_bar,
+    new_figure,
+    padded_figure,
+    plain_axes,
+    set_title,
+)
 from shoal.views.drawing.curves import median_of
-from shoal.views.drawing.scale_bar import draw_scale_bar
-from shoal.views.swarm.cell_colours import NOISY, WRONG_FREE, codes_after, palette_of_cells
-from shoal.views.swarm.volume import CORNER, Fit, Slices
+from shoal.views.swarm.volume import (
+    CORNER,
+    NOISY,
+    WRONG_FREE,
+    Fit,
+    Slices,
+    codes_after,
+    palette_of_cells,
+)
 from shoal.views.swarm.volume import sheet as volume_sheet
 
 if TYPE_CHECKING:
@@ -23,16 +42,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
+
 SIDE = 900  # pixels of the rotated 3-D view
 _WIDE = 9.0  # inches: width of a figure with several maps
-_LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
+_LEGEND = {
+    "particle": "particle",
+    "frontier": "frontier",
+    "free": "free",
+    "obstacle": "obstacle",
+    "unknown": "unknown",
+}
 
 
 def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
-    """Return a figure of an episode's map: particles, frontier cells, free cells, obstacles and unknown cells.
+    """Return a figure of an episode's map: particles, frontier cells, free cells, obstacles and
+    unknown cells.
 
-    The figure cuts a very wide map into strips and stacks the strips like lines of text. The figure shows a 3-D map from a corner,
-    with three slices of the map on the right.
+    The figure cuts a very wide map into strips and stacks the strips like lines of text. The figure
+    shows a 3-D map from a corner, with three slices of the map on the right.
 
     Parameters
     ----------
@@ -45,11 +72,27 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     InvalidInputError
         If the episode has fewer than ``moves`` moves.
     """
-    moves = episode.moves if moves is None else check_integer(moves, what="moves", least=0, most=episode.moves)
-    workspace, palette, codes = episode.workspace, palette_of_cells(episode), codes_after(episode, moves)
+    moves = (
+        episode.moves
+        if moves is None
+        else check_integer(moves, what="moves", least=0, most=episode.moves)
+    )
+    workspace, palette, codes = (
+        episode.workspace,
+        palette_of_cells(episode),
+        codes_after(episode, moves),
+    )
     if workspace.ndim == 3:
         slices, fit = Slices.of(workspace), Fit.of(workspace)
-        sheet = volume_sheet(codes, slices, azimuth=CORNER, side=SIDE, spacing=workspace.spacing, palette=palette, fit=fit)
+        sheet = volume_sheet(
+            codes,
+            slices,
+            azimuth=CORNER,
+            side=SIDE,
+            spacing=workspace.spacing,
+            palette=palette,
+            fit=fit,
+        )
     else:
         sheet = in_strips(palette.rgb[codes])
     height, width = sheet.shape[:2]
@@ -62,7 +105,12 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     looked = "" if episode.trace.scanned.all() else f" and {scans} scans"
     lost = f"\n{episode.out_of_reach} are out of reach" if episode.unreachable else ""
     set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}{lost}")
-    _legend(axes, coverage=episode.targets is not None, noisy=palette is NOISY, seen=episode.observations is not None)
+    _legend(
+        axes,
+        coverage=episode.targets is not None,
+        noisy=palette is NOISY,
+        seen=episode.observations is not None,
+    )
     if workspace.spacing is not None:
         turned = workspace.ndim == 3
         cell = min(workspace.spacing) / fit.pixels_a_cell(SIDE) if turned else workspace.spacing[1]
@@ -70,7 +118,12 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     return figure
 
 
-def map_panels(shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None) -> Figure:
+def map_panels(
+    shown: Sequence[tuple[SwarmEpisode, int]],
+    *,
+    columns: int,
+    chart: Callable[[Axes], None] | None = None,
+) -> Figure:
     """Return a figure with several plane maps side by side, as in figure 1 of paper M.
 
     Parameters
@@ -93,15 +146,27 @@ def map_panels(shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart
     height, width = (side + 2 for side in shown[0][0].workspace.shape)
     tall = rows * (_WIDE / columns * height / width + 0.3) + 0.4
     figure = padded_figure(_WIDE, tall + (3.6 if chart else 0.3))
-    above, *below = figure.subfigures(1 + bool(chart), 1, squeeze=False, height_ratios=[tall, 3.6] if chart else None).ravel()
-    for axes, (episode, moves) in zip(above.subplots(rows, columns, squeeze=False).ravel(), shown, strict=True):
-        axes.imshow(palette_of_cells(episode).rgb[codes_after(episode, moves)], interpolation="nearest")
+    above, *below = figure.subfigures(
+        1 + bool(chart), 1, squeeze=False, height_ratios=[tall, 3.6] if chart else None
+    ).ravel()
+    for axes, (episode, moves) in zip(
+        above.subplots(rows, columns, squeeze=False).ravel(), shown, strict=True
+    ):
+        axes.imshow(
+            palette_of_cells(episode).rgb[codes_after(episode, moves)], interpolation="nearest"
+        )
         axes.set_axis_off()
         many = f"{episode.particles} particles, " if rows > 1 else ""
         set_title(axes, f"{many}{moves} moves")
     handles = _handles(coverage=shown[0][0].targets is not None)
     above.legend(
-        handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8, handlelength=1, handleheight=1
+        handles=handles,
+        loc="outside lower center",
+        ncols=len(handles),
+        frameon=False,
+        fontsize=8,
+        handlelength=1,
+        handleheight=1,
     )
     if chart:
         chart(below[0].subplots())
@@ -126,17 +191,27 @@ def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
 
     handles = _handles(coverage=coverage, seen=seen)
     if noisy:
-        handles.append(Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="classified wrongly"))
+        handles.append(
+            Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="classified wrongly")
+        )
     axes.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=len(handles), frameon=False, fontsize=8,
-        handlelength=1, handleheight=1, columnspacing=1.4,
-    )  # fmt: skip
+        handles=handles,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.01),
+        ncols=len(handles),
+        frameon=False,
+        fontsize=8,
+        handlelength=1,
+        handleheight=1,
+        columnspacing=1.4,
+    )
 
 
 def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
     """Return a figure of the number of frontier cells over the moves, as in figure 8 of paper M.
 
-    A line shows each of the first 200 episodes. For several episodes, a thick line shows the median of all episodes.
+    A line shows each of the first 200 episodes. For several episodes, a thick line shows the median
+    of all episodes.
 
     Raises
     ------
@@ -151,16 +226,72 @@ def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
     curves = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
     many = len(curves) > 1
     for curve in curves[:200]:
-        axes.plot(curve, color=PALETTE["frontier"], lw=0.7 if many else 1.8, alpha=0.35 if many else 1.0)
+        axes.plot(
+            curve, color=PALETTE["frontier"], lw=0.7 if many else 1.8, alpha=0.35 if many else 1.0
+        )
     if many:
-        axes.plot(median_of(curves), color=PALETTE["particle"], lw=2, label=f"median of {len(curves)} trials")
+        axes.plot(
+            median_of(curves),
+            color=PALETTE["particle"],
+            lw=2,
+            label=f"median of {len(curves)} trials",
+        )
         axes.legend(frameon=False, fontsize=9)
     first = episodes[0]
     cells = "frontier cells" if first.targets is None else "cells not covered yet"
     axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
-    set_title(axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.particles} particles")
+    set_title(
+        axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.particles} particles"
+    )
     plain_axes(axes)
     return figure
 
 
 FIGURES = {"map": map_figure, "frontier": frontier_figure}
+
+
+OUTLINE = (64, 255, 96)  # a colour that does not occur in an eye
+
+
+def mask_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return a vessel mask as a picture with white vessels on black; uint8, shape (H, W)."""
+    return np.asarray(mask, dtype=np.uint8) * np.uint8(255)
+
+
+def overlay_picture(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return the photograph with the outline of the mask drawn just outside the vessels; uint8,
+    shape (H, W, 3).
+    """
+    drawn = np.array(photograph if photograph.ndim == 3 else np.dstack([photograph] * 3))
+    wide = max(1, round(max(mask.shape) / 1000))
+    drawn[ndimage.binary_dilation(mask, np.ones((3, 3)), iterations=wide) & ~mask] = OUTLINE
+    return drawn
+
+
+def beside(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return a picture: the photograph on the left, its vessels in white on the right; uint8, shape
+    (H, 2 W + gap, 3).
+    """
+    gap = np.full((mask.shape[0], max(1, mask.shape[1] // 50), 3), 255, dtype=np.uint8)
+    colours = photograph if photograph.ndim == 3 else np.dstack([photograph] * 3)
+    return np.hstack([colours, gap, np.dstack([mask_picture(mask)] * 3)])
+
+
+def save_picture(picture: NDArray[Any], path: Path) -> Path:
+    """Write a uint8 picture of shape (H, W) or (H, W, 3) to a file, and return the path of the
+    file.
+
+    The suffix of ``path`` determines the format.
+
+    Raises
+    ------
+    OutputError
+    """
+    encoded = io.BytesIO()  # Pillow does not detect a partial write on a full disk
+    jpeg = path.suffix.lower() in {".jpg", ".jpeg"}
+    Image.fromarray(picture).save(
+        encoded, format="JPEG" if jpeg else "PNG", **({"quality": 90} if jpeg else {})
+    )
+    with atomic(path) as temporary:
+        temporary.write_bytes(encoded.getvalue())
+    return path

@@ -10,53 +10,68 @@ from matplotlib import get_data_path
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmEpisode
-from shoal.swarm.maps.raster import PALETTE, in_strips
+from shoal.swarm.maps.workspace import PALETTE, in_strips
+from shoal.swarm.noise import Moment
+from shoal.swarm.noise import belief as moments
+from shoal.views.drawing.charts import bar_length
 from shoal.views.drawing.encoding import LONGEST, Clip
-from shoal.views.drawing.scale_bar import bar_length
-from shoal.views.swarm.cell_colours import codes_by_move, palette_of_cells
-from shoal.views.swarm.volume import Fit, Slices, sheet
+from shoal.views.swarm.volume import Fit, Slices, codes_by_move, palette_of_cells, sheet
 
 _SECONDS = 20.0
 _FONT = f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf"
 ARROWS = dict(zip("lrud", "\u2190\u2192\u2191\u2193", strict=True))  # in and out have no arrows
 LEGEND = {name: name for name in ("particle", "frontier", "free", "obstacle", "unknown")}
-SHORT_SIDE, LONG_SIDE = 720, 1920  # pixels: minimum side, and maximum side unless the map has more cells
+SHORT_SIDE, LONG_SIDE = (
+    720,
+    1920,
+)  # pixels: minimum side, and maximum side unless the map has more cells
 CAPTION = 68  # pixels below the cells
 TURNS = 2  # pixels of a volume in a film
 VOLUME_SIDE = 720  # pixels of the rotating view
 
 
 def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
-    """Return the film of a swarm episode, ready for encoding as GIF or H.264. The film of a long episode skips moves."""
+    """Return the film of a swarm episode, ready for encoding as GIF or H.264. The film of a long
+    episode skips moves.
+    """
     volume = episode.workspace.ndim == 3
     shown = shown_moves(episode.moves, LONGEST[".gif" if volume else suffix])
     return Clip(
-        frames=lambda moves: pictures_with_legend(episode, moves, film_frames(episode, np.asarray(moves))),
+        frames=lambda moves: pictures_with_legend(
+            episode, moves, film_frames(episode, np.asarray(moves))
+        ),
         moments=shown.tolist(),
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
         side=None,
         quality=26,
-        palette=None if volume else palette_of_cells(episode).rgb.tobytes(),  # a volume is drawn with shading
+        palette=(
+            None if volume else palette_of_cells(episode).rgb.tobytes()
+        ),  # a volume is drawn with shading
     )
 
 
 def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
-    """Return the numbers of moves after which a film has a frame: at most ``at_most`` numbers, from 0 to ``moves``.
+    """Return the numbers of moves after which a film has a frame: at most ``at_most`` numbers, from
+    0 to ``moves``.
 
     Examples
     --------
     >>> shown_moves(10, 4).tolist()
     [0, 3, 7, 10]
     """
-    return np.unique(np.linspace(0, moves, min(moves + 1, max(2, at_most))).round().astype(np.int64))
+    return np.unique(
+        np.linspace(0, moves, min(moves + 1, max(2, at_most))).round().astype(np.int64)
+    )
 
 
 def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture of an episode after each number of moves in ``shown``; uint8, shape (H, W, 3).
+    """Yield the picture of an episode after each number of moves in ``shown``; uint8, shape (H, W,
+    3).
 
-    The picture of a 2-D map has one pixel for each cell. The picture of a 3-D map is a rotating view with a height of `VOLUME_SIDE`
-    pixels, and slices on its right.
+    The picture of a 2-D map has one pixel for each cell. The picture of a 3-D map is a rotating
+    view with a height of `VOLUME_SIDE` pixels, and slices on its right.
     """
     wanted = set(shown.tolist())
     workspace = episode.workspace
@@ -67,7 +82,13 @@ def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64]) -> Iterator[NDA
             if volume is not None:
                 turn = 2 * np.pi * TURNS * move / max(1, episode.moves)
                 picture = sheet(
-                    codes, volume[0], azimuth=turn, side=VOLUME_SIDE, spacing=workspace.spacing, palette=palette, fit=volume[1]
+                    codes,
+                    volume[0],
+                    azimuth=turn,
+                    side=VOLUME_SIDE,
+                    spacing=workspace.spacing,
+                    palette=palette,
+                    fit=volume[1],
                 )
             else:
                 picture = in_strips(palette.rgb[codes])
@@ -81,7 +102,9 @@ def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64]) -> Iterator[NDA
 def pictures_with_legend(
     episode: SwarmEpisode, moves: Iterable[int], pictures: Iterable[NDArray[np.uint8]]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield enlarged pictures with a caption: the number of the move, the command as an arrow, and a legend of the colours."""
+    """Yield enlarged pictures with a caption: the number of the move, the command as an arrow, and
+    a legend of the colours.
+    """
     blank: Image.Image | None = None
     for move, picture in zip(moves, pictures, strict=True):
         short, long = sorted(picture.shape[:2])
@@ -96,7 +119,9 @@ def pictures_with_legend(
         arrow = "   " + ARROWS.get(command, {"i": "in", "o": "out"}.get(command, ""))
         lost = f"   {episode.out_of_reach} are out of reach" if episode.unreachable else ""
         text = f"move {move} of {episode.moves}{arrow}{lost}"
-        ImageDraw.Draw(sheet).text((10, sheet.height - CAPTION + 8), text, _colour("obstacle"), _font(sheet.width))
+        ImageDraw.Draw(sheet).text(
+            (10, sheet.height - CAPTION + 8), text, _colour("obstacle"), _font(sheet.width)
+        )
         yield np.asarray(sheet)
 
 
@@ -107,7 +132,11 @@ def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
     left, size = 10.0, font.size
     names = dict(LEGEND, frontier="not covered yet") if episode.targets is not None else LEGEND
     for key, name in names.items():
-        pen.rectangle((left, top + 41, left + 0.8 * size, top + 41 + 0.8 * size), _colour(key), _colour("unknown"))
+        pen.rectangle(
+            (left, top + 41, left + 0.8 * size, top + 41 + 0.8 * size),
+            _colour(key),
+            _colour("unknown"),
+        )
         pen.text((left + 1.2 * size, top + 38), name, _colour("obstacle"), font)
         left += 2.4 * size + pen.textlength(name, font)
     return sheet
@@ -124,9 +153,16 @@ def _draw_scale_bar(sheet: Image.Image, workspace: GridWorkspace, times: int) ->
     pixels = times * Fit.of(workspace).pixels_a_cell(VOLUME_SIDE) if turned else times
     size = (min(workspace.spacing) if turned else workspace.spacing[1]) / pixels
     length = bar_length(0.2 * sheet.width * size)
-    pen, font, right, low = ImageDraw.Draw(sheet), _font(sheet.width), sheet.width - 10, sheet.height - CAPTION + 20
+    pen, font, right, low = (
+        ImageDraw.Draw(sheet),
+        _font(sheet.width),
+        sheet.width - 10,
+        sheet.height - CAPTION + 20,
+    )
     pen.line((right - length / size, low, right, low), _colour("obstacle"), width=3)
-    pen.text((right - length / size - 8, low), f"{length:g} mm", _colour("obstacle"), font, anchor="rm")
+    pen.text(
+        (right - length / size - 8, low), f"{length:g} mm", _colour("obstacle"), font, anchor="rm"
+    )
 
 
 @cache
@@ -135,11 +171,12 @@ def _font(width: int) -> ImageFont.FreeTypeFont:
 
 
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:
-    """Return a picture strip that shows the scans: one column of pixels for each move, and a black mark for each scan.
+    """Return a picture strip that shows the scans: one column of pixels for each move, and a black
+    mark for each scan.
 
-    The present move is in the middle of the strip, and a mark below the strip points at the middle. The picture above the strip
-    shows the known state of each cell after the last scan. The strip is a uint8 array of shape (rows, width, 3), with colours of
-    the film's palette.
+    The present move is in the middle of the strip, and a mark below the strip points at the middle.
+    The picture above the strip shows the known state of each cell after the last scan. The strip is
+    a uint8 array of shape (rows, width, 3), with colours of the film's palette.
 
     Examples
     --------
@@ -151,10 +188,77 @@ def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.
     tape = np.concatenate([[True], scanned])
     shown = np.arange(width) - width // 2 + move
     inside = (shown >= 0) & (shown < len(tape))
-    strip[1 : height + 1, inside] = np.where(tape[shown[inside], None], _colour("obstacle"), _colour("unknown"))
+    strip[1 : height + 1, inside] = np.where(
+        tape[shown[inside], None], _colour("obstacle"), _colour("unknown")
+    )
     strip[height + 1 :, width // 2] = _colour("particle")
     return strip
 
 
 def _colour(name: str) -> tuple[int, ...]:
     return tuple(bytes.fromhex(PALETTE[name][1:]))
+
+
+HEAVIEST = 40_000_000
+"""Maximum size, in bytes, of the encoded moments of an episode. A page loads moments of this size
+quickly.
+"""
+
+
+def packed_moments(frames: Iterable[Moment]) -> bytes:
+    """Return the moments of an episode as bytes.
+
+    For each moment, the bytes contain two lists: the cells of the particles, and the cells whose
+    colour code changed. In the second list, the new colour code follows each cell. Each list begins
+    with its length. A cell is an index into the grid with its rim, encoded as the difference from
+    the previous index of the list. Lengths and index differences are base-128 numbers, with the
+    lowest bits first. The high bit of a byte is set if another byte of the same number follows.
+    Before the first moment, all cells have the colour code of unknown cells.
+
+    Raises
+    ------
+    InvalidInputError
+        If the encoded moments are too large for a browser.
+
+    Examples
+    --------
+    >>> looks = np.array([[8, 16, 8]], dtype=np.uint8)
+    >>> list(packed_moments([Moment(looks == 16, looks), Moment(looks == 16, looks)]))
+    [1, 1, 1, 1, 16, 1, 1, 0]
+    """
+    written, before = bytearray(), None
+    for moment in frames:
+        looks = moment.looks.ravel()
+        if before is None:
+            before = np.full_like(looks, moments.UNKNOWN)
+        changed = np.flatnonzero(looks != before)
+        _write(written, np.flatnonzero(moment.particles.ravel()))
+        _write(written, changed, looks[changed])
+        before = looks
+        if len(written) > HEAVIEST:
+            raise InvalidInputError(
+                f"the HTML player: expected at most {HEAVIEST // 10**6} MB of moments with noise,"
+                " got more (use .gif or .mp4)"
+            )
+    return bytes(written)
+
+
+def _write(
+    written: bytearray, cells: NDArray[np.int64], looks: NDArray[np.uint8] | None = None
+) -> None:
+    written += bytes(_seven_bits(len(cells)))
+    steps = np.diff(cells, prepend=0).tolist()
+    for i, step in enumerate(steps):
+        if step < 128:
+            written.append(step)
+        else:
+            written += bytes(_seven_bits(step))
+        if looks is not None:
+            written.append(looks[i])
+
+
+def _seven_bits(number: int) -> Iterator[int]:
+    while number > 127:
+        yield number & 127 | 128
+        number >>= 7
+    yield number

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import SwarmEpisode
-from shoal.swarm.noise import Noise, moments
+from shoal.swarm.noise import Noise
+from shoal.swarm.noise import belief as moments
 from shoal.views.player import render
-from shoal.views.swarm.cell_colours import FRONTIER_TINT
-from shoal.views.swarm.recording import packed_moments
+from shoal.views.swarm.films import packed_moments
+from shoal.views.swarm.volume import FRONTIER_TINT
 
 LARGEST = 2_000_000_000
 """Maximum product of the numbers of cells and moves with which a page plays smoothly."""
@@ -29,8 +30,8 @@ def player_page(episode: SwarmEpisode) -> str:
     work = episode.workspace.free.size * max(1, episode.moves)
     if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
         raise InvalidInputError(
-            f"the HTML player: expected a number of cells times a number of moves of at most {LARGEST:.0e}, got {work:.1e} "
-            "(use .gif or .mp4)"
+            "the HTML player: expected a number of cells times a number of moves of at most"
+            f" {LARGEST:.0e}, got {work:.1e} (use .gif or .mp4)"
         )
     return render("swarm", page_data(episode))
 
@@ -41,30 +42,34 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
     Returns
     -------
     dict
-        ``title``, ``map``, ``policy`` and ``version`` are texts, which the page shows literally; ``seed`` is an integer or None.
-        ``task`` is ``"mapping"``, ``"coverage"`` or ``"subset-coverage"``. ``rule``, the move rule, is ``"block"``, ``"merge"`` or
-        ``"tilt"``. ``shape`` is ``[H, W]`` or ``[D, H, W]``, in cells; ``spacing`` is the size of a cell along each axis in
-        millimetres, or None, or missing.
+        ``title``, ``map``, ``policy`` and ``version`` are texts, which the page shows literally;
+        ``seed`` is an integer or None. ``task`` is ``"mapping"``, ``"coverage"`` or
+        ``"subset-coverage"``. ``rule``, the move rule, is ``"block"``, ``"merge"`` or ``"tilt"``.
+        ``shape`` is ``[H, W]`` or ``[D, H, W]``, in cells; ``spacing`` is the size of a cell along
+        each axis in millimetres, or None, or missing.
 
-        ``free`` is the base64 text of ``numpy.packbits(free.ravel())``, in which a set bit is a free cell. ``start`` is the base64
-        text of the particles' start cells as little-endian uint32 indices ``r * W + c`` (row, column), in 3-D ``(l * H + r) * W +
-        c`` (layer, row, column). ``targets`` is None, or the cells to cover, encoded like ``free``. In the task ``"coverage"``,
-        None means all free cells.
+        ``free`` is the base64 text of ``numpy.packbits(free.ravel())``, in which a set bit is a
+        free cell. ``start`` is the base64 text of the particles' start cells as little-endian
+        uint32 indices ``r * W + c`` (row, column), in 3-D ``(l * H + r) * W + c`` (layer, row,
+        column). ``targets`` is None, or the cells to cover, encoded like ``free``. In the task
+        ``"coverage"``, None means all free cells.
 
-        ``commands`` is a text of the letters ``lurd``, in 3-D of the letters ``lurdio``. ``scanned`` is the base64 text of
-        ``numpy.packbits`` of one flag for each command: whether a scan followed the command. If a scan followed every command,
-        ``scanned`` is None or missing. ``status`` is ``"complete"``, ``"stalled"`` or ``"limit"``; ``unreachable`` is the number of
+        ``commands`` is a text of the letters ``lurd``, in 3-D of the letters ``lurdio``.
+        ``scanned`` is the base64 text of ``numpy.packbits`` of one flag for each command: whether a
+        scan followed the command. If a scan followed every command, ``scanned`` is None or missing.
+        ``status`` is ``"complete"``, ``"stalled"`` or ``"limit"``; ``unreachable`` is the number of
         free cells that no particle can reach.
 
-        ``playing`` states whether the page starts to play at once. If a user prefers reduced motion, the page shows the end of the
-        episode and does not play at once.
+        ``playing`` states whether the page starts to play at once. If a user prefers reduced
+        motion, the page shows the end of the episode and does not play at once.
 
-        Only the data of an episode with noise contain ``moments``, ``looks``, ``noise``, ``goal``, ``truth`` and ``seen``. The data
-        of an episode with noise contain no ``start`` and no ``targets``. ``moments`` is the base64 text of
-        `shoal.views.swarm.recording.packed_moments`, and ``looks`` explains the colour codes of the cells. ``noise`` holds the
-        probabilities of the noise by name, and ``goal`` is the number of cells to classify. ``truth`` states whether the true map
-        is known, so that the page can show classification errors. ``seen`` states whether the positions of the particles are
-        observed positions instead of true positions.
+        Only the data of an episode with noise contain ``moments``, ``looks``, ``noise``, ``goal``,
+        ``truth`` and ``seen``. The data of an episode with noise contain no ``start`` and no
+        ``targets``. ``moments`` is the base64 text of `shoal.views.swarm.films.packed_moments`, and
+        ``looks`` explains the colour codes of the cells. ``noise`` holds the probabilities of the
+        noise by name, and ``goal`` is the number of cells to classify. ``truth`` states whether the
+        true map is known, so that the page can show classification errors. ``seen`` states whether
+        the positions of the particles are observed positions instead of true positions.
     """
     return {
         "title": f"{episode.task.capitalize()} of {episode.workspace.name}",
@@ -110,7 +115,10 @@ def _recorded(episode: SwarmEpisode) -> dict[str, object]:
             "wrong": moments.FALSE_FREE,
             "tint": FRONTIER_TINT,
         },
-        "noise": {**vars(episode.problem.noise or Noise()), "confidence": episode.problem.confidence},
+        "noise": {
+            **vars(episode.problem.noise or Noise()),
+            "confidence": episode.problem.confidence,
+        },
         "goal": goal,
         "seen": seen,
         "truth": truth,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -9,11 +10,107 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from shoal.core.dataclass import dataclass
-from shoal.swarm import GridWorkspace
-from shoal.swarm.maps import raster
-from shoal.swarm.maps.raster import PALETTE
+from shoal.swarm import Belief, GridWorkspace, SwarmEpisode, SwarmState
+from shoal.swarm.maps import workspace as raster
+from shoal.swarm.maps.workspace import PALETTE
+from shoal.swarm.noise import belief as moments
 from shoal.views.drawing.canvas import Canvas
-from shoal.views.swarm.cell_colours import PLAIN, CellPalette
+
+WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
+"""Colours of wrongly classified cells: an obstacle that counts as free, and a free cell that counts
+as an obstacle.
+
+With any common kind of colour blindness, a viewer can distinguish both colours from the colour of
+particles.
+"""
+
+FRONTIER_TINT = 0.65
+"""With noise: weight of the frontier colour in the colour of a frontier cell."""
+
+
+@dataclass(frozen=True)
+class CellPalette:
+    """The colour for each colour code of a cell.
+
+    Parameters
+    ----------
+    rgb : ndarray of uint8, shape (n, 3)
+        Row k is the RGB colour for the code k; the last row is the colour of particles.
+    solid : ndarray of bool, shape (n,)
+        For each code, whether a 3-D view shows cells with the code. A 3-D view omits unknown cells
+        and obstacles, because they would hide all other cells.
+    """
+
+    rgb: NDArray[np.uint8]
+    solid: NDArray[np.bool_]
+
+    @property
+    def particle(self) -> int:
+        """The colour code of a cell with a particle."""
+        return len(self.rgb) - 1
+
+
+def _colour(text: str) -> NDArray[np.float64]:
+    return np.array(tuple(bytes.fromhex(text[1:])), dtype=np.float64)
+
+
+def _noisy() -> CellPalette:
+    obstacle, unknown, free, frontier = (
+        _colour(PALETTE[name]) for name in ("obstacle", "unknown", "free", "frontier")
+    )
+    shares = np.linspace(-1, 1, 2 * moments.LEVELS + 1)[:, None]
+    shades = np.where(
+        shares < 0, unknown + shares * (unknown - obstacle), unknown + shares * (free - unknown)
+    )
+    others = [_colour(text) for text in (WRONG_FREE, WRONG_OBSTACLE, PALETTE["particle"])]
+    colours = np.vstack([shades, FRONTIER_TINT * frontier + (1 - FRONTIER_TINT) * shades, others])
+    solid = np.zeros(len(colours), dtype=np.bool_)
+    solid[[moments.FREE, *range(moments.FRONTIER, len(colours))]] = True
+    return CellPalette(colours.round().astype(np.uint8), solid)
+
+
+_NAMES = ("unknown", "frontier", "free", "obstacle", "particle")
+PLAIN = CellPalette(
+    np.array([_colour(PALETTE[name]) for name in _NAMES], dtype=np.uint8),
+    np.array([False, True, True, False, True]),
+)
+NOISY = _noisy()
+
+
+def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
+    """Return the palette for an episode: `NOISY` for an episode with noise, otherwise `PLAIN`."""
+    return NOISY if episode.noisy else PLAIN
+
+
+def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
+    """Return the colour code of each cell in an episode without noise; uint8, with a rim of one
+    cell around the map.
+    """
+    codes = belief.states
+    codes[state.occupied.mask] = PLAIN.particle
+    return codes
+
+
+def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
+    """Yield the colour codes of all cells at the start and after each move; uint8, with a rim of
+    one cell around the map.
+    """
+    if episode.noisy:
+        for moment in episode.moments():
+            yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
+    else:
+        for state, belief in episode.frames():
+            yield codes_of(state, belief)
+
+
+def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
+    """Return the colour codes of all cells after ``moves`` moves; uint8, with a rim of one cell
+    around the map.
+    """
+    if moves == episode.moves and palette_of_cells(episode) is PLAIN:
+        return codes_of(*episode.final())  # the whole replay in compiled code
+    return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)
+
 
 CORNER = 0.6  # azimuth in radians of a picture that does not rotate
 ELEVATION = 0.35  # elevation of the view in radians
@@ -22,13 +119,18 @@ THROUGH = 0.45  # visibility of a hidden particle through its vessel's wall
 BACKGROUND = tuple(bytes.fromhex(PALETTE["obstacle"][1:]))
 FINEST = 4  # pixels per cell, before the picture is enlarged
 GAP = 8  # pixels between the parts of a sheet
-NARROWEST, WIDEST = 0.31, 0.42  # relative to the side of a sheet: width of its slices, and of their names
+NARROWEST, WIDEST = (
+    0.31,
+    0.42,
+)  # relative to the side of a sheet: width of its slices, and of their names
 LEAST_LINE = 13  # pixels per line of text
 
 
 @dataclass(frozen=True)
 class Slices:
-    """The three slices of a 3-D map that pictures show: the layer, the row and the column with the most free cells."""
+    """The three slices of a 3-D map that pictures show: the layer, the row and the column with the
+    most free cells.
+    """
 
     layer: int
     row: int
@@ -37,22 +139,27 @@ class Slices:
     @classmethod
     def of(cls, workspace: GridWorkspace) -> Slices:
         """Return, for each axis of a workspace, the slice that contains the most free cells."""
-        counts = [np.count_nonzero(workspace.free, axis=tuple({0, 1, 2} - {axis})) for axis in range(3)]
+        counts = [
+            np.count_nonzero(workspace.free, axis=tuple({0, 1, 2} - {axis})) for axis in range(3)
+        ]
         return cls(*(int(np.argmax(count)) for count in counts))
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The extent of a rotated view of a 3-D map, large enough to show all drawn cells from every direction.
+    """The extent of a rotated view of a 3-D map, large enough to show all drawn cells from every
+    direction.
 
     Parameters
     ----------
     centre : tuple of float
-        Centre of rotation (layer, row, column), measured from the corner of the rim in units of the smallest side of a cell.
+        Centre of rotation (layer, row, column), measured from the corner of the rim in units of the
+        smallest side of a cell.
     wide, tall : float
         Required width and height of the view, in units of the smallest side of a cell.
     middle : float
-        Distance of the picture's centre below the centre of rotation, in units of the smallest side of a cell.
+        Distance of the picture's centre below the centre of rotation, in units of the smallest side
+        of a cell.
     """
 
     centre: tuple[float, float, float]
@@ -62,18 +169,30 @@ class Fit:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, elevation: float = ELEVATION) -> Fit:
-        """Return an extent large enough to show all free cells of a 3-D map, and the walls around these cells."""
+        """Return an extent large enough to show all free cells of a 3-D map, and the walls around
+        these cells.
+        """
         sizes = _sizes(workspace.spacing)
         margin = 1.5 * float(sizes.max())
         places = (workspace.cells + 1.5) * sizes  # the rim contains the first cell
         z, y, x = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
         away = np.hypot(places[:, 0] - z, places[:, 2] - x)
         height = (places[:, 1] - y) * np.cos(elevation)
-        top, bottom = float((height - away * np.sin(elevation)).min()), float((height + away * np.sin(elevation)).max())
-        return cls((z, y, x), 2 * (float(away.max()) + margin), bottom - top + 2 * margin, (top + bottom) / 2)
+        top, bottom = (
+            float((height - away * np.sin(elevation)).min()),
+            float((height + away * np.sin(elevation)).max()),
+        )
+        return cls(
+            (z, y, x),
+            2 * (float(away.max()) + margin),
+            bottom - top + 2 * margin,
+            (top + bottom) / 2,
+        )
 
     def pixels_a_cell(self, side: int) -> float:
-        """Return the length of a cell's shortest side, in pixels, in a rotated view with a side of ``side`` pixels."""
+        """Return the length of a cell's shortest side, in pixels, in a rotated view with a side of
+        ``side`` pixels.
+        """
         return 0.96 * side / max(self.wide, self.tall)
 
 
@@ -92,12 +211,13 @@ def turned_view(
     palette: CellPalette = PLAIN,
     fit: Fit,
 ) -> NDArray[np.uint8]:
-    """Return a rotated view of the known free cells, the frontier cells and the particles; uint8, shape (side, side, 3).
+    """Return a rotated view of the known free cells, the frontier cells and the particles; uint8,
+    shape (side, side, 3).
 
     Parameters
     ----------
     codes : ndarray of uint8, shape (D + 2, H + 2, W + 2)
-        Colour codes of all cells, as from `shoal.views.swarm.cell_colours.codes_by_move`.
+        Colour codes of all cells, as from `shoal.views.swarm.volume.codes_by_move`.
     azimuth : float
         Azimuth of the view in radians. The azimuth 0 looks at layer 0, with row 0 on top.
     side : int
@@ -116,17 +236,26 @@ def turned_view(
     if not len(cells):
         return np.full((side, side, 3), background, dtype=np.uint8)
     largest = max(fit.wide, fit.tall)
-    coarse = max(1, int(0.96 * side / largest * float(sizes.max()) / FINEST))  # large cells need no high resolution
+    coarse = max(
+        1, int(0.96 * side / largest * float(sizes.max()) / FINEST)
+    )  # large cells need no high resolution
     small = -(-side // coarse)
     picture = np.full((small, small, 3), background, dtype=np.uint8)
     scale = 0.96 * small / largest
     size = max(1, int(np.ceil(scale * float(sizes.max()))))
 
-    def placed(cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    def placed(
+        cells: NDArray[np.int64],
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
         z, y, x = ((cells + 0.5) * sizes - np.array(fit.centre)).T * scale
-        across, away = x * np.cos(azimuth) + z * np.sin(azimuth), z * np.cos(azimuth) - x * np.sin(azimuth)
+        across, away = (
+            x * np.cos(azimuth) + z * np.sin(azimuth),
+            z * np.cos(azimuth) - x * np.sin(azimuth),
+        )
         down = y * np.cos(elevation) - away * np.sin(elevation) - fit.middle * scale
-        left, top = (np.floor(place + small / 2 - size / 2).astype(np.int64) for place in (across, down))
+        left, top = (
+            np.floor(place + small / 2 - size / 2).astype(np.int64) for place in (across, down)
+        )
         return left, top, away * np.cos(elevation) + y * np.sin(elevation)
 
     left, top, depth = placed(cells)
@@ -146,7 +275,9 @@ def turned_view(
 
 
 def _surface(codes: NDArray[np.uint8], palette: CellPalette) -> NDArray[np.int64]:
-    """Return the drawn cells that lie in the rim or beside a cell that is not drawn; int64, shape (n, 3)."""
+    """Return the drawn cells that lie in the rim or beside a cell that is not drawn; int64, shape
+    (n, 3).
+    """
     shown = np.pad(palette.solid[codes], 1).ravel()
     flat = np.flatnonzero(shown)
     hidden = np.ones(len(flat), dtype=np.bool_)
@@ -176,7 +307,9 @@ def _splat(
             picture[y[inside], x[inside]] = colours[inside]
 
 
-def slice_pictures(codes: NDArray[np.uint8], slices: Slices, palette: CellPalette = PLAIN) -> list[NDArray[np.uint8]]:
+def slice_pictures(
+    codes: NDArray[np.uint8], slices: Slices, palette: CellPalette = PLAIN
+) -> list[NDArray[np.uint8]]:
     """Return pictures of the three slices, seen from the front, from above and from the right.
 
     Each picture has one pixel for each cell, including the rim.
@@ -188,12 +321,18 @@ def slice_pictures(codes: NDArray[np.uint8], slices: Slices, palette: CellPalett
 
 
 def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None = None) -> int:
-    """Return the width, in pixels, of the picture that `sheet` makes from colour codes of the given shape."""
+    """Return the width, in pixels, of the picture that `sheet` makes from colour codes of the given
+    shape.
+    """
     return side + GAP + _room(shape, side, spacing)[1]
 
 
-def _room(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None) -> tuple[int, int, int]:
-    """Return the maximum height of a slice, the maximum width of a slice, and the height of a slice's name, all in pixels."""
+def _room(
+    shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None
+) -> tuple[int, int, int]:
+    """Return the maximum height of a slice, the maximum width of a slice, and the height of a
+    slice's name, all in pixels.
+    """
     line = max(LEAST_LINE, side // 30)
     high = (side - 2 * GAP) // 3 - line
     deep, tall, wide = (length * size for length, size in zip(shape, _sizes(spacing), strict=True))
@@ -211,18 +350,29 @@ def sheet(
     palette: CellPalette = PLAIN,
     fit: Fit,
 ) -> NDArray[np.uint8]:
-    """Return a picture: the rotated view on the left, the named slices on the right; uint8, shape (side, about 1.4 side, 3)."""
+    """Return a picture: the rotated view on the left, the named slices on the right; uint8, shape
+    (side, about 1.4 side, 3).
+    """
     sizes = spacing or (1.0, 1.0, 1.0)
     lengths = [(sizes[1], sizes[2]), (sizes[0], sizes[2]), (sizes[1], sizes[0])]
-    names = f"layer {slices.layer}, from the front", f"row {slices.row}, from above", f"column {slices.column}, from the right"
+    names = (
+        f"layer {slices.layer}, from the front",
+        f"row {slices.row}, from above",
+        f"column {slices.column}, from the right",
+    )
     *room, line = _room(codes.shape, side, spacing)
     whole = np.full((side, sheet_width(codes.shape, side, spacing), 3), 255, dtype=np.uint8)
-    whole[:, :side] = turned_view(codes, azimuth=azimuth, side=side, spacing=spacing, palette=palette, fit=fit)
+    whole[:, :side] = turned_view(
+        codes, azimuth=azimuth, side=side, spacing=spacing, palette=palette, fit=fit
+    )
     for number, (picture, (tall, wide), name) in enumerate(
         zip(slice_pictures(codes, slices, palette), lengths, names, strict=True)
     ):
         scale = min(room[0] / (picture.shape[0] * tall), room[1] / (picture.shape[1] * wide))
-        height, width = max(1, int(picture.shape[0] * tall * scale)), max(1, int(picture.shape[1] * wide * scale))
+        height, width = (
+            max(1, int(picture.shape[0] * tall * scale)),
+            max(1, int(picture.shape[1] * wide * scale)),
+        )
         method = Image.Resampling.NEAREST if height >= picture.shape[0] else Image.Resampling.BOX
         drawn = np.asarray(Image.fromarray(picture).resize((width, height), method))
         top, left = number * (room[0] + line + GAP), side + GAP
@@ -232,10 +382,18 @@ def sheet(
 
 
 def workspace_sheet(workspace: GridWorkspace, *, side: int = 640) -> NDArray[np.uint8]:
-    """Return the picture of `sheet` for a completely known 3-D workspace; uint8, shape (side, about 1.4 side, 3)."""
-    codes = np.pad(np.where(workspace.free, raster.FREE, raster.OBSTACLE).astype(np.uint8), 1, constant_values=raster.OBSTACLE)
+    """Return the picture of `sheet` for a completely known 3-D workspace; uint8, shape (side, about
+    1.4 side, 3).
+    """
+    codes = np.pad(
+        np.where(workspace.free, raster.FREE, raster.OBSTACLE).astype(np.uint8),
+        1,
+        constant_values=raster.OBSTACLE,
+    )
     fit = Fit.of(workspace)
-    return sheet(codes, Slices.of(workspace), azimuth=CORNER, side=side, spacing=workspace.spacing, fit=fit)
+    return sheet(
+        codes, Slices.of(workspace), azimuth=CORNER, side=side, spacing=workspace.spacing, fit=fit
+    )
 
 
 @lru_cache(maxsize=16)

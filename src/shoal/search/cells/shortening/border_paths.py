@@ -1,9 +1,10 @@
 """Border paths: shorter paths along the border, on which a vehicle sees cells while it moves.
 
-A vehicle sees a complete cell from one viewpoint, or piece by piece on its way from viewpoint to viewpoint. On a slanted border, a
-path that sees the cells piece by piece is shorter and has fewer turns. The viewpoints of a cell that is seen piece by piece are the
-points at which the vehicle starts looking, turns, and stops looking. A row can also end earlier where a path along the border sees
-a part of the row's last cell.
+A vehicle sees a complete cell from one viewpoint, or piece by piece on its way from viewpoint to
+viewpoint. On a slanted border, a path that sees the cells piece by piece is shorter and has fewer
+turns. The viewpoints of a cell that is seen piece by piece are the points at which the vehicle
+starts looking, turns, and stops looking. A row can also end earlier where a path along the border
+sees a part of the row's last cell.
 """
 
 from __future__ import annotations
@@ -15,27 +16,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.cells.clipping import SPECK
-from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.grid import SPECK, CellGrid
 from shoal.search.cells.visibility_graph import inside
-from shoal.search.regions.outline_checks import Points
+from shoal.search.regions.outline import Points
 
 Flags = NDArray[np.bool_]
 Numbers = NDArray[np.int64]
 
-_STEPS = (1.0, 0.5, 0.25, 0.1, 0.05, -0.05, -0.1, -0.25, -0.5, -1.0)  # in footprints: distances by which points of a path move
+_STEPS = (
+    1.0,
+    0.5,
+    0.25,
+    0.1,
+    0.05,
+    -0.05,
+    -0.1,
+    -0.25,
+    -0.5,
+    -1.0,
+)  # in footprints: distances by which points of a path move
 _SPACING = 0.2  # in footprints: distance of the points of a border that are compared with a path
-_SEEN = 0.03  # minimum share of a cell that other cells' paths must see, so that its row may end earlier
+# minimum share of a cell that other cells' paths must see, so that its row may end earlier
+_SEEN = 0.03
 _CHANGES = 20  # number of changes of one path that together may lose the smallest area that counts
-_TRIMMED = (1.0, 0.75, 0.5, 0.25)  # shares of the first and the last leg that are cut off if the vehicle need not look there
+_TRIMMED = (
+    1.0,
+    0.75,
+    0.5,
+    0.25,
+)  # shares of the first and the last leg that are cut off if the vehicle need not look there
 
 
 def along_border(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     """Return the grid with other viewpoints, so that the path along a closed tour is shorter.
 
-    A vehicle that searches a cell of the new grid sees the area that its footprint sweeps between the cell's own viewpoints. These
-    areas of all cells together cover the whole region. The path lies inside the region, and no wall separates the path from the
-    area that it sees.
+    A vehicle that searches a cell of the new grid sees the area that its footprint sweeps between
+    the cell's own viewpoints. These areas of all cells together cover the whole region. The path
+    lies inside the region, and no wall separates the path from the area that it sees.
 
     Parameters
     ----------
@@ -54,7 +71,9 @@ def along_border(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
 
 
 class _Course:
-    """The path along a closed tour in the lattice's frame, as the list of the viewpoints of each cell."""
+    """The path along a closed tour in the lattice's frame, as the list of the viewpoints of each
+    cell.
+    """
 
     def __init__(self, grid: CellGrid, cells: Numbers, turn: float) -> None:
         starts, index = grid.viewpoint_starts, grid.ordinals(cells)
@@ -64,7 +83,8 @@ class _Course:
         self.cut: Flags = ~grid.clipped.whole[tuple(cells.T)]
         self.single: Flags = np.diff(starts)[index] == 1
         self._look = _Look(grid)
-        # The path between several viewpoints of one cell may lead around a wall, so only the viewpoints themselves count here.
+        # The path between several viewpoints of one cell may lead around a wall, so only the
+        # viewpoints themselves count here.
         seen = self._look.seen(np.repeat(np.concatenate(self.views)[:, None], 2, axis=1))
         self._seen = np.split(seen, np.cumsum([len(way) for way in self.views])[:-1])
         self._index_seen()
@@ -77,7 +97,9 @@ class _Course:
         self._tree = shapely.STRtree(np.concatenate(self._seen))
 
     def chains(self, free: Flags) -> list[list[int]]:
-        """Return the runs of consecutive cells for which ``free`` is true, as tour indices. At least one value must be false."""
+        """Return the runs of consecutive cells for which ``free`` is true, as tour indices. At
+        least one value must be false.
+        """
         fixed = np.flatnonzero(~free)
         n = len(free)
         found = []
@@ -88,7 +110,9 @@ class _Course:
         return found
 
     def free(self) -> Flags:
-        """Return which cells' viewpoints may move: cells at the border, and cells of which vehicles at the border see a part."""
+        """Return which cells' viewpoints may move: cells at the border, and cells of which vehicles
+        at the border see a part.
+        """
         import shapely
 
         self._index_seen()
@@ -111,13 +135,23 @@ class _Course:
 
         mine = shapely.union_all(np.concatenate([self._seen[k] for k in chain]))
         others = np.setdiff1d(self._owner[self._tree.query(mine)], chain)
-        return mine.difference(shapely.union_all([seen for k in others.tolist() for seen in self._seen[k]]))
+        return mine.difference(
+            shapely.union_all([seen for k in others.tolist() for seen in self._seen[k]])
+        )
 
     def shorten(self, chain: list[int]) -> None:
-        """Choose the viewpoints of a chain of cells on a shorter path that still sweeps the area that no other cell sees."""
-        before = np.concatenate([self.views[k % len(self.views)] for k in (chain[0] - 2, chain[0] - 1)])[-2:]
-        after = np.concatenate([self.views[k % len(self.views)] for k in (chain[-1] + 1, chain[-1] + 2)])[:2]
-        path = _without_straight_points(np.concatenate([before, *(self.views[k] for k in chain), after]))
+        """Choose the viewpoints of a chain of cells on a shorter path that still sweeps the area
+        that no other cell sees.
+        """
+        before = np.concatenate(
+            [self.views[k % len(self.views)] for k in (chain[0] - 2, chain[0] - 1)]
+        )[-2:]
+        after = np.concatenate(
+            [self.views[k % len(self.views)] for k in (chain[-1] + 1, chain[-1] + 2)]
+        )[:2]
+        path = _without_straight_points(
+            np.concatenate([before, *(self.views[k] for k in chain), after])
+        )
         if len(path) == 4:
             return  # straight
         search = _Search(self._look, self._wanted(chain), path)
@@ -135,7 +169,11 @@ class _Course:
         kept = self._grid.viewpoints[self._grid.viewpoint_starts[:-1]]
         points = self._grid.lattice.to_region(np.concatenate(views))
         same = np.diff(starts) == 1
-        unmoved = same & (np.diff(self._grid.viewpoint_starts) == 1) & (np.abs(points[starts[:-1]] - kept).max(axis=1) < 1e-9)
+        unmoved = (
+            same
+            & (np.diff(self._grid.viewpoint_starts) == 1)
+            & (np.abs(points[starts[:-1]] - kept).max(axis=1) < 1e-9)
+        )
         points[starts[:-1][unmoved]] = kept[unmoved]
         return replace(self._grid, viewpoints=points, viewpoint_starts=starts)
 
@@ -147,20 +185,28 @@ class _Look:
         self.grid, self.half = grid, grid.footprint / 2
 
     def seen(self, legs: Points) -> Any:
-        """Return the area that the footprint sweeps on each leg (k, 2, 2), without areas behind walls; shape (k,)."""
+        """Return the area that the footprint sweeps on each leg (k, 2, 2), without areas behind
+        walls; shape (k,).
+        """
         import shapely
 
         area = self.grid.area
         shapely.prepare(area)
         corners = self.half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-        seen = shapely.convex_hull(shapely.multipoints((legs[:, :, None] + corners).reshape(len(legs), -1, 2)))
+        seen = shapely.convex_hull(
+            shapely.multipoints((legs[:, :, None] + corners).reshape(len(legs), -1, 2))
+        )
         cut = np.flatnonzero(~shapely.contains_properly(area, seen))
         boxes = shapely.bounds(seen[cut]) + self.half * np.array([-1, -1, 1, 1])
         rooms = np.array([shapely.clip_by_rect(area, *box) for box in boxes.tolist()], dtype=object)
         seen[cut] = shapely.intersection(seen[cut], rooms)
-        for k in cut[shapely.get_num_geometries(seen[cut]) > 1].tolist():  # a wall divides the footprint
+        for k in cut[
+            shapely.get_num_geometries(seen[cut]) > 1
+        ].tolist():  # a wall divides the footprint
             parts = shapely.get_parts(seen[k])
-            seen[k] = shapely.union_all(parts[shapely.intersects(parts, shapely.linestrings(legs[k]))])
+            seen[k] = shapely.union_all(
+                parts[shapely.intersects(parts, shapely.linestrings(legs[k]))]
+            )
         return seen
 
 
@@ -177,7 +223,9 @@ class _Search:
         self._boxes = np.hstack([points - look.half, points + look.half])
 
     def _begins(self) -> bool:
-        """Return whether the first path stays in the region and sees the wanted area between its fixed points."""
+        """Return whether the first path stays in the region and sees the wanted area between its
+        fixed points.
+        """
         self._seen = self._look.seen(_legs(self._path[1:-1]))
         return self._stays(self._path[1:-1]) and self._sees(self._seen)
 
@@ -191,9 +239,11 @@ class _Search:
         return bool(self._wanted.difference(shapely.union_all(seen)).area <= self._most)
 
     def _seen_after(self, path: Points, changed: Points) -> Any:
-        """Return the areas seen on the legs of a changed path, or None if the path leaves the region or sees too little.
+        """Return the areas seen on the legs of a changed path, or None if the path leaves the
+        region or sees too little.
 
-        Only the changed legs are looked at, and what the other legs do not see of the area that the replaced legs saw.
+        Only the changed legs are looked at, and what the other legs do not see of the area that the
+        replaced legs saw.
         """
         import shapely
 
@@ -206,20 +256,34 @@ class _Search:
         if not self._stays(way):
             return None
         kept, new = (self._seen[:begin], self._seen[end:]), self._look.seen(_legs(way))
-        lost = shapely.union_all(self._seen[begin:end]).intersection(self._wanted).difference(shapely.union_all(new))
+        lost = (
+            shapely.union_all(self._seen[begin:end])
+            .intersection(self._wanted)
+            .difference(shapely.union_all(new))
+        )
         rest = np.concatenate(kept)
         lost = lost.difference(shapely.union_all(rest[shapely.intersects(rest, lost)]))
-        return np.concatenate([kept[0], new, kept[1]]) if lost.area <= self._most / _CHANGES else None
+        return (
+            np.concatenate([kept[0], new, kept[1]]) if lost.area <= self._most / _CHANGES else None
+        )
 
     def shortened(self, turn: float) -> Points:
-        """Return a path that no single change makes cheaper. If no change helps, return the given path itself."""
+        """Return a path that no single change makes cheaper. If no change helps, return the given
+        path itself.
+        """
         from shoal.search.kernels.shortening.path_changes import changed_paths
 
         path, steps = self._path, np.array(_STEPS) * self._look.grid.footprint
         room = len(path) * (3 + 3 * len(steps))
-        paths, counts, costs = np.empty((room, *path.shape)), np.empty(room, dtype=np.int64), np.empty(room)
+        paths, counts, costs = (
+            np.empty((room, *path.shape)),
+            np.empty(room, dtype=np.int64),
+            np.empty(room),
+        )
         while True:
-            found = changed_paths(np.ascontiguousarray(path), self._boxes, turn, steps, paths, counts, costs)
+            found = changed_paths(
+                np.ascontiguousarray(path), self._boxes, turn, steps, paths, counts, costs
+            )
             if path is self._path and (not found or not self._begins()):
                 return path
             for k in np.argsort(costs[:found], kind="stable").tolist():
@@ -231,7 +295,9 @@ class _Search:
                 return path
 
     def trimmed(self, way: Points) -> Points:
-        """Cut off the beginning and the end of a path, as far as the vehicle need not look there."""
+        """Cut off the beginning and the end of a path, as far as the vehicle need not
+        look there.
+        """
         for _ in range(2):
             for share in _TRIMMED:
                 later = np.concatenate([way[:1] + share * (way[1:2] - way[:1]), way[1:]])
@@ -244,7 +310,9 @@ class _Search:
 
 
 def _legs(way: Points) -> Points:
-    """Return the legs of a path as pairs of points; shape (k, 2, 2). The only leg of a single point has no length."""
+    """Return the legs of a path as pairs of points; shape (k, 2, 2). The only leg of a single point
+    has no length.
+    """
     return np.stack([way[:-1], way[1:]] if len(way) > 1 else [way, way], axis=1)
 
 
@@ -254,19 +322,25 @@ def _first_change(one: Points, other: Points) -> int:
 
 
 def _without_straight_points(path: Points) -> Points:
-    """Return a path without repeated points and without points on straight lines, except the two points at each end."""
+    """Return a path without repeated points and without points on straight lines, except the two
+    points at each end.
+    """
     kept = [path[0], path[1]]
     for point, later in pairwise(path[2:-1]):
         before, after = point - kept[-1], later - point
         across = abs(before[0] * after[1] - before[1] * after[0])
-        if not before.any() or (before @ after > 0 and across <= 1e-6 * np.hypot(*before) * np.hypot(*after)):
+        if not before.any() or (
+            before @ after > 0 and across <= 1e-6 * np.hypot(*before) * np.hypot(*after)
+        ):
             continue
         kept.append(point)
     return np.concatenate([kept, path[-2:]])
 
 
 def _divided(way: Points, count: int) -> list[Points]:
-    """Divide a path into ``count`` parts of equal length, one for each cell. Each part begins where the previous part ends."""
+    """Divide a path into ``count`` parts of equal length, one for each cell. Each part begins where
+    the previous part ends.
+    """
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
     if far[-1] == 0:
         return [way[:1]] * count

@@ -1,11 +1,12 @@
 """Exchanges of cells that make a closed tour shorter, where each turn counts as additional length.
 
-The array ``order`` (N) contains the cells in the order of the tour, and ``place`` (N) contains the index of each cell in ``order``.
-The array ``points`` (N, 2) contains the viewpoints of the cells in cell sides. Row k of ``beside`` (N, 9) contains the 3 x 3 cells
-around cell k, row by row, or -1 where no vehicle can move directly from cell k.
+The array ``order`` (N) contains the cells in the order of the tour, and ``place`` (N) contains the
+index of each cell in ``order``. The array ``points`` (N, 2) contains the viewpoints of the cells in
+cell sides. Row k of ``beside`` (N, 9) contains the 3 x 3 cells around cell k, row by row, or -1
+where no vehicle can move directly from cell k.
 
-An exchange replaces up to three links of the tour. The rows of ``cut`` are the replaced links, and the rows of ``new`` are the new
-links.
+An exchange replaces up to three links of the tour. The rows of ``cut`` are the replaced links, and
+the rows of ``new`` are the new links.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ def bends(points, before, here, after):
 
 @in_place_kernel
 def added_cost(points, order, place, bent, turn, cut, new, count, most):
-    """Return the added cost (length plus turns) of replacing ``count`` links, or infinity if this cost exceeds ``most``.
+    """Return the added cost (length plus turns) of replacing ``count`` links, or infinity if this
+    cost exceeds ``most``.
 
     ``bent`` (N) is 1 for each cell in which the tour turns, otherwise 0.
     """
@@ -73,7 +75,9 @@ def added_cost(points, order, place, bent, turn, cut, new, count, most):
 
 @in_place_kernel
 def in_sight(cells, beside, one, other):
-    """Return whether a vehicle can move from one cell to another along the cells on the straight line between the two cells."""
+    """Return whether a vehicle can move from one cell to another along the cells on the straight
+    line between the two cells.
+    """
     rows, cols = cells[other, 0] - cells[one, 0], cells[other, 1] - cells[one, 1]
     steps, here = max(abs(rows), abs(cols)), one
     for k in range(1, steps + 1):
@@ -87,7 +91,9 @@ def in_sight(cells, beside, one, other):
 
 @in_place_kernel
 def reverse(order, place, first, last):
-    """Reverse the tour from place ``first`` to place ``last``, across the end of ``order`` if ``first`` is after ``last``."""
+    """Reverse the tour from place ``first`` to place ``last``, across the end of ``order`` if
+    ``first`` is after ``last``.
+    """
     n = len(order)
     count = (last - first) % n + 1
     if 2 * count > n:
@@ -100,9 +106,11 @@ def reverse(order, place, first, last):
 
 @in_place_kernel
 def move(order, place, first, count, behind, backwards, moved):
-    """Move ``count`` consecutive cells, beginning with the cell at place ``first``, so that they follow the cell ``behind``.
+    """Move ``count`` consecutive cells, beginning with the cell at place ``first``, so that they
+    follow the cell ``behind``.
 
-    The kernel shifts the cells that lie between the old and the new place on the shorter way round the tour.
+    The kernel shifts the cells that lie between the old and the new place on the shorter way round
+    the tour.
     """
     n = len(order)
     for k in range(count):
@@ -121,9 +129,11 @@ def move(order, place, first, count, behind, backwards, moved):
 
 @in_place_kernel
 def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, new, found):
-    """Write to ``found`` the best exchange of two links in which a new link joins the cell ``here`` to a cell beside it.
+    """Write to ``found`` the best exchange of two links in which a new link joins the cell ``here``
+    to a cell beside it.
 
-    The first three entries of ``found`` are the saving, and the first and the last place of the reversed part of the tour.
+    The first three entries of ``found`` are the saving, and the first and the last place of the
+    reversed part of the tour.
     """
     n = len(order)
     for slot in range(9):
@@ -131,7 +141,10 @@ def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, ne
         if other < 0 or other == here:
             continue
         for side in (1, -1):
-            next_here, next_other = order[(place[here] + side) % n], order[(place[other] + side) % n]
+            next_here, next_other = (
+                order[(place[here] + side) % n],
+                order[(place[other] + side) % n],
+            )
             if other == next_here or here == next_other:
                 continue
             cut[0, 0], cut[0, 1], cut[1, 0], cut[1, 1] = here, next_here, other, next_other
@@ -144,37 +157,65 @@ def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, ne
 
 @in_place_kernel
 def best_move(points, cells, beside, order, place, bent, turn, here, cut, new, found):
-    """Write to ``found`` the best move of up to three consecutive cells to a place beside a neighbour of the cell ``here``.
+    """Write to ``found`` the best move of up to three consecutive cells to a place beside a
+    neighbour of the cell ``here``.
 
-    The moved cells begin or end with the cell ``here``. The entries of ``found`` are the saving, the first place of the moved
-    cells, the cell that they follow after the move, 1 if their order is reversed, and the number of moved cells.
+    The moved cells begin or end with the cell ``here``. The entries of ``found`` are the saving,
+    the first place of the moved cells, the cell that they follow after the move, 1 if their order
+    is reversed, and the number of moved cells.
     """
     n = len(order)
     for k in range(18 * _LONGEST):
-        slot, count = k // (2 * _LONGEST), k // 2 % _LONGEST  # ``count`` is the number of moved cells minus 1
+        slot, count = (
+            k // (2 * _LONGEST),
+            k // 2 % _LONGEST,
+        )  # ``count`` is the number of moved cells minus 1
         other, first = beside[here, slot], (place[here] - k % 2 * count) % n
         if other < 0 or other == here or (place[other] - first) % n <= count:
             continue
         low, high = order[first], order[(first + count) % n]
-        before, after, far = order[first - 1], order[(first + count + 1) % n], high if here == low else low
+        before, after, far = (
+            order[first - 1],
+            order[(first + count + 1) % n],
+            high if here == low else low,
+        )
         for side in (1, -1):
             beyond = order[(place[other] + side) % n]
             if (place[beyond] - first) % n <= count:
                 continue
-            cut[0, 0], cut[0, 1], cut[1, 0], cut[1, 1], cut[2, 0], cut[2, 1] = before, low, high, after, other, beyond
-            new[0, 0], new[0, 1], new[1, 0], new[1, 1], new[2, 0], new[2, 1] = before, after, other, here, far, beyond
+            cut[0, 0], cut[0, 1], cut[1, 0], cut[1, 1], cut[2, 0], cut[2, 1] = (
+                before,
+                low,
+                high,
+                after,
+                other,
+                beyond,
+            )
+            new[0, 0], new[0, 1], new[1, 0], new[1, 1], new[2, 0], new[2, 1] = (
+                before,
+                after,
+                other,
+                here,
+                far,
+                beyond,
+            )
             saved = -added_cost(points, order, place, bent, turn, cut, new, 3, -found[0])
-            if saved > found[0] and in_sight(cells, beside, before, after) and in_sight(cells, beside, far, beyond):
+            if (
+                saved > found[0]
+                and in_sight(cells, beside, before, after)
+                and in_sight(cells, beside, far, beyond)
+            ):
                 found[0], found[1], found[2] = saved, first, other if side > 0 else beyond
                 found[3], found[4] = (here if side > 0 else far) != low, count + 1
 
 
 @kernel
 def shorten(points, cells, beside, order, turn):
-    """Exchange links and move cells until no exchange at an active cell saves length or turns. ``turn`` is the cost of a turn.
+    """Exchange links and move cells until no exchange at an active cell saves length or turns.
+    ``turn`` is the cost of a turn.
 
-    At first, each cell at a turn, or at a link whose length is not 1, is active together with the cells beside it. After each
-    exchange, the cells at the ends of the new links become active.
+    At first, each cell at a turn, or at a link whose length is not 1, is active together with the
+    cells beside it. After each exchange, the cells at the ends of the new links become active.
     """
     n = len(order)
     if n < 8:
@@ -194,7 +235,11 @@ def shorten(points, cells, beside, order, turn):
                 active[other] = True
                 queue[count] = other
                 count += 1
-    cut, new, found = np.empty((3, 2), dtype=np.int64), np.empty((3, 2), dtype=np.int64), np.empty(5)
+    cut, new, found = (
+        np.empty((3, 2), dtype=np.int64),
+        np.empty((3, 2), dtype=np.int64),
+        np.empty(5),
+    )
     near, moved = np.empty(6, dtype=np.int64), np.empty(_LONGEST, dtype=np.int64)
     while count > 0:
         here = queue[head]

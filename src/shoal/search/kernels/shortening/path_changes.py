@@ -1,7 +1,9 @@
-"""Changes of a path that make it shorter or straighter, while a square that moves along the path still passes over all targets.
+"""Changes of a path that make it shorter or straighter, while a square that moves along the path
+still passes over all targets.
 
-A ``path`` (M, 2) has two fixed points at each end. The square moves from the second point to the last but one. Each target is a box
-(left, low, right, high) around a point. The square passes over the point if the centre of the square passes through the box.
+A ``path`` (M, 2) has two fixed points at each end. The square moves from the second point to the
+last but one. Each target is a box (left, low, right, high) around a point. The square passes over
+the point if the centre of the square passes through the box.
 """
 
 from __future__ import annotations
@@ -9,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import in_place_kernel, kernel
+from shoal.search.kernels.lanes import clip
 from shoal.search.kernels.shortening.cell_exchanges import bends, distance
-from shoal.search.kernels.stabbing import clip
 
 DELETE, TO_MIDDLE, TO_PREVIOUS, TO_NEXT, JOIN, BOTH_BACK = range(6)
 """The kinds of changes: see `changed`."""
@@ -20,7 +22,9 @@ _LESS = 1e-3  # minimum saving, divided by the cost of a turn
 
 @in_place_kernel
 def path_cost(path, count, turn):
-    """Return the cost of a path of ``count`` points: its length between its fixed points, plus ``turn`` for each turn."""
+    """Return the cost of a path of ``count`` points: its length between its fixed points, plus
+    ``turn`` for each turn.
+    """
     total = 0.0
     for k in range(1, count - 1):
         if k < count - 2:
@@ -31,11 +35,20 @@ def path_cost(path, count, turn):
 
 @in_place_kernel
 def passes_over(path, count, boxes):
-    """Return whether a path of ``count`` points passes through all boxes between its fixed points."""
+    """Return whether a path of ``count`` points passes through all boxes between its
+    fixed points.
+    """
     for target in range(len(boxes)):
         passed = False
         for k in range(1, count - 2):
-            low, high = clip(path[k, 0], path[k, 1], path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1], boxes, target)
+            low, high = clip(
+                path[k, 0],
+                path[k, 1],
+                path[k + 1, 0] - path[k, 0],
+                path[k + 1, 1] - path[k, 1],
+                boxes,
+                target,
+            )
             if low <= high:
                 passed = True
                 break
@@ -46,7 +59,8 @@ def passes_over(path, count, boxes):
 
 @in_place_kernel
 def slide(path, v, other, step, result):
-    """Write to ``result`` the point v, moved by ``step`` towards point ``other``. Return False if v would reach this point.
+    """Write to ``result`` the point v, moved by ``step`` towards point ``other``. Return False if v
+    would reach this point.
 
     If ``step`` is negative, point v moves away from point ``other``.
     """
@@ -60,7 +74,9 @@ def slide(path, v, other, step, result):
 
 @in_place_kernel
 def join(path, v, result):
-    """Write the crossing of the legs before point v and after point v + 1. Return whether both legs lead to this crossing."""
+    """Write the crossing of the legs before point v and after point v + 1. Return whether both legs
+    lead to this crossing.
+    """
     x, y = path[v, 0] - path[v - 1, 0], path[v, 1] - path[v - 1, 1]
     u, w = path[v + 1, 0] - path[v + 2, 0], path[v + 1, 1] - path[v + 2, 1]
     across = u * y - x * w
@@ -74,10 +90,12 @@ def join(path, v, result):
 
 @in_place_kernel
 def changed(path, count, v, kind, step, result):
-    """Write the path after a change at point v. Return the path's number of points, or 0 if the change is impossible.
+    """Write the path after a change at point v. Return the path's number of points, or 0 if the
+    change is impossible.
 
-    The changes delete the point, move it half way to the middle of its neighbours, slide it along the leg to the previous or the
-    next point, replace two points by the crossing of the legs beside them, or slide two points back along these legs.
+    The changes delete the point, move it half way to the middle of its neighbours, slide it along
+    the leg to the previous or the next point, replace two points by the crossing of the legs beside
+    them, or slide two points back along these legs.
     """
     for k in range(count):
         result[k, 0], result[k, 1] = path[k, 0], path[k, 1]
@@ -93,17 +111,24 @@ def changed(path, count, v, kind, step, result):
             result[v, axis] = path[v, axis] / 2 + (path[v - 1, axis] + path[v + 1, axis]) / 4
         return count
     if kind == BOTH_BACK:
-        good = v < last and step > 0 and slide(path, v, v - 1, step, result) and slide(path, v + 1, v + 2, step, result)
+        good = (
+            v < last
+            and step > 0
+            and slide(path, v, v - 1, step, result)
+            and slide(path, v + 1, v + 2, step, result)
+        )
         return count if good else 0
     return count if slide(path, v, v - 1 if kind == TO_PREVIOUS else v + 1, step, result) else 0
 
 
 @kernel
 def changed_paths(path, boxes, turn, steps, paths, counts, costs):
-    """Write all changed paths that cost less than ``path`` and pass through all boxes. Return their number.
+    """Write all changed paths that cost less than ``path`` and pass through all boxes. Return their
+    number.
 
-    ``paths``, ``counts`` and ``costs`` receive the points, the number of points and the cost of each changed path. ``steps`` are
-    the distances by which points slide. ``paths`` (K, M, 2) has room for all changes.
+    ``paths``, ``counts`` and ``costs`` receive the points, the number of points and the cost of
+    each changed path. ``steps`` are the distances by which points slide. ``paths`` (K, M, 2) has
+    room for all changes.
     """
     count, found, result = len(path), 0, np.empty_like(path)
     most = path_cost(path, count, turn) - _LESS * turn

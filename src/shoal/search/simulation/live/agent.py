@@ -1,18 +1,22 @@
-"""The agent of a live robot: it connects the robot's state machine to a radio, a simulated vehicle and the cell locks."""
+"""The agent of a live robot: it connects the robot's state machine to a radio, a simulated vehicle
+and the cell locks.
+"""
 
 from __future__ import annotations
 
+import fcntl
 import selectors
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from math import dist, inf
+from math import dist, exp, inf
 from typing import Any
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.problem.faults import true_rate
-from shoal.search.protocol.events import (
+from shoal.search.problem.network import true_rate
+from shoal.search.protocol.robot import LOOK, advance
+from shoal.search.protocol.state import (
     Action,
     Begin,
     Blocked,
@@ -23,26 +27,154 @@ from shoal.search.protocol.events import (
     Heard,
     Obstructed,
     Recharged,
+    Robot,
     Send,
     Sensed,
     Wake,
     WakeAt,
+    step_cost,
 )
-from shoal.search.protocol.inference import step_cost
-from shoal.search.protocol.robot import LOOK, Robot, advance
-from shoal.search.simulation.live import cell_locks
-from shoal.search.simulation.live.moving_point import MovingPoint
-from shoal.search.simulation.live.radio import Radio
-from shoal.search.simulation.live.task import LiveTask
+from shoal.search.simulation.live.radio import LiveTask, Radio
 from shoal.search.simulation.scenario import RETRY, TRIES
-from shoal.search.tours.bitset import members
+from shoal.search.tours.masks import members
+
+LAG = 0.1  # time constant of the speed, in cell times of a robot of speed 1
+_NEAR = 1e-3  # cells
+
+
+@dataclass(frozen=True, slots=True)
+class MovingPoint:
+    """A vehicle on one leg, which first moves in a straight line, and then stands still while it
+    turns and searches.
+
+    Parameters
+    ----------
+    time : float
+        Time of the vehicle's present state. The unit of time is the time in which a robot of speed
+        1 searches one cell.
+    origin, goal : tuple of float
+        Start and end point of the leg in cell sides, as in `TourCost.points`.
+    way : float
+        Length of the vehicle's path in cells. A path around a corner is longer than the straight
+        line from ``origin`` to ``goal``.
+    length : float
+        Length of the leg in cells: the length of the path, plus the cost of turns and search at the
+        end of the path.
+    done : float
+        Completed length of the leg in cells.
+    limit : float
+        Position on the leg, in cells from its start, at which the vehicle waits until the agent
+        raises the limit.
+    speed : float
+        Current speed of the vehicle, relative to a robot of speed 1.
+
+    Examples
+    --------
+    >>> start = MovingPoint(0.0, (0.0, 0.0), (4.0, 0.0), way=4.0, length=4.0, limit=4.0)
+    >>> later = start.moved(2.0, rate=1.0)
+    >>> round(later.done, 3), round(later.speed, 3), [round(x, 3) for x in later.place]
+    (1.9, 1.0, [1.9, 0.0])
+    """
+
+    time: float
+    origin: tuple[float, ...]
+    goal: tuple[float, ...]
+    way: float = 0.0
+    length: float = 0.0
+    done: float = 0.0
+    limit: float = 0.0
+    speed: float = 0.0
+
+    @property
+    def place(self) -> tuple[float, ...]:
+        """Position of the vehicle in cell sides, as in `TourCost.points`."""
+        share = min(1.0, self.done / self.way) if self.way > 0 else 1.0
+        return tuple(
+            one + share * (other - one) for one, other in zip(self.origin, self.goal, strict=True)
+        )
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the vehicle has reached the position ``limit`` on its leg."""
+        return self.done >= self.limit - _NEAR
+
+    def moved(self, time: float, *, rate: float) -> MovingPoint:
+        """Return the vehicle at a later time, for the desired speed ``rate``. The motion is exact
+        for time steps of any length.
+
+        The vehicle never passes the position ``limit``. At the position ``limit``, `speed` keeps
+        its value until `stopped` sets it to 0.
+        """
+        if self.arrived:
+            return replace(self, time=time)
+        passed = time - self.time
+        decay = exp(-passed / LAG)
+        done = self.done + rate * passed + (self.speed - rate) * LAG * (1 - decay)
+        return replace(
+            self, time=time, done=min(done, self.limit), speed=rate + (self.speed - rate) * decay
+        )
+
+    def earliest(self, *, rate: float) -> float:
+        """Return a lower bound on the time at which the vehicle reaches the position ``limit``."""
+        return self.time + (self.limit - self.done) / max(rate, self.speed)
+
+    def stopped(self) -> MovingPoint:
+        """Return the vehicle with the speed 0."""
+        return replace(self, speed=0.0)
+
+    def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
+        """Return the vehicle on a new leg that begins at its position. At first, ``limit`` is one
+        cell before the leg's end.
+
+        If the leg is shorter than one cell, ``limit`` is 0, and the vehicle does not move until the
+        agent raises the limit.
+        """
+        return replace(
+            self,
+            origin=self.place,
+            goal=goal,
+            way=way,
+            length=length,
+            done=0.0,
+            limit=max(length - 1.0, 0.0),
+        )
+
+
+def enter(file: int, cell: int) -> bool:
+    """Lock a cell if no other process holds its lock. Return whether this process now holds the
+    lock.
+
+    Parameters
+    ----------
+    file : int
+        Descriptor of the file that all robots share. A process must not close any other descriptor
+        of this file, because the operating system would then release all locks of the process.
+    cell : int
+        Tour index of the cell.
+    """
+    try:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, cell)
+    except (
+        BlockingIOError,
+        PermissionError,
+    ):  # the error for a lock held by another process differs between systems
+        return False
+    return True
+
+
+def leave(file: int, cell: int) -> None:
+    """Release the lock of a cell."""
+    fcntl.lockf(file, fcntl.LOCK_UN, 1, cell)
+
 
 _LONGEST = 0.5  # seconds: maximum duration of a sleep
 
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """The end of a path that an unknown obstacle blocks. The vehicle stops in ``at``, the last cell before the obstacle."""
+    """The end of a path that an unknown obstacle blocks. The vehicle stops in ``at``, the last cell
+    before the obstacle.
+    """
 
     obstacle: int
     at: int
@@ -96,11 +228,15 @@ class Agent:
 
     @property
     def now(self) -> float:
-        """Time since the start of the search, in units of the time in which a robot of speed 1 searches one cell."""
+        """Time since the start of the search, in units of the time in which a robot of speed 1
+        searches one cell.
+        """
         return (time.monotonic() - self._epoch) * self.task.speed
 
     def run(self) -> bool:
-        """Run the robot until all cells are searched and reported. Return False if the supervisor has ended earlier."""
+        """Run the robot until all cells are searched and reported. Return False if the supervisor
+        has ended earlier.
+        """
         time.sleep(max(0.0, self._epoch - time.monotonic()))
         self._feed(Begin(self.now))
         while self.robot.status != "complete" or self.robot.lingering > 0:
@@ -124,7 +260,16 @@ class Agent:
         """Report an event to the supervisor."""
         counts = (self.radio.sent, self.radio.heard, self.radio.lost, self.radio.dropped)
         place = [round(x, 3) for x in self.vehicle.place]
-        self._tell({"time": round(self.now, 6), "kind": kind, "cell": cell, "place": place, "counts": counts, **more})
+        self._tell(
+            {
+                "time": round(self.now, 6),
+                "kind": kind,
+                "cell": cell,
+                "place": place,
+                "counts": counts,
+                **more,
+            }
+        )
 
     # The brain.
 
@@ -176,26 +321,34 @@ class Agent:
     def _set_out(self, aim: Go, cell: int) -> None:
         """Start a leg to a cell.
 
-        The robot estimates the length of the leg. If the robot stands between two cells, the agent measures the length from the
-        position of the vehicle.
+        The robot estimates the length of the leg. If the robot stands between two cells, the agent
+        measures the length from the position of the vehicle.
         """
         if aim.through:
             length = self.robot.cost
         elif self._cell is None:
-            length = max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + self._tour_cost.turn_cost
+            length = (
+                max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + self._tour_cost.turn_cost
+            )
         else:
-            length = step_cost(self._tour_cost, self._cell, cell, self.robot.fresh) + self.robot.way_out(cell)
+            length = step_cost(
+                self._tour_cost, self._cell, cell, self.robot.fresh
+            ) + self.robot.way_out(cell)
         way = length - 1.0 if self.robot.fresh and self._cell is not None else length
         self._drive_to(aim, cell, way, length)
         if length > 1.0 + 1e-12:
             self._leave()  # during the motion the robot occupies no cell
 
     def _set_out_for_obstacle(self, obstacle: int, way: tuple[int, ...]) -> None:
-        """Start a leg to the cell before an obstacle. The leg includes the way to the obstacle and back."""
+        """Start a leg to the cell before an obstacle. The leg includes the way to the obstacle and
+        back.
+        """
         at = way[-1] if way else self.robot.cell
         self._passed += way
         cost = self._scenario.path_length(self.robot.cell, way) + LOOK + self.robot.way_out(at)
-        self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # the vehicle stops one cell before the end of this leg
+        self._drive_to(
+            Halt(obstacle, at), at, cost, cost + 1.0
+        )  # the vehicle stops one cell before the end of this leg
         self._leave()
 
     def _go_home(self, aim: GoHome) -> None:
@@ -210,7 +363,9 @@ class Agent:
         self._leave()
 
     def _drive_to(self, aim: Go | GoHome | Halt, cell: int, way: float, length: float) -> None:
-        self.vehicle = replace(self.vehicle, time=self.now).sent(self._stops_of(cell), way=way, length=length)
+        self.vehicle = replace(self.vehicle, time=self.now).sent(
+            self._stops_of(cell), way=way, length=length
+        )
         self._going, self._cell, self._tries, self._rest = aim, None, 0, -inf
 
     def _due(self) -> float:
@@ -241,20 +396,26 @@ class Agent:
     def _search(self, going: Go) -> None:
         cell = self._cell = going.cell
         targets = self._scenario.targets
-        around = tuple(one for one in members(self._scenario.seen(self.robot.number, cell)) if one != cell)
+        around = tuple(
+            one for one in members(self._scenario.seen(self.robot.number, cell)) if one != cell
+        )
         beside = tuple(one for one in around if one in targets)
         found = cell in targets
         through, self._passed, self._going = self._passed + going.through[:-1], (), None
-        more = {name: cells for name, cells in (("through", through), ("around", around), ("beside", beside)) if cells}
+        more = {
+            name: cells
+            for name, cells in (("through", through), ("around", around), ("beside", beside))
+            if cells
+        }
         self.report("searched", cell, found=found, **more)
         self._feed(Sensed(self.now, cell, found, beside))
 
     def _come_in(self, cell: int, now: float) -> None:
-        if cell_locks.enter(self._ground, cell):
+        if enter(self._ground, cell):
             before, self._inside = self._inside, cell
             self.report("enters", cell)
             if before not in (None, cell):
-                cell_locks.leave(self._ground, before)
+                leave(self._ground, before)
             self.vehicle = replace(self.vehicle, limit=self.vehicle.length)
             return
         self._stand_aside()
@@ -285,5 +446,5 @@ class Agent:
     def _leave(self) -> None:
         if self._inside is not None:
             self.report("leaves", self._inside)
-            cell_locks.leave(self._ground, self._inside)
+            leave(self._ground, self._inside)
             self._inside = None

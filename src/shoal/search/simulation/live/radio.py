@@ -1,11 +1,4 @@
-"""A robot's radio: UDP on the loopback interface.
-
-Messages go to a multicast group. If multicast is not available, a robot sends each message to the port of every other robot.
-
-Every process on the machine can send to the radio. To recognize false messages, robots sign their messages with a key that only the
-robots of one search have. To recognize repeated messages, a robot opens each message only once. The radio drops and counts messages
-that are unsigned, repeated or too long.
-"""
+"""The radio of a live search, and the task that each process gets."""
 
 from __future__ import annotations
 
@@ -18,9 +11,12 @@ from contextlib import ExitStack, suppress
 from random import Random
 from typing import Literal
 
+from shoal.core.checks import shortened
+from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.protocol.envelope import Receiver, Sender
-from shoal.search.protocol.messages import Beacon
+from shoal.search.protocol.messages import LONGEST, Beacon, Receiver, Sender
+from shoal.search.protocol.state import Robot
+from shoal.search.simulation.scenario import Scenario
 
 Channel = Literal["multicast", "unicast"]
 GROUP = "239.83.72.76"  # within the block for private use (RFC 2365, section 6.2)
@@ -28,17 +24,25 @@ LOOPBACK = "127.0.0.1"
 LARGEST = 65_507  # maximum bytes of a datagram
 _WAITING = 1 << 20  # bytes of the receive buffer
 _AT_ONCE = 1000  # maximum number of messages processed before the robot does something else
-# number of refused messages after which the radio rests, and number from one source after which the radio ignores the source
+# number of refused messages after which the radio rests, and number from one source after which the
+# radio ignores the source
 _REFUSED = 50
-_REST, _BANNED = 0.01, 1.0  # seconds without listening after too many refusals, and seconds for which a source is ignored
+_REST, _BANNED = (
+    0.01,
+    1.0,
+)  # seconds without listening after too many refusals, and seconds for which a source is ignored
 
 
 def listener(group: str, port: int) -> socket.socket:
-    """Return a socket that listens to a multicast group on the loopback interface. Several sockets can share the port."""
+    """Return a socket that listens to a multicast group on the loopback interface. Several sockets
+    can share the port.
+    """
     with ExitStack() as stack:
         ear = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if sys.platform != "linux":  # on this system, the option above does not allow several listeners on one port
+        if (
+            sys.platform != "linux"
+        ):  # on this system, the option above does not allow several listeners on one port
             ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         ear.bind((group, port))
         member = struct.pack("4s4s", socket.inet_aton(group), socket.inet_aton(LOOPBACK))
@@ -63,8 +67,8 @@ def speaker(channel: Channel) -> socket.socket:
 def reserve(group: str = GROUP, port: int = 0) -> socket.socket | None:
     """Return a socket on a port of a multicast group, or None if multicast is not available.
 
-    If ``port`` is 0, the function chooses a free port. The port stays reserved until the caller closes the socket. The function
-    sends a datagram to the port to test multicast.
+    If ``port`` is 0, the function chooses a free port. The port stays reserved until the caller
+    closes the socket. The function sends a datagram to the port to test multicast.
     """
     with ExitStack() as stack, suppress(OSError):
         if not port:
@@ -101,7 +105,14 @@ class Radio:
     """
 
     def __init__(
-        self, channel: Channel, sender: Sender, receiver: Receiver, *, port: int = 0, loss: float = 0.0, random: Random
+        self,
+        channel: Channel,
+        sender: Sender,
+        receiver: Receiver,
+        *,
+        port: int = 0,
+        loss: float = 0.0,
+        random: Random,
     ) -> None:
         self._sender, self._receiver, self._loss, self._random = sender, receiver, loss, random
         self._mouth = speaker(channel)
@@ -126,7 +137,9 @@ class Radio:
             self._others = [(LOOPBACK, port) for port in ports if port != self.port]
 
     def send(self, beacon: Beacon) -> None:
-        """Broadcast a beacon. If the operating system refuses to send a message, the radio counts the message as lost."""
+        """Broadcast a beacon. If the operating system refuses to send a message, the radio counts
+        the message as lost.
+        """
         for message in self._sender.messages(beacon, _clock()):
             self.sent += 1
             for other in self._others:
@@ -136,10 +149,11 @@ class Radio:
                     self.lost += 1
 
     def receive(self) -> list[Beacon]:
-        """Return the beacons in messages that have arrived from other robots of this search, and drop all other messages.
+        """Return the beacons in messages that have arrived from other robots of this search, and
+        drop all other messages.
 
-        After many dropped messages, the radio pauses until the time ``rest_until``, so that a flood of messages costs the robot
-        little time.
+        After many dropped messages, the radio pauses until the time ``rest_until``, so that a flood
+        of messages costs the robot little time.
         """
         beacons: list[Beacon] = []
         longest, clock, now = self._receiver.most + 1, _clock(), time.monotonic()
@@ -182,5 +196,91 @@ class Radio:
 
 
 def _clock() -> int:
-    """Return the system's time in milliseconds since 1970. The system's clock goes on while a robot is switched off."""
+    """Return the system's time in milliseconds since 1970. The system's clock goes on while a robot
+    is switched off.
+    """
     return time.time_ns() // 1_000_000
+
+
+@dataclass(frozen=True)
+class LiveTask:
+    """The data that the processes of all live robots receive at their start.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The scenario of the search. Obstacles in the scenario block the vehicles, but the robots do
+        not know the obstacles.
+    speed : float
+        Number of cells that a robot of speed 1 searches per second of real time.
+    channel : str
+        Channel of the messages: "multicast" or "unicast".
+    port : int
+        Port of the multicast group.
+    key : bytes
+        Key that signs the messages of this search. Robots drop messages without a signature by this
+        key.
+    """
+
+    scenario: Scenario
+    speed: float
+    channel: Channel
+    port: int
+    key: bytes = b""
+
+    def check(self, beacon: Beacon) -> None:
+        """Refuse a beacon that no robot of this search can have sent.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        robots, cells = len(self.scenario.starts), len(self.scenario.brief.tour_cost)
+        for told in beacon.heartbeats:
+            known = 1 <= told.robot <= robots
+            if not known or (told.start, told.rate, told.width) != self._of(told.robot):
+                raise InvalidInputError(
+                    "beacon: expected a robot of this search with its start, speed and width, got"
+                    f" {shortened(told)}"
+                )
+        numbers = {beacon.sender, *(number for number, _ in (*beacon.searched, *beacon.closed))}
+        sets = [bits >> cells for _, bits in (*beacon.searched, *beacon.closed)]
+        sets += [bits >> robots + 1 | bits & 1 for _, bits in beacon.found]
+        if (
+            not numbers <= set(range(1, robots + 1))
+            or any(sets)
+            or any(cell >= cells for cell, _ in beacon.found)
+        ):
+            raise InvalidInputError(
+                f"beacon: expected {robots} robots and {cells} cells, got other numbers"
+            )
+
+    def _of(self, number: int) -> tuple[int, float, int]:
+        return (
+            self.scenario.starts[number - 1],
+            self.scenario.rates[number - 1],
+            self.scenario.widths[number - 1],
+        )
+
+    def radio(self, number: int) -> Radio:
+        """Return the radio of the robot with a given number."""
+        scenario, most = self.scenario, self.scenario.packet or LONGEST
+        receiver = Receiver(
+            self.key, robots=len(scenario.starts), cells=len(scenario.brief.tour_cost), most=most
+        )
+        random = Random(f"{scenario.seed} {number}")
+        loss = next(
+            (medium.numbers[0] for medium in scenario.network.media if medium.kind == "loss"), 0.0
+        )
+        return Radio(
+            self.channel,
+            Sender(number, self.key, most),
+            receiver,
+            port=self.port,
+            loss=loss,
+            random=random,
+        )
+
+    def robot(self, number: int) -> Robot:
+        """Return the initial state of the robot with a given number."""
+        return Robot(number, self.scenario.brief, *self._of(number))

@@ -1,11 +1,11 @@
 """Simulated annealing of a plan for a known map.
 
-Annealing keeps a random change that makes the plan shorter, and often also a change that makes the plan a little longer. The kernel
-stores the states along the plan at regular intervals. To judge a change, the kernel simulates the plan only from the last stored
-state before the change.
+Annealing keeps a random change that makes the plan shorter, and often also a change that makes the
+plan a little longer. The kernel stores the states along the plan at regular intervals. To judge a
+change, the kernel simulates the plan only from the last stored state before the change.
 
-Source: Kirkpatrick, Gelatt and Vecchi, Optimization by simulated annealing, Science 220 (1983). The kinds of changes are an
-addition by Shoal (docs/concepts/planners.md).
+Source: Kirkpatrick, Gelatt and Vecchi, Optimization by simulated annealing, Science 220 (1983). The
+kinds of changes are an addition by Shoal (docs/concepts/planners.md).
 """
 
 from __future__ import annotations
@@ -20,19 +20,30 @@ from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.completion import most
 from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
 from shoal.swarm.kernels.planning.planner_state import draw
-from shoal.swarm.kernels.prediction.forward_model import FRONTIER, advance, copy_state, count, directions, immediate_gains
+from shoal.swarm.kernels.prediction.forward_model import (
+    FRONTIER,
+    advance,
+    copy_state,
+    count,
+    directions,
+    immediate_gains,
+)
 
 LONGEST_CHANGE = 8  # maximum number of commands that one change inserts or removes
 _FINENESS = 1 << 30  # number of different random numbers between 0 and 1
 
 
 class AnnealedPlan(NamedTuple):
-    """The current, the changed and the shortest plan during annealing, and the stored states along the current plan."""
+    """The current, the changed and the shortest plan during annealing, and the stored states along
+    the current plan.
+    """
 
     plan: NDArray[np.int8]  # the current plan
     trial: NDArray[np.int8]  # a changed copy of the current plan
     shortest: NDArray[np.int8]  # the shortest plan so far
-    kept: NDArray[np.uint64]  # (places, boards, words): the states along the current plan after each ``every`` moves
+    kept: NDArray[
+        np.uint64
+    ]  # (places, boards, words): the states along the current plan after each ``every`` moves
     every: int
 
 
@@ -40,9 +51,10 @@ class AnnealedPlan(NamedTuple):
 def change(planner, plans, length):
     """Write a changed copy of the current plan to the trial plan.
 
-    The place and the kind of the change are random. The kinds are: replace one command; insert 1, 2, 4 or 8 equal commands; remove
-    1, 2, 4 or 8 commands; overwrite 1, 2, 4 or 8 commands with one repeated command; or replace up to four commands by one command.
-    Return the index of the first changed move and the length of the trial plan.
+    The place and the kind of the change are random. The kinds are: replace one command; insert 1,
+    2, 4 or 8 equal commands; remove 1, 2, 4 or 8 commands; overwrite 1, 2, 4 or 8 commands with one
+    repeated command; or replace up to four commands by one command. Return the index of the first
+    changed move and the length of the trial plan.
     """
     plan, trial = plans.plan, plans.trial
     at, kind = draw(planner, np.int64(length)), draw(planner, np.int64(5))
@@ -72,9 +84,10 @@ def change(planner, plans, length):
 def finish(planner, state, plan, at, length, limit):
     """Simulate the rest of a plan, and append commands until no frontier cell is left.
 
-    The simulation begins with ``state`` and the command at index ``at``. The greedy base policy chooses the appended commands.
-    Return the number of moves in the whole plan, and the number of simulated moves. If the whole plan needs more than ``limit``
-    moves, return ``limit + 1`` as the first number.
+    The simulation begins with ``state`` and the command at index ``at``. The greedy base policy
+    chooses the appended commands. Return the number of moves in the whole plan, and the number of
+    simulated moves. If the whole plan needs more than ``limit`` moves, return ``limit + 1`` as the
+    first number.
     """
     scene, simulated, begin = planner.scene, np.int64(0), at
     last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)
@@ -100,7 +113,8 @@ def finish(planner, state, plan, at, length, limit):
 
 @in_place_kernel
 def keep_states(planner, plans, at, length):
-    """Store the states along the current plan, beginning with the last stored state before move ``at``.
+    """Store the states along the current plan, beginning with the last stored state before move
+    ``at``.
 
     Return the number of simulated moves.
     """
@@ -117,8 +131,9 @@ def keep_states(planner, plans, at, length):
 def anneal(planner, plans, length, fewest, heat, budget):
     """Change the current plan at random until the kernel has simulated ``budget`` moves.
 
-    The plan begins at the state ``planner.root``. The kernel accepts a plan that is longer by x moves with the probability
-    exp(-x / heat). Return the lengths of the current plan and of the shortest plan, and the number of simulated moves.
+    The plan begins at the state ``planner.root``. The kernel accepts a plan that is longer by x
+    moves with the probability exp(-x / heat). Return the lengths of the current plan and of the
+    shortest plan, and the number of simulated moves.
     """
     plan, trial, room = plans.plan, plans.trial, plans.plan.shape[0] - 2 * LONGEST_CHANGE
     copy_state(planner.root, plans.kept[0])

@@ -1,4 +1,6 @@
-"""Beam search over simulated commands. The search keeps the best states at each depth, without duplicates."""
+"""Beam search over simulated commands. The search keeps the best states at each depth, without
+duplicates.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, digest, immediate_gains
+from shoal.swarm.kernels.prediction.forward_model import (
+    advance,
+    copy_state,
+    digest,
+    immediate_gains,
+)
 
 
 class Beam(NamedTuple):
@@ -28,9 +35,9 @@ class Beam(NamedTuple):
 def place_for(values, marks, size, value, mark):
     """Return the place in the beam for a new state, or -1 if the beam rejects the new state.
 
-    If the beam contains an equal state, the new state replaces the equal state only if the new state has a higher value. If the
-    beam has a free place, the new state takes the free place. In a full beam, the new state replaces the worst state only if the
-    new state has a higher value.
+    If the beam contains an equal state, the new state replaces the equal state only if the new
+    state has a higher value. If the beam has a free place, the new state takes the free place. In a
+    full beam, the new state replaces the worst state only if the new state has a higher value.
     """
     for i in range(size):
         if marks[i] == mark:
@@ -46,7 +53,9 @@ def place_for(values, marks, size, value, mark):
 
 @in_place_kernel
 def lowest_value(values, size):
-    """Return the value that a new state must exceed: the worst value in a full beam, or -1 if the beam has a free place."""
+    """Return the value that a new state must exceed: the worst value in a full beam, or -1 if the
+    beam has a free place.
+    """
     if size < values.shape[0]:
         return -1.0
     worst = values[0]
@@ -57,9 +66,11 @@ def lowest_value(values, size):
 
 @in_place_kernel
 def search_beam(scene, root, beam, gains, discount, width, depth):
-    """Search from the state ``root``. Return (index of the half of ``beam`` with the leaves, number of leaves, simulated moves).
+    """Search from the state ``root``. Return (index of the half of ``beam`` with the leaves, number
+    of leaves, simulated moves).
 
-    The leaves are the states at the last depth. The search ranks states by the discounted number of classified cells.
+    The leaves are the states at the last depth. The search ranks states by the discounted number of
+    classified cells.
     """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
@@ -98,7 +109,9 @@ def search_beam(scene, root, beam, gains, discount, width, depth):
 
 @in_place_kernel
 def take_best(values, size):
-    """Return the index of the best leaf, and clear the value of this leaf, so that the next call returns the next best leaf."""
+    """Return the index of the best leaf, and clear the value of this leaf, so that the next call
+    returns the next best leaf.
+    """
     best = 0
     for i in range(1, size):
         if values[i] > values[best]:

@@ -6,9 +6,9 @@ The search is a variant of `frontier_search` with fewer boards.
 from __future__ import annotations
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, lowest
+from shoal.swarm.kernels.moves import ONE, TOP, ZERO, has, lowest
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, directions
-from shoal.swarm.kernels.search.frontier_search import ahead, dilate, opposite
+from shoal.swarm.kernels.search import ahead, dilate, opposite
 
 UNREACHED, MOD = 0, 1  # planes; MOD, MOD + 1, MOD + 2 hold cells with path lengths 0, 1, 2 modulo 3
 PLANES = 4
@@ -32,28 +32,51 @@ def begin_waves(scene, state, planes):
 def spread(scene, planes, frontier, level):
     """Add the cells at the path length ``level``, including rim cells, to their plane.
 
-    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero if the kernel has added a
-    frontier cell. Three planes hold all path lengths in turn, so the plane of the previous path length may also hold cells at
-    smaller path lengths. These cells have no effect, because the search has already reached all their neighbours.
+    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero
+    if the kernel has added a frontier cell. Three planes hold all path lengths in turn, so the
+    plane of the previous path length may also hold cells at smaller path lengths. These cells have
+    no effect, because the search has already reached all their neighbours.
     """
-    wave, mark, unreached = planes[MOD + (level - 1) % 3], planes[MOD + level % 3], planes[UNREACHED]
-    width, layer, size, some, hits = scene.width, scene.width * scene.rows, wave.shape[0], ZERO, ZERO
+    wave, mark, unreached = (
+        planes[MOD + (level - 1) % 3],
+        planes[MOD + level % 3],
+        planes[UNREACHED],
+    )
+    width, layer, size, some, hits = (
+        scene.width,
+        scene.width * scene.rows,
+        wave.shape[0],
+        ZERO,
+        ZERO,
+    )
     first = layer if scene.layers > 1 else width
     last = size - first
     here, before, after = wave[first:last], wave[first - 1 : last - 1], wave[first + 1 : last + 1]
     above, below = wave[first - width : last - width], wave[first + width : last + width]
     free, out, goals = unreached[first:last], mark[first:last], frontier[first:last]
     for i in range(out.shape[0]):
-        new = ((here[i] << ONE) | (here[i] >> ONE) | (before[i] >> TOP) | (after[i] << TOP) | above[i] | below[i]) & free[i]
+        new = (
+            (here[i] << ONE)
+            | (here[i] >> ONE)
+            | (before[i] >> TOP)
+            | (after[i] << TOP)
+            | above[i]
+            | below[i]
+        ) & free[i]
         free[i] &= ~new
         out[i] |= new
         some |= new
         hits |= new & goals[i]
-    for step in (-first, first):  # into the outermost rows (layers), which may contain frontier cells; and from layer to layer
+    for step in (
+        -first,
+        first,
+    ):  # into the outermost rows (layers), which may contain frontier cells; and from layer to layer
         low, high = max(0, -step), min(size, size - step)
         if scene.layers == 1:
             low, high = (low, low + first) if step > 0 else (high - first, high)
-        new, goal = join(wave[low + step : high + step], unreached[low:high], mark[low:high], frontier[low:high])
+        new, goal = join(
+            wave[low + step : high + step], unreached[low:high], mark[low:high], frontier[low:high]
+        )
         some, hits = some | new, hits | goal
     return some, hits
 
@@ -62,8 +85,8 @@ def spread(scene, planes, frontier, level):
 def join(near, unreached, mark, frontier):
     """Add the unreached cells among ``near`` to the plane ``mark``.
 
-    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero if the kernel has added a
-    frontier cell.
+    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero
+    if the kernel has added a frontier cell.
     """
     some, hits = ZERO, ZERO
     for i in range(mark.shape[0]):
@@ -98,15 +121,18 @@ def trace(scene, state, planes, index, level, plan, at):
 @in_place_kernel
 def on_board(scene, row, column):
     """Return whether a cell lies within the words of a board."""
-    return row >= 0 and row < scene.layers * scene.rows and column >= 0 and column < 64 * scene.width
+    return (
+        row >= 0 and row < scene.layers * scene.rows and column >= 0 and column < 64 * scene.width
+    )
 
 
 @in_place_kernel
 def path_to_nearest(scene, state, planes, plan, at, limit):
     """Write the path to the nearest frontier cell to ``plan[at:]``. Return the length of the path.
 
-    If no path exists, return 0. If the path has more than ``limit`` moves, return TOO_FAR. If several frontier cells are equally
-    near, the path leads to the first of these cells in row-major order.
+    If no path exists, return 0. If the path has more than ``limit`` moves, return TOO_FAR. If
+    several frontier cells are equally near, the path leads to the first of these cells in row-major
+    order.
     """
     begin_waves(scene, state, planes)
     frontier = state[FRONTIER]
@@ -125,7 +151,8 @@ def path_to_nearest(scene, state, planes, plan, at, limit):
 
 @in_place_kernel
 def beside(scene, cells, within, out):
-    """Write to ``out`` the cells of the board ``within`` that have a neighbour in the board ``cells``.
+    """Write to ``out`` the cells of the board ``within`` that have a neighbour in the board
+    ``cells``.
 
     The board ``cells`` must not contain rim cells.
     """

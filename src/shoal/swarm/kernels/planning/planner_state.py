@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
+from shoal.swarm.kernels.moves import record_type
 from shoal.swarm.kernels.planning.beam import Beam
 from shoal.swarm.kernels.planning.completion import KeptStates, most
 from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
@@ -15,12 +16,13 @@ from shoal.swarm.kernels.prediction.forward_model import Scene, immediate_gains,
 from shoal.swarm.kernels.prediction.learned_prior import LearnedPrior
 from shoal.swarm.kernels.prediction.occupancy_prediction import OccupancyPrediction
 from shoal.swarm.kernels.prediction.occupancy_prior import OccupancyPrior
-from shoal.swarm.kernels.records import record_type
 
 WHOLE = 1 << 20  # denominator of fractions that records store as whole numbers
 MEMORY = record_type(
     np.int64,
-    "plan_at", "plan_length",  # index of the next command in the incumbent (the best plan so far); length of the incumbent
+    "plan_at",
+    # index of the next command in the incumbent (the best plan so far); length of the incumbent
+    "plan_length",
     "quiet",  # number of moves since the last classification
     "forced",  # number of commands left to send, while the planner sends a whole path
     "random",  # state of the generator of random numbers
@@ -28,8 +30,9 @@ MEMORY = record_type(
     "remaining",  # number of frontier cells
     "style",  # style of the base policy that completed the incumbent
     "credit",  # number of moves that the planner may simulate
-    "surprise",  # recent share of new free cells that were not predicted to be free, in units of 1 / WHOLE
-)  # fmt: skip
+    # recent share of new free cells that were not predicted to be free, in units of 1 / WHOLE
+    "surprise",
+)
 
 
 class Planner(NamedTuple):
@@ -68,7 +71,9 @@ def draw(planner, limit):
 
 @in_place_kernel
 def next_command(planner):
-    """Return the next command of the incumbent (the best plan so far), or -1 at the end of the plan."""
+    """Return the next command of the incumbent (the best plan so far), or -1 at the end of the
+    plan.
+    """
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
         return -1
@@ -87,15 +92,22 @@ def force(field, planner):
     for i in range(field.open.shape[0]):
         planner.prediction.open[i] = field.open[i]
     limit = planner.incumbent.shape[0]
-    memory.forced = max(0, path_to_nearest(planner.scene, planner.root, planner.planes, planner.incumbent, np.int64(0), limit))
+    memory.forced = max(
+        0,
+        path_to_nearest(
+            planner.scene, planner.root, planner.planes, planner.incumbent, np.int64(0), limit
+        ),
+    )
     memory.plan_at, memory.plan_length = 0, memory.forced
 
 
 @in_place_kernel
 def take_greedily(field, planner):
-    """Replace the incumbent (the best plan so far) by the command that classifies the most cells with one move.
+    """Replace the incumbent (the best plan so far) by the command that classifies the most cells
+    with one move.
 
-    If no single command classifies a cell, the new incumbent is the path to the nearest frontier cell.
+    If no single command classifies a cell, the new incumbent is the path to the nearest frontier
+    cell.
     """
     memory = planner.memory
     take_state(field, planner.root)
@@ -110,8 +122,8 @@ def take_greedily(field, planner):
 def choose_greedy(field, planner):
     """Return the next command of the policy greedy-classify, or -1 if no command is left.
 
-    The policy sends the command that classifies the most cells with one move. If no single command classifies a cell, the policy
-    sends the commands of the path to the nearest frontier cell.
+    The policy sends the command that classifies the most cells with one move. If no single command
+    classifies a cell, the policy sends the commands of the path to the nearest frontier cell.
     """
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:

@@ -1,4 +1,5 @@
-"""Planning by rollouts: a base policy completes candidate plans in the predicted world, and the planner follows the best plan.
+"""Planning by rollouts: a base policy completes candidate plans in the predicted world, and the
+planner follows the best plan.
 
 The page docs/concepts/planners.md explains planning by rollouts.
 """
@@ -9,30 +10,63 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.beam import search_beam, take_best
-from shoal.swarm.kernels.planning.completion import BEST, CAREFUL, EVERY, GREEDY, LEAD, complete, keep_best
+from shoal.swarm.kernels.planning.completion import (
+    BEST,
+    CAREFUL,
+    EVERY,
+    GREEDY,
+    LEAD,
+    complete,
+    keep_best,
+)
 from shoal.swarm.kernels.planning.frontier_paths import MOD, beside
-from shoal.swarm.kernels.planning.planner_state import WHOLE, draw, force, next_command, take_greedily
-from shoal.swarm.kernels.prediction.forward_model import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
+from shoal.swarm.kernels.planning.planner_state import (
+    WHOLE,
+    draw,
+    force,
+    next_command,
+    take_greedily,
+)
+from shoal.swarm.kernels.prediction.forward_model import (
+    FRONTIER,
+    UNSEEN,
+    advance,
+    copy_state,
+    count,
+    directions,
+    take_state,
+)
 from shoal.swarm.kernels.prediction.occupancy_prediction import predict
 
 NOTHING = -1e18  # lower than the value of any plan
-BRIEF = 300.0  # budget below which the planner evaluates only the most promising plans, with a short horizon
+# budget below which the planner evaluates only the most promising plans, with a short horizon
+BRIEF = 300.0
 PLENTY = 900.0  # number of saved simulated moves from which the limit BRIEF does not apply
-SAVINGS = 20.0  # for a budget below BRIEF: maximum number of saved simulated moves, as a multiple of the budget
+# for a budget below BRIEF: maximum number of saved simulated moves, as a multiple of the budget
+SAVINGS = 20.0
 BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
 NO_MOVES = np.int64(0)
-LONGEST_RUN = 40  # maximum length of a candidate plan that moves in one direction until it classifies a cell
+LONGEST_RUN = (
+    40  # maximum length of a candidate plan that moves in one direction until it classifies a cell
+)
 
 
 @in_place_kernel
 def prepare(field, mapping, planner):
-    """Write the predicted world to ``planner.scene``, and the state of the episode to ``planner.root``."""
+    """Write the predicted world to ``planner.scene``, and the state of the episode to
+    ``planner.root``.
+    """
     if mapping:
         options = planner.options
         predict(
-            field, planner.prior, planner.learned, planner.prediction,
-            int(options.prediction_layers), options.free_threshold, options.joint_chance,
-        )  # fmt: skip
+            field,
+            planner.prior,
+            planner.learned,
+            planner.prediction,
+            int(options.prediction_layers),
+            options.free_threshold,
+            options.joint_chance,
+        )
     else:
         for i in range(field.open.shape[0]):
             planner.prediction.open[i] = field.open[i]
@@ -47,26 +81,32 @@ def is_brief(planner):
 
 @in_place_kernel
 def evaluate(planner, shared, length, best, few, style):
-    """Complete the trial plan. If its value is above ``best``, the trial plan becomes the incumbent (the best plan so far).
+    """Complete the trial plan. If its value is above ``best``, the trial plan becomes the incumbent
+    (the best plan so far).
 
-    Return the value of the trial plan or ``best``, whichever is higher. The trial plan begins with the first ``shared`` commands of
-    the incumbent.
+    Return the value of the trial plan or ``best``, whichever is higher. The trial plan begins with
+    the first ``shared`` commands of the incumbent.
 
-    If the planner simulates plans to the end of the task, ``few`` is the expected number of cells left to classify. The value of a
-    plan is then w c - n, where w is a weight, c is the discounted number of classified cells, and n is the number of moves. With
-    reliable predictions, n includes an estimate of the moves for cells that are left at the horizon. If the planner simulates plans
-    only up to a near horizon, ``few`` is 0, and the value of a plan is the discounted number of classified cells.
+    If the planner simulates plans to the end of the task, ``few`` is the expected number of cells
+    left to classify. The value of a plan is then w c - n, where w is a weight, c is the discounted
+    number of classified cells, and n is the number of moves. With reliable predictions, n includes
+    an estimate of the moves for cells that are left at the horizon. If the planner simulates plans
+    only up to a near horizon, ``few`` is 0, and the value of a plan is the discounted number of
+    classified cells.
     """
     options, memory = planner.options, planner.memory
     surprise = memory.surprise / WHOLE
     brief = is_brief(planner)
     horizon = int(min(options.near_horizon, BRIEF_HORIZON) if brief else options.near_horizon)
     discount = BRIEF_DISCOUNT if brief else options.discount
-    if few > 0:  # with large prediction errors, the simulation of the far future is not worth its time
+    if (
+        few > 0
+    ):  # with large prediction errors, the simulation of the far future is not worth its time
         far = surprise < options.far_surprise
         discount = options.far_discount if far else options.discount
         horizon += int(
-            max((options.far_horizon if far else options.horizon) - horizon, 0) * (1.0 - surprise) ** options.surprise_shrink
+            max((options.far_horizon if far else options.horizon) - horizon, 0)
+            * (1.0 - surprise) ** options.surprise_shrink
         )
     share = options.frontier_worth * (1.0 + options.surprise_weight * surprise)
     worth = share / few if few > 0 else 0.0
@@ -76,9 +116,22 @@ def evaluate(planner, shared, length, best, few, style):
     # with reliable predictions, a plan that is behind may still finish earlier
     raced = few > 0 and best > NOTHING and surprise >= options.end_surprise
     time, value, length, moves, classified = complete(
-        planner.scene, planner.state, planner, planner.trial, begin, length, horizon, discount, style, options.left_behind_cost,
-        worth, few, best if few > 0 else NOTHING, shared + LEAD, memory.plan_length if raced else NO_MOVES,
-    )  # fmt: skip
+        planner.scene,
+        planner.state,
+        planner,
+        planner.trial,
+        begin,
+        length,
+        horizon,
+        discount,
+        style,
+        options.left_behind_cost,
+        worth,
+        few,
+        best if few > 0 else NOTHING,
+        shared + LEAD,
+        memory.plan_length if raced else NO_MOVES,
+    )
     memory.simulated += moves
     if few > 0:
         value = worth * value - time
@@ -97,7 +150,9 @@ def evaluate(planner, shared, length, best, few, style):
 
 @in_place_kernel
 def search_plans(planner):
-    """Replace the incumbent (the plan that the planner follows) by the best plan that the search finds."""
+    """Replace the incumbent (the plan that the planner follows) by the best plan that the search
+    finds.
+    """
     memory, trial, options = planner.memory, planner.trial, planner.options
     remaining = count(planner.root[FRONTIER])
     few = 0.0
@@ -108,7 +163,9 @@ def search_plans(planner):
         trial[i - at] = planner.incumbent[i]
     best = evaluate(planner, NO_MOVES, length - at, NOTHING, few, memory.style)
     if options.left_behind_cost > 0:
-        if not is_brief(planner) or memory.surprise < options.end_surprise * WHOLE:  # a careful plan takes longer to simulate
+        if (
+            not is_brief(planner) or memory.surprise < options.end_surprise * WHOLE
+        ):  # a careful plan takes longer to simulate
             best = evaluate(planner, NO_MOVES, NO_MOVES, best, few, CAREFUL)
         best = evaluate(planner, NO_MOVES, NO_MOVES, best, few, GREEDY)
     for command in range(directions(planner.scene)):
@@ -139,7 +196,8 @@ def predicted_frontier(planner):
 
 @in_place_kernel
 def run(planner, command):
-    """Write a run of equal commands to the trial plan. The run ends with its first command that classifies a cell.
+    """Write a run of equal commands to the trial plan. The run ends with its first command that
+    classifies a cell.
 
     Return the length of the run, or 0 if no cell is classified within LONGEST_RUN commands.
     """
@@ -154,13 +212,21 @@ def run(planner, command):
 
 @in_place_kernel
 def try_leaves(planner, best, few):
-    """Complete the plans that end at the best leaves of the beam search. Return the value of the best plan so far."""
+    """Complete the plans that end at the best leaves of the beam search. Return the value of the
+    best plan so far.
+    """
     options, beam, trial = planner.options, planner.beam, planner.trial
     if options.beam_leaves == 0:
         return best
     depth = int(options.beam_depth)
     half, size, simulated = search_beam(
-        planner.scene, planner.root, beam, planner.gains, options.discount, int(options.beam_width), depth
+        planner.scene,
+        planner.root,
+        beam,
+        planner.gains,
+        options.discount,
+        int(options.beam_width),
+        depth,
     )
     planner.memory.simulated += simulated
     for _ in range(min(int(options.beam_leaves), size)):
@@ -175,9 +241,10 @@ def try_leaves(planner, best, few):
 def vary(planner):
     """Write a random variation of the incumbent to the trial plan.
 
-    Up to a random place, the variation equals the incumbent (the best plan so far). At this place, the function makes one of four
-    changes: it replaces the rest of the incumbent by one random command, replaces the rest by k equal commands, inserts k equal
-    commands, or removes k commands, where k is 1, 2, 4 or 8. If ``run_candidates`` is 0, only the first of these four changes is
+    Up to a random place, the variation equals the incumbent (the best plan so far). At this place,
+    the function makes one of four changes: it replaces the rest of the incumbent by one random
+    command, replaces the rest by k equal commands, inserts k equal commands, or removes k commands,
+    where k is 1, 2, 4 or 8. If ``run_candidates`` is 0, only the first of these four changes is
     possible. Return the number of commands before the change, and the length of the variation.
     """
     trial, incumbent = planner.trial, planner.incumbent
@@ -204,7 +271,9 @@ def vary(planner):
 
 @in_place_kernel
 def choose_rollout(field, mapping, planner):
-    """Return the next command of the policy rollout or beam-rollout, or -1 if no command is left."""
+    """Return the next command of the policy rollout or beam-rollout, or -1 if no
+    command is left.
+    """
     memory, options = planner.memory, planner.options
     saved = SAVINGS if options.budget < BRIEF else 1.0
     memory.credit = int(min(memory.credit + options.budget, saved * options.budget))

@@ -1,8 +1,10 @@
-"""Forward model: simulation of commands on the predicted map, without any effect on the running episode.
+"""Forward model: simulation of commands on the predicted map, without any effect on the running
+episode.
 
-A state consists of three boards (sets of cells): the cells of the particles, the frontier cells, and the unseen cells, which are
-the unknown cells outside the frontier. In mapping and in coverage, the forward model classifies a frontier cell when a particle
-tries to enter the cell. In coverage, every attempt to enter a frontier cell succeeds, because a frontier cell is free and holds no
+A state consists of three boards (sets of cells): the cells of the particles, the frontier cells,
+and the unseen cells, which are the unknown cells outside the frontier. In mapping and in coverage,
+the forward model classifies a frontier cell when a particle tries to enter the cell. In coverage,
+every attempt to enter a frontier cell succeeds, because a frontier cell is free and holds no
 particle.
 """
 
@@ -14,10 +16,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount
-from shoal.swarm.kernels.dynamics.moves import DOWN, GROUP, IN, LEFT, OUT, RIGHT, UP, segments, shift_across, shift_along
+from shoal.swarm.kernels.moves import (
+    DOWN,
+    GROUP,
+    IN,
+    LEFT,
+    ONE,
+    OUT,
+    RIGHT,
+    TOP,
+    UP,
+    ZERO,
+    popcount,
+    segments,
+    shift_across,
+    shift_along,
+)
 
-OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen cells are unknown cells outside the frontier
+OCCUPIED, FRONTIER, UNSEEN = (
+    0,
+    1,
+    2,
+)  # boards of a state; unseen cells are unknown cells outside the frontier
 BOARDS = 3
 _MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558CCD), np.uint64(32)
 
@@ -62,7 +82,12 @@ def immediate_gains(scene, state, gains):
     """
     occupied, frontier, size, width = state[OCCUPIED], state[FRONTIER], state.shape[1], scene.width
     inner = size - 2 * width
-    here, wanted, over, under = occupied[width:], frontier[width:], frontier[:inner], frontier[2 * width :]
+    here, wanted, over, under = (
+        occupied[width:],
+        frontier[width:],
+        frontier[:inner],
+        frontier[2 * width :],
+    )
     before, after = frontier[width - 1 :], frontier[width + 1 :]
     left, up, right, down = 0, 0, 0, 0
     for i in range(inner):
@@ -82,7 +107,8 @@ def immediate_gains(scene, state, gains):
 
 @in_place_kernel
 def advance(scene, state, command):
-    """Simulate one command, which changes ``state`` in place. Return the number of classified frontier cells.
+    """Simulate one command, which changes ``state`` in place. Return the number of classified
+    frontier cells.
 
     After the call, ``scene.tried`` contains the classified cells.
     """
@@ -101,12 +127,23 @@ def advance(scene, state, command):
 
 @in_place_kernel
 def push(scene, occupied, frontier, command):
-    """Move the particles in place. Write to ``scene.tried`` the frontier cells that a particle tries to enter.
+    """Move the particles in place. Write to ``scene.tried`` the frontier cells that a particle
+    tries to enter.
 
     Return a word that is nonzero if ``scene.tried`` contains a cell.
     """
     if command == LEFT or command == RIGHT:
-        return shift_along(occupied, scene.ground, frontier, ZERO, scene.tried, scene.moving, command, scene.rule, None)[0]
+        return shift_along(
+            occupied,
+            scene.ground,
+            frontier,
+            ZERO,
+            scene.tried,
+            scene.moving,
+            command,
+            scene.rule,
+            None,
+        )[0]
     for i in range(scene.tried.shape[0]):
         scene.tried[i] = ZERO
     lines, stride, first, length, ahead = segments(scene, command)
@@ -115,9 +152,16 @@ def push(scene, occupied, frontier, command):
         source = line * stride + first
         target, end = source + ahead, source + ahead + length
         some |= shift_across(
-            occupied[source : source + length], occupied[target:end], scene.ground[target:end], frontier[target:end], ZERO,
-            scene.tried[target:end], ahead, scene.rule, None,
-        )[0]  # fmt: skip
+            occupied[source : source + length],
+            occupied[target:end],
+            scene.ground[target:end],
+            frontier[target:end],
+            ZERO,
+            scene.tried[target:end],
+            ahead,
+            scene.rule,
+            None,
+        )[0]
     return some
 
 
@@ -125,7 +169,11 @@ def push(scene, occupied, frontier, command):
 def discover(scene, frontier, unseen):
     """Add the unseen neighbours of all newly found free cells to the frontier."""
     for start in range(0, frontier.shape[0], GROUP):
-        tried, ground, some = scene.tried[start : start + GROUP], scene.ground[start : start + GROUP], ZERO
+        tried, ground, some = (
+            scene.tried[start : start + GROUP],
+            scene.ground[start : start + GROUP],
+            ZERO,
+        )
         for i in range(tried.shape[0]):
             some |= tried[i] & ground[i]
         if some == ZERO:
@@ -137,7 +185,9 @@ def discover(scene, frontier, unseen):
 
 @in_place_kernel
 def reveal_around(scene, frontier, unseen, i, found):
-    """Add the unseen neighbours of the cells ``found``, which lie in word ``i``, to the frontier."""
+    """Add the unseen neighbours of the cells ``found``, which lie in word ``i``, to the
+    frontier.
+    """
     width, layer = scene.width, scene.width * scene.rows
     reveal(frontier, unseen, i, (found << ONE) | (found >> ONE))
     if found >> TOP != ZERO:
@@ -178,7 +228,8 @@ def directions(scene):
 def digest(state):
     """Return a hash of the particles and the frontier as uint64.
 
-    The hash is a sum of words mixed with their indices, because the compiler can compute a sum with vector instructions.
+    The hash is a sum of words mixed with their indices, because the compiler can compute a sum with
+    vector instructions.
     """
     value = ZERO
     for board in range(2):

@@ -1,13 +1,15 @@
-"""The learned prior: a small neural network, trained on maps, that estimates the probability that a cell is free.
+"""The learned prior: a small neural network, trained on maps, that estimates the probability that a
+cell is free.
 
-The network computes only with integers, so all machines give equal results. The input of the network is the belief in a square
-window around a cell. A particle can enter this cell from any of the neighbouring cells. The kernel first rotates the window, so
-that the particle always enters the cell at the window's centre from below. The kernel keeps the network's result for a cell until a
+The network computes only with integers, so all machines give equal results. The input of the
+network is the belief in a square window around a cell. A particle can enter this cell from any of
+the neighbouring cells. The kernel first rotates the window, so that the particle always enters the
+cell at the window's centre from below. The kernel keeps the network's result for a cell until a
 cell in the window becomes known.
 
-The training does not know how many of the cells that an episode will classify are free. This share depends on the map and on the
-number of particles. The kernel therefore adds a bias to the log-odds of the network, and learns the bias during the episode
-(`learn_bias`).
+The training does not know how many of the cells that an episode will classify are free. This share
+depends on the map and on the number of particles. The kernel therefore adds a bias to the log-odds
+of the network, and learns the bias during the episode (`learn_bias`).
 
 The page docs/concepts/prediction.md explains the learned prior.
 """
@@ -20,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
+from shoal.swarm.kernels.moves import ONE, ZERO, lowest
 
 RADIUS = 7  # number of cells from the centre of the window to its border
 SPAN = 2 * RADIUS + 1
@@ -35,7 +37,9 @@ _MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558C
 class LearnedPrior(NamedTuple):
     """The weights of the network, working memory, and stored results."""
 
-    places: NDArray[np.int64]  # (commands, SPAN * SPAN): index of each cell of the window after the rotation for a command
+    places: NDArray[
+        np.int64
+    ]  # (commands, SPAN * SPAN): index of each cell of the window after the rotation for a command
     first: NDArray[np.int16]  # (KINDS * SPAN * SPAN, hidden)
     first_bias: NDArray[np.int32]  # (hidden,)
     second: NDArray[np.int16]  # (hidden of the second layer, hidden)
@@ -46,17 +50,27 @@ class LearnedPrior(NamedTuple):
     inner: NDArray[np.uint64]  # all cells except the rim, which is never free
     opened: NDArray[np.uint64]  # (SPAN,): the known free cells of the window, one word for each row
     walls: NDArray[np.uint64]  # (SPAN,)
-    used: NDArray[np.int64]  # (SPAN * SPAN,): indices of the rows of ``first`` for the known cells of the window
-    sums: NDArray[np.int16]  # (hidden,); with the trained weights, every sum fits into 16 bits, and every result into 32 bits
+    used: NDArray[
+        np.int64
+    ]  # (SPAN * SPAN,): indices of the rows of ``first`` for the known cells of the window
+    sums: NDArray[
+        np.int16
+    ]  # (hidden,); with the trained weights, every sum fits into 16 bits, and every result into 32 bits
     marks: NDArray[np.uint64]  # for each cell: hash of the window at the last evaluation
-    told: NDArray[np.uint8]  # for each cell: index of the network's result in ``chances``, without the bias
-    bias: NDArray[np.float64]  # (1,): bias of the log-odds in the current episode, in units of 1 / ODDS
+    told: NDArray[
+        np.uint8
+    ]  # for each cell: index of the network's result in ``chances``, without the bias
+    bias: NDArray[
+        np.float64
+    ]  # (1,): bias of the log-odds in the current episode, in units of 1 / ODDS
     width: int  # words per row
 
 
 @in_place_kernel
 def part_of_row(board, begin, width, column):
-    """Return SPAN cells of a row of a board, beginning with ``column``. The bits of cells beyond the end of the row are 0."""
+    """Return SPAN cells of a row of a board, beginning with ``column``. The bits of cells beyond
+    the end of the row are 0.
+    """
     word, shift = column >> 6, np.uint64(column & 63)
     cells = ZERO
     if 0 <= word < width:
@@ -68,7 +82,9 @@ def part_of_row(board, begin, width, column):
 
 @in_place_kernel
 def look(learned, opened, known, cell, command):
-    """Cut out the window around a cell that a particle would enter with ``command``. Return a hash of window and command."""
+    """Cut out the window around a cell that a particle would enter with ``command``. Return a hash
+    of window and command.
+    """
     width = learned.width
     row, column = (cell >> 6) // width - RADIUS, (cell >> 6) % width * 64 + (cell & 63) - RADIUS
     mark = np.uint64(command)
@@ -87,12 +103,15 @@ def look(learned, opened, known, cell, command):
 
 @in_place_kernel
 def list_weights(learned, command, kind, row, cells, size):
-    """For each of the given cells in one row of the window, append the index of its row of ``first`` to the list ``used``.
+    """For each of the given cells in one row of the window, append the index of its row of
+    ``first`` to the list ``used``.
 
     Return the length of the list.
     """
     while cells != ZERO:
-        learned.used[size] = learned.places[command, row * SPAN + lowest(cells)] + kind * SPAN * SPAN
+        learned.used[size] = (
+            learned.places[command, row * SPAN + lowest(cells)] + kind * SPAN * SPAN
+        )
         cells &= cells - ONE
         size += 1
     return size
@@ -117,7 +136,9 @@ def add_weights(learned, size):
 
 @in_place_kernel
 def log_odds(learned, command):
-    """Return the log-odds that the network computes for the window that `look` has cut out, in units of 1 / ODDS nat."""
+    """Return the log-odds that the network computes for the window that `look` has cut out, in
+    units of 1 / ODDS nat.
+    """
     sums, none = learned.sums, np.int16(0)
     for i in range(sums.shape[0]):
         sums[i] = learned.first_bias[i]
@@ -132,14 +153,18 @@ def log_odds(learned, command):
     for k in range(learned.second.shape[0]):
         weights, value = learned.second[k], learned.second_bias[k]
         for i in range(sums.shape[0]):
-            value = np.int32(value + np.int32(weights[i]) * np.int32(sums[i]))  # 32 bits, because 64 bits would take twice as long
+            value = np.int32(
+                value + np.int32(weights[i]) * np.int32(sums[i])
+            )  # 32 bits, because 64 bits would take twice as long
         total += np.int64(learned.last[k]) * (max(np.int64(value), np.int64(0)) >> SHIFT)
     return (ODDS * total) >> (2 * SHIFT)
 
 
 @in_place_kernel
 def learned_chance(learned, opened, known, cell, command):
-    """Return the probability that a cell is free. A particle would enter the cell with the command ``command``."""
+    """Return the probability that a cell is free. A particle would enter the cell with the command
+    ``command``.
+    """
     mark = look(learned, opened, known, cell, command)
     if learned.marks[cell] != mark:
         learned.marks[cell] = mark
@@ -151,8 +176,10 @@ def learned_chance(learned, opened, known, cell, command):
 
 @in_place_kernel
 def learn_bias(learned, chance, free):
-    """Add the error of a probability to the bias: one step of stochastic gradient descent on the log loss, with the rate 1 / ODDS.
+    """Add the error of a probability to the bias: one step of stochastic gradient descent on the
+    log loss, with the rate 1 / ODDS.
 
-    ``chance`` is the probability from `learned_chance` that a cell is free, and ``free`` is the outcome.
+    ``chance`` is the probability from `learned_chance` that a cell is free, and ``free`` is the
+    outcome.
     """
     learned.bias[0] += (1.0 if free else 0.0) - chance

@@ -1,10 +1,12 @@
 """Search for a path through known cells, followed by one more command and a scan.
 
-The best path has the largest number of classified cells divided by the cost of all commands and the scan.
+The best path has the largest number of classified cells divided by the cost of all commands and the
+scan.
 
-If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The search looks for two shifts (runs
-of equal commands), in perpendicular directions, that bring many particles beside unknown cells. After the two shifts, many
-particles try to enter unknown cells with one command.
+If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The
+search looks for two shifts (runs of equal commands), in perpendicular directions, that bring many
+particles beside unknown cells. After the two shifts, many particles try to enter unknown cells with
+one command.
 """
 
 from __future__ import annotations
@@ -15,11 +17,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, TOP, popcount
-from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, Field, move_across, move_along
-from shoal.swarm.kernels.records import record_type
+from shoal.swarm.kernels.moves import (
+    DOWN,
+    IN,
+    LEFT,
+    ONE,
+    RIGHT,
+    TOP,
+    UP,
+    Field,
+    move_across,
+    move_along,
+    popcount,
+    record_type,
+)
 
-FIRST_STEPS, SECOND_STEPS = 12, 8  # maximum numbers of commands in the first and in the second shift
+FIRST_STEPS, SECOND_STEPS = (
+    12,
+    8,
+)  # maximum numbers of commands in the first and in the second shift
 LONGEST_PLAN = FIRST_STEPS + SECOND_STEPS + 1
 BEST = record_type(np.int64, "first", "first_length", "second", "second_length", "last")
 PRICES = record_type(np.float64, "scan", "move")
@@ -36,7 +52,9 @@ class Lookahead(NamedTuple):
 
 @in_place_kernel
 def tried(field, occupied, command):
-    """Return the number of unknown cells that particles in the cells ``occupied`` would try to enter with one command."""
+    """Return the number of unknown cells that particles in the cells ``occupied`` would try to
+    enter with one command.
+    """
     known, size = field.known, field.known.shape[0]
     total = 0
     if command == LEFT:
@@ -65,14 +83,25 @@ def predicted(field, occupied, counts):
     Unknown cells count as walls, because no particle tries to enter them.
     """
     return Field(
-        field.open, occupied, field.open, field.known, field.frontier, field.tried, field.moving, counts,
-        field.layers, field.rows, field.width,
-    )  # fmt: skip
+        field.open,
+        occupied,
+        field.open,
+        field.known,
+        field.frontier,
+        field.tried,
+        field.moving,
+        counts,
+        field.layers,
+        field.rows,
+        field.width,
+    )
 
 
 @in_place_kernel
 def shift(field, predicted_field, command, rule):
-    """Move the particles of a predicted field if the outcome of the command is certain. Return whether a particle has moved."""
+    """Move the particles of a predicted field if the outcome of the command is certain. Return
+    whether a particle has moved.
+    """
     if tried(field, predicted_field.occupied, command) > 0:
         return False
     if command == LEFT or command == RIGHT:
@@ -82,7 +111,8 @@ def shift(field, predicted_field, command, rule):
 
 @in_place_kernel
 def best_last_command(field, lookahead, occupied, prices, steps, rate):
-    """Return the best last command for particles in the cells ``occupied``, and its rate of classified cells per cost.
+    """Return the best last command for particles in the cells ``occupied``, and its rate of
+    classified cells per cost.
 
     If no command has a higher rate than ``rate``, return -1 and ``rate``.
     """
@@ -109,10 +139,12 @@ def copy(source, target):
 
 @in_place_kernel
 def explore(field, rule, lookahead, prices, rate):
-    """Find a path and a last command that classify more cells per cost than ``rate``. Return the rate of the best path.
+    """Find a path and a last command that classify more cells per cost than ``rate``. Return the
+    rate of the best path.
 
-    ``lookahead.best`` receives the best path: a first shift with its length, a perpendicular second shift with its length, and the
-    last command. If no path has a higher rate than ``rate``, the result is ``rate``.
+    ``lookahead.best`` receives the best path: a first shift with its length, a perpendicular second
+    shift with its length, and the last command. If no path has a higher rate than ``rate``, the
+    result is ``rate``.
     """
     best = lookahead.best
     once = predicted(field, lookahead.shifted, lookahead.counts)
@@ -125,7 +157,12 @@ def explore(field, rule, lookahead, prices, rate):
                 break
             last, rate = best_last_command(field, lookahead, once.occupied, prices, length, rate)
             if last >= 0:
-                best.first, best.first_length, best.second_length, best.last = first, length, 0, last
+                best.first, best.first_length, best.second_length, best.last = (
+                    first,
+                    length,
+                    0,
+                    last,
+                )
             for second in range(directions):
                 if axis(first) == axis(second):
                     continue
@@ -133,7 +170,9 @@ def explore(field, rule, lookahead, prices, rate):
                 for further in range(1, SECOND_STEPS + 1):
                     if not shift(field, twice, second, rule):
                         break
-                    last, rate = best_last_command(field, lookahead, twice.occupied, prices, length + further, rate)
+                    last, rate = best_last_command(
+                        field, lookahead, twice.occupied, prices, length + further, rate
+                    )
                     if last >= 0:
                         best.first, best.first_length, best.last = first, length, last
                         best.second, best.second_length = second, further

@@ -1,6 +1,8 @@
-"""Prediction of free cells on and behind the frontier, layer by layer, with the experts of `occupancy_prior`.
+"""Prediction of free cells on and behind the frontier, layer by layer, with the experts of
+`occupancy_prior`.
 
-The first layer is the frontier. Each later layer consists of the unknown neighbours of cells that are predicted to be free.
+The first layer is the frontier. Each later layer consists of the unknown neighbours of cells that
+are predicted to be free.
 """
 
 from __future__ import annotations
@@ -11,12 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
+from shoal.swarm.kernels.moves import ONE, ZERO, lowest
 from shoal.swarm.kernels.prediction.learned_prior import learned_chance
-from shoal.swarm.kernels.prediction.occupancy_prior import LEARNED, LEAST, MODELS, PAIRS, around, counted_chance, place, steps_of
+from shoal.swarm.kernels.prediction.occupancy_prior import (
+    LEARNED,
+    LEAST,
+    MODELS,
+    PAIRS,
+    around,
+    counted_chance,
+    place,
+    steps_of,
+)
 
 UNLIKELY = 0.25  # probability of a free cell below which the kernel predicts a wall
-FEWEST = 4  # minimum number of classified cells with similar surroundings for the prediction of a wall
+FEWEST = (
+    4  # minimum number of classified cells with similar surroundings for the prediction of a wall
+)
 UNDECIDED, WALL, FREE = 0, 1, 2
 NOT_ASKED = -1.0
 
@@ -31,7 +44,9 @@ class OccupancyPrediction(NamedTuple):
     following: NDArray[np.int64]  # the cells of the next layer
     verdicts: NDArray[np.int8]  # UNDECIDED, WALL or FREE for each cell of the present layer
     told: NDArray[np.float64]  # results of the learned prior for the cells of the present layer
-    chances: NDArray[np.float64]  # results of `counted_chance` for all surroundings at all places; NOT_ASKED before the first use
+    chances: NDArray[
+        np.float64
+    ]  # results of `counted_chance` for all surroundings at all places; NOT_ASKED before the first use
     layers: int
     rows: int
     width: int
@@ -39,7 +54,9 @@ class OccupancyPrediction(NamedTuple):
 
 @in_place_kernel
 def predict(field, prior, learned, prediction, depth, likely, sure):
-    """Write to ``prediction.open`` the known free cells and the cells predicted to be free, layer by layer."""
+    """Write to ``prediction.open`` the known free cells and the cells predicted to be free, layer
+    by layer.
+    """
     size = np.int64(0)
     prediction.chances[:] = NOT_ASKED
     for i in range(field.open.shape[0]):
@@ -80,7 +97,9 @@ def counted(prediction, prior, cell, number):
 
 @in_place_kernel
 def ask_learned(prediction, learned, cell):
-    """Return the learned prior's probability that a cell is free, for the first side from which a particle can enter the cell."""
+    """Return the learned prior's probability that a cell is free, for the first side from which a
+    particle can enter the cell.
+    """
     for command in range(4):
         if is_open(prediction.open, cell - steps_of(prediction.rows, prediction.width, command)[0]):
             return learned_chance(learned, prediction.open, prediction.known, cell, command)
@@ -91,9 +110,15 @@ def ask_learned(prediction, learned, cell):
 def find_walls(prediction, prior, learned, size):
     """Predict walls in the cells of the layer that are probably not free.
 
-    The kernel predicts walls before `find_free` predicts free cells, because the experts recognize corridors between known walls.
+    The kernel predicts walls before `find_free` predicts free cells, because the experts recognize
+    corridors between known walls.
     """
-    opened, known, seen, share = prediction.open, prediction.known, prior.tallies[1:], prior.weights[LEARNED]
+    opened, known, seen, share = (
+        prediction.open,
+        prediction.known,
+        prior.tallies[1:],
+        prior.weights[LEARNED],
+    )
     directions = 4 if prediction.layers == 1 else 6
     for k in range(size):
         cell = prediction.cells[k]
@@ -107,7 +132,9 @@ def find_walls(prediction, prior, learned, size):
             if not is_open(opened, cell - step):
                 continue
             number = around(opened, known, cell, step, side)
-            if mixed(prediction, prior, k, number) < UNLIKELY and (share > 0.5 or seen[number // PAIRS, 0] >= FEWEST):
+            if mixed(prediction, prior, k, number) < UNLIKELY and (
+                share > 0.5 or seen[number // PAIRS, 0] >= FEWEST
+            ):
                 prediction.verdicts[k] = WALL
                 break
     for k in range(size):
@@ -117,20 +144,26 @@ def find_walls(prediction, prior, learned, size):
 
 @in_place_kernel
 def mixed(prediction, prior, k, number):
-    """Return the weighted mean of all experts' probabilities that cell number k of the layer is free."""
+    """Return the weighted mean of all experts' probabilities that cell number k of the layer is
+    free.
+    """
     share = prior.weights[LEARNED]
     if share <= LEAST:
         return counted(prediction, prior, prediction.cells[k], number)
     if share >= 1.0 - LEAST:
         return prediction.told[k]
-    return share * prediction.told[k] + (1.0 - share) * counted(prediction, prior, prediction.cells[k], number)
+    return share * prediction.told[k] + (1.0 - share) * counted(
+        prediction, prior, prediction.cells[k], number
+    )
 
 
 @in_place_kernel
 def find_free(prediction, prior, learned, size, needed):
-    """Predict which cells of the layer are free. Return whether any cell of the layer is predicted to be free.
+    """Predict which cells of the layer are free. Return whether any cell of the layer is predicted
+    to be free.
 
-    A cell is predicted to be free if its probability exceeds ``needed`` for every side from which a particle can enter the cell.
+    A cell is predicted to be free if its probability exceeds ``needed`` for every side from which a
+    particle can enter the cell.
     """
     opened, known, share = prediction.open, prediction.known, prior.weights[LEARNED]
     directions, some = 4 if prediction.layers == 1 else 6, False
@@ -138,7 +171,9 @@ def find_free(prediction, prior, learned, size, needed):
         cell = prediction.cells[k]
         if prediction.verdicts[k] == WALL:
             continue
-        if share > LEAST and prediction.told[k] <= needed:  # walls predicted by `find_walls` may change the result
+        if (
+            share > LEAST and prediction.told[k] <= needed
+        ):  # walls predicted by `find_walls` may change the result
             prediction.told[k] = ask_learned(prediction, learned, cell)
         for command in range(directions):
             step, side = steps_of(prediction.rows, prediction.width, command)
@@ -154,7 +189,9 @@ def find_free(prediction, prior, learned, size, needed):
 
 @in_place_kernel
 def is_open(board, cell):
-    """Return whether a board contains a cell. For a cell outside the words of the board, return false."""
+    """Return whether a board contains a cell. For a cell outside the words of the board, return
+    false.
+    """
     word = cell >> 6
     return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
 
@@ -167,7 +204,8 @@ def mark(board, cell):
 
 @in_place_kernel
 def next_layer(prediction, size):
-    """Mark the cells of the layer as known, and list the unknown neighbours of the layer's free cells as the next layer.
+    """Mark the cells of the layer as known, and list the unknown neighbours of the layer's free
+    cells as the next layer.
 
     Return the number of cells in the next layer.
     """

@@ -1,18 +1,23 @@
-"""Probability that a cell is free: a mean over several experts, weighted by their success in the episode so far.
+"""Probability that a cell is free: a mean over several experts, weighted by their success in the
+episode so far.
 
-The count experts (models 0, 1, ...) compute the fraction of free cells among the classified cells with equal surroundings. The fine
-surroundings of a cell are five cells: the cell behind the free neighbour from which a particle enters, the two cells beside this
-neighbour, and the two cells beside the cell itself. The coarse surroundings are the first three of these five cells. The fraction
-for fine surroundings is smoothed towards the fraction for coarse surroundings. Model m > 0 uses the surroundings and the position
-of the cell modulo ``2**m``, because corridors of mazes, trees and chips often lie on a lattice. In each episode, the count experts
-start without counts. The last expert is a network trained on maps (`learned_prior`).
+The count experts (models 0, 1, ...) compute the fraction of free cells among the classified cells
+with equal surroundings. The fine surroundings of a cell are five cells: the cell behind the free
+neighbour from which a particle enters, the two cells beside this neighbour, and the two cells
+beside the cell itself. The coarse surroundings are the first three of these five cells. The
+fraction for fine surroundings is smoothed towards the fraction for coarse surroundings. Model m > 0
+uses the surroundings and the position of the cell modulo ``2**m``, because corridors of mazes,
+trees and chips often lie on a lattice. In each episode, the count experts start without counts. The
+last expert is a network trained on maps (`learned_prior`).
 
-When a cell is classified, every expert estimates the probability of a free cell before the expert learns the result. The weight of
-an expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
-weight is distributed evenly, so that another expert can gain weight again.
+When a cell is classified, every expert estimates the probability of a free cell before the expert
+learns the result. The weight of an expert is multiplied by the probability that the expert gave to
+the result. After each classification, a small fraction of all weight is distributed evenly, so that
+another expert can gain weight again.
 
-Sources: docs/concepts/prediction.md; Dawid, Statistical theory: the prequential approach, Journal of the Royal Statistical Society
-A 147 (1984); Herbster and Warmuth, Tracking the best expert, Machine Learning 32 (1998).
+Sources: docs/concepts/prediction.md; Dawid, Statistical theory: the prequential approach, Journal
+of the Royal Statistical Society A 147 (1984); Herbster and Warmuth, Tracking the best expert,
+Machine Learning 32 (1998).
 """
 
 from __future__ import annotations
@@ -23,17 +28,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
-from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
+from shoal.swarm.kernels.moves import DOWN, IN, LEFT, ONE, RIGHT, UP, ZERO, lowest
 from shoal.swarm.kernels.prediction.learned_prior import learn_bias, learned_chance
 
 MODELS = 4
 LEARNED = MODELS  # index of the learned expert, after the count experts
 EXPERTS = MODELS + 1
-STATES, PAIRS = 3, 6  # number of states of a cell (unknown, free, obstacle); number of unordered pairs of states
-COARSE = STATES * PAIRS  # number of coarse surroundings: cell behind the free neighbour, pair beside the free neighbour
-FINE = COARSE * PAIRS  # number of fine surroundings: coarse surroundings, and the pair beside the cell
-# Order of the tallies: one tally for all cells; then, for each model, tallies of coarse and of fine surroundings at each place.
+STATES, PAIRS = (
+    3,
+    6,
+)  # number of states of a cell (unknown, free, obstacle); number of unordered pairs of states
+COARSE = (
+    STATES * PAIRS
+)  # number of coarse surroundings: cell behind the free neighbour, pair beside the free neighbour
+FINE = (
+    COARSE * PAIRS
+)  # number of fine surroundings: coarse surroundings, and the pair beside the cell
+# Order of the tallies: one tally for all cells; then, for each model, tallies of coarse and of fine
+# surroundings at each place.
 WEIGHT = 2.0  # weight of the coarser fraction, in cells
 DEALT = 0.002  # fraction of all weight that each classification distributes evenly over the experts
 LEAST = 0.01  # weight below which predictions leave out an expert
@@ -42,10 +54,13 @@ LEAST = 0.01  # weight below which predictions leave out an expert
 class OccupancyPrior(NamedTuple):
     """The counts and the weights of the experts."""
 
-    # (places, 2): number of classified cells, number of free cells among the classified cells; row 0 is for all cells
+    # (places, 2): number of classified cells, number of free cells among the classified cells; row
+    # 0 is for all cells
     tallies: NDArray[np.int64]
     weights: NDArray[np.float64]  # (EXPERTS,): weights with sum 1; 0 for an unused expert
-    told: NDArray[np.float64]  # (EXPERTS,): each expert's probability that the last classified cell is free
+    told: NDArray[
+        np.float64
+    ]  # (EXPERTS,): each expert's probability that the last classified cell is free
     before: NDArray[np.uint64]  # the cells known before the last command
     layers: int
     rows: int  # rows per layer
@@ -53,14 +68,18 @@ class OccupancyPrior(NamedTuple):
 
 
 def size_of(layers: int) -> int:
-    """Return the number of tallies (pairs of counts) that the count experts need for a map with ``layers`` layers."""
+    """Return the number of tallies (pairs of counts) that the count experts need for a map with
+    ``layers`` layers.
+    """
     axes = 2 if layers == 1 else 3
     return 1 + sum((COARSE + FINE) << (model * axes) for model in range(MODELS))
 
 
 @in_place_kernel
 def state_of(opened, known, cell):
-    """Return 0 for an unknown cell, 1 for a free cell, and 2 for an obstacle. ``cell`` is 64 * word + bit."""
+    """Return 0 for an unknown cell, 1 for a free cell, and 2 for an obstacle. ``cell`` is 64 * word
+    + bit.
+    """
     word, bit = cell >> 6, np.uint64(cell & 63)
     certain = (known[word] >> bit) & ONE
     return np.int64(certain + certain - (certain & (opened[word] >> bit)))
@@ -68,7 +87,9 @@ def state_of(opened, known, cell):
 
 @in_place_kernel
 def steps_of(rows, width, command):
-    """Return two offsets in cell numbers: a step in the direction of a command, and a step at right angles to it."""
+    """Return two offsets in cell numbers: a step in the direction of a command, and a step at right
+    angles to it.
+    """
     row = 64 * width
     if command == LEFT or command == RIGHT:
         return (-1 if command == LEFT else 1), row
@@ -80,7 +101,9 @@ def steps_of(rows, width, command):
 
 @in_place_kernel
 def pair_at(opened, known, cell, side):
-    """Return a number from 0 to 5 that identifies the states of the two cells beside a cell, regardless of their order."""
+    """Return a number from 0 to 5 that identifies the states of the two cells beside a cell,
+    regardless of their order.
+    """
     one, other = state_of(opened, known, cell - side), state_of(opened, known, cell + side)
     low, high = min(one, other), max(one, other)
     return high * (high + 1) // 2 + low
@@ -88,9 +111,11 @@ def pair_at(opened, known, cell, side):
 
 @in_place_kernel
 def around(opened, known, cell, step, side):
-    """Return the number of the surroundings of a cell that a particle enters by ``step`` from a free cell.
+    """Return the number of the surroundings of a cell that a particle enters by ``step`` from a
+    free cell.
 
-    The free cell from which the particle comes is not on the rim of the board, so all surrounding cells are on the board.
+    The free cell from which the particle comes is not on the rim of the board, so all surrounding
+    cells are on the board.
     """
     number = state_of(opened, known, cell - 2 * step)
     number = number * PAIRS + pair_at(opened, known, cell - step, side)
@@ -105,18 +130,24 @@ def place(prior, model, cell):
     if prior.layers == 1:
         return ((row & mask) << model) | (cell & mask), np.int64(1) << (2 * model)
     layer, within = row // prior.rows, row % prior.rows
-    return ((((layer & mask) << model) | (within & mask)) << model) | (cell & mask), np.int64(1) << (3 * model)
+    return ((((layer & mask) << model) | (within & mask)) << model) | (cell & mask), np.int64(
+        1
+    ) << (3 * model)
 
 
 @in_place_kernel
 def smoothed(tallies, entry, likely):
-    """Return the fraction of free cells in one tally, smoothed towards the coarser fraction ``likely``."""
+    """Return the fraction of free cells in one tally, smoothed towards the coarser fraction
+    ``likely``.
+    """
     return (tallies[entry, 1] + WEIGHT * likely) / (tallies[entry, 0] + WEIGHT)
 
 
 @in_place_kernel
 def chance(prior, model, number, cell):
-    """Return one count expert's probability that a cell is free. ``number`` identifies the surroundings of the cell."""
+    """Return one count expert's probability that a cell is free. ``number`` identifies the
+    surroundings of the cell.
+    """
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely = smoothed(tallies, 0, 0.5)
     for level in range(model):
@@ -141,9 +172,11 @@ def counted_chance(prior, number, cell):
 
 @in_place_kernel
 def learn(prior, number, cell, free):
-    """Compute every count expert's probability for a cell, as in `chance`, and then add the cell to the counts.
+    """Compute every count expert's probability for a cell, as in `chance`, and then add the cell to
+    the counts.
 
-    Each count expert smooths its coarse fraction towards the coarse fraction of the previous count expert.
+    Each count expert smooths its coarse fraction towards the coarse fraction of the previous count
+    expert.
     """
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely, one = smoothed(tallies, 0, 0.5), np.int64(1) if free else np.int64(0)

@@ -1,6 +1,7 @@
 """Vessel trees in 3-D.
 
-The generator splits a volume repeatedly, and a branch leads to each half. The radii of the branches follow Murray's law.
+The generator splits a volume repeatedly, and a branch leads to each half. The radii of the branches
+follow Murray's law.
 """
 
 from __future__ import annotations
@@ -8,37 +9,42 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.maps.generators.components import Mask, crop
-from shoal.swarm.maps.generators.venation import Points
+from shoal.swarm.maps.generators.mazes import Mask, crop
+from shoal.swarm.maps.generators.vessels import Points
 
 CELLS_A_TIP = 60  # free cells per tip, before the tree is scaled
 TIP_RADIUS = 0.8  # cells
 REACH = 0.4  # a branch forks after this fraction of the distance to the centre of its tips
 UNEVEN = (0.3, 0.7)  # fraction of the tips that the first of two branches supplies
 ORGAN = (0.8, 1.2, 1.0)  # half-axes of the ellipsoid: layers, rows, columns
-EXCESS = 0.02  # fraction of excess cells allowed in the drawing; the ends of twigs are cut to remove them
+# fraction of excess cells allowed in the drawing; the ends of twigs are cut to remove them
+EXCESS = 0.02
 LOOPS = 0.12  # fraction of the tips that are joined to another tip
 
 
 def draw_vessel_tree(count: int, *, seed: int = 0) -> Mask:
-    """Return a 3-D map of a vessel tree with exactly ``count`` free cells. `draw_vessel_net` explains the method.
+    """Return a 3-D map of a vessel tree with exactly ``count`` free cells. `draw_vessel_net`
+    explains the method.
 
     Returns
     -------
     ndarray, bool, shape (D, H, W)
-        True at free cells. The free cells are 6-connected, and the map has no border layers of obstacles.
+        True at free cells. The free cells are 6-connected, and the map has no border layers of
+        obstacles.
     """
     return _draw_vessels(count, np.random.default_rng([seed, count]), loops=0.0)
 
 
 def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
-    """Return a 3-D map of a vessel network with loops: a vessel tree with some twigs joined to twigs of other branches.
+    """Return a 3-D map of a vessel network with loops: a vessel tree with some twigs joined to
+    twigs of other branches.
 
-    The generator distributes the tips of the network in an ellipsoid. The first branch grows from the inlet towards the centre
-    of all tips. A plane along each branch divides the tips beyond the branch into two groups, and a new branch leads to each
-    group. The division of the tips continues until each group is a single tip. The cube of a branch's radius is proportional to
-    the number of tips that the branch leads to. The radius r0 of a branch and the radii r1 and r2 of its daughters follow
-    Murray's law, r0³ = r1³ + r2³.
+    The generator distributes the tips of the network in an ellipsoid. The first branch grows from
+    the inlet towards the centre of all tips. A plane along each branch divides the tips beyond the
+    branch into two groups, and a new branch leads to each group. The division of the tips continues
+    until each group is a single tip. The cube of a branch's radius is proportional to the number of
+    tips that the branch leads to. The radius r0 of a branch and the radii r1 and r2 of its
+    daughters follow Murray's law, r0³ = r1³ + r2³.
 
     Parameters
     ----------
@@ -53,8 +59,9 @@ def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
 
     Notes
     -----
-    Sources: Murray, The physiological principle of minimum work, 1926; Tawhai, Pullan and Hunter, Generation of an anatomically
-    based three-dimensional model of the conducting airways, 2000 (splitting by planes).
+    Sources: Murray, The physiological principle of minimum work, 1926; Tawhai, Pullan and Hunter,
+    Generation of an anatomically based three-dimensional model of the conducting airways, 2000
+    (splitting by planes).
     """
     return _draw_vessels(count, np.random.default_rng([seed, count, 1]), loops=LOOPS)
 
@@ -70,12 +77,16 @@ def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask
 
 
 def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the radius of each branch in cells. ``fed`` is the number of tips that each branch leads to."""
+    """Return the radius of each branch in cells. ``fed`` is the number of tips that each branch
+    leads to.
+    """
     return TIP_RADIUS * np.cbrt(fed.astype(np.float64))
 
 
 def _spread(tips: int, rng: np.random.Generator) -> Points:
-    """Return random points in an ellipsoid as an array of shape (tips, 3) with the columns layer, row and column."""
+    """Return random points in an ellipsoid as an array of shape (tips, 3) with the columns layer,
+    row and column.
+    """
     found: Points = np.zeros((0, 3))
     while len(found) < tips:
         cube = rng.uniform(-1, 1, (2 * tips + 8, 3))
@@ -84,7 +95,8 @@ def _spread(tips: int, rng: np.random.Generator) -> Points:
 
 
 def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, NDArray[np.int64]]:
-    """Return the start and the end of each branch, shape (n, 3), and the number of tips that each branch leads to, shape (n,).
+    """Return the start and the end of each branch, shape (n, 3), and the number of tips that each
+    branch leads to, shape (n,).
 
     The trunk comes first.
     """
@@ -105,16 +117,20 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
 
 
 def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Divide the points into two groups with at least one point each. Return the mask of the points in the first group.
+    """Divide the points into two groups with at least one point each. Return the mask of the points
+    in the first group.
 
-    The plane between the groups contains the branch ``along`` and crosses the direction in which the points spread most.
+    The plane between the groups contains the branch ``along`` and crosses the direction in which
+    the points spread most.
     """
     offset = points - points.mean(axis=0)
     length = float(np.linalg.norm(along))
     if length > 0:
         offset = offset - np.outer(offset @ along, along) / length**2
     widest = np.linalg.eigh(offset.T @ offset)[1][:, -1]
-    widest = widest * (1 if widest[np.argmax(np.abs(widest))] > 0 else -1)  # fix the sign, which differs between libraries
+    widest = widest * (
+        1 if widest[np.argmax(np.abs(widest))] > 0 else -1
+    )  # fix the sign, which differs between libraries
     place = offset @ widest
     size = int(np.clip(round(float(rng.uniform(*UNEVEN)) * len(points)), 1, len(points) - 1))
     first = np.zeros(len(points), dtype=np.bool_)
@@ -123,9 +139,11 @@ def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDAr
 
 
 def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
-    """Return the start points and the end points of up to ``count`` twigs that join two tips of a tree.
+    """Return the start points and the end points of up to ``count`` twigs that join two tips of a
+    tree.
 
-    The joined tips are close in space but far apart in the tree. ``tips`` lists the tips in the order of growth.
+    The joined tips are close in space but far apart in the tree. ``tips`` lists the tips in the
+    order of growth.
     """
     from scipy.spatial import cKDTree
 
@@ -144,7 +162,9 @@ def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
 
 
 def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int) -> Mask:
-    """Return a map of the vessel tree at the scale that gives ``count`` free cells or slightly more."""
+    """Return a map of the vessel tree at the scale that gives ``count`` free cells or slightly
+    more.
+    """
     scale, low, high, best = 2.0 * float(np.cbrt(count)), 0.0, np.inf, None
     for attempt in range(30):
         free = _drawn(start * scale, end * scale, radius)
@@ -182,7 +202,9 @@ def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
     return free
 
 
-def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: NDArray[np.float64]) -> None:
+def _paint_balls(
+    free: Mask, centre: Points, cell: NDArray[np.int64], radius: NDArray[np.float64]
+) -> None:
     """Mark as free all cells whose centre lies within ``radius`` of a ball's centre.
 
     To save time, the function leaves out some of the densely placed balls of thick branches.
@@ -191,15 +213,19 @@ def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: ND
         thick = np.flatnonzero((np.ceil(radius) == reach) & (radius > 0.6))
         thick = thick[:: max(1, reach // 2)]
         around = np.arange(-reach, reach + 1)
-        for offset in np.stack(np.meshgrid(around, around, around, indexing="ij"), axis=-1).reshape(-1, 3):
+        for offset in np.stack(np.meshgrid(around, around, around, indexing="ij"), axis=-1).reshape(
+            -1, 3
+        ):
             place = cell[thick] + offset
             inside = ((place + 0.5 - centre[thick]) ** 2).sum(axis=1) <= radius[thick] ** 2
             free[tuple(place[inside].T)] = True
 
 
 def _trimmed(free: Mask, count: int) -> Mask:
-    """Return a map of the ``count`` free cells with the shortest paths to the inlet, without border layers of obstacles."""
-    from shoal.swarm.kernels.search.breadth_first import nearest_cells  # needs Numba, which is slow to import
+    """Return a map of the ``count`` free cells with the shortest paths to the inlet, without border
+    layers of obstacles.
+    """
+    from shoal.swarm.kernels.search import nearest_cells  # needs Numba, which is slow to import
 
     padded = np.pad(free, 1)
     lowest = int(np.flatnonzero(padded.any(axis=(0, 2)))[-1])
@@ -207,5 +233,9 @@ def _trimmed(free: Mask, count: int) -> Mask:
     row, layer = padded.shape[2], padded.shape[1] * padded.shape[2]
     offsets = np.array([-1, 1, -row, row, -layer, layer])
     kept = np.zeros_like(padded)
-    kept.ravel()[nearest_cells(padded.ravel(), offsets, int(np.ravel_multi_index(tuple(inlet), padded.shape)), count)] = True
+    kept.ravel()[
+        nearest_cells(
+            padded.ravel(), offsets, int(np.ravel_multi_index(tuple(inlet), padded.shape)), count
+        )
+    ] = True
     return crop(kept)

@@ -1,14 +1,268 @@
-"""Conversion of a photograph's vessels to a map: the largest connected vessel network on a grid."""
+"""Networks of vessels: centre lines, parts, and the map that a network becomes."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.generators.components import Mask, crop, largest_part
+from shoal.swarm.maps.generators.mazes import Mask, crop, largest_part
 from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
-from shoal.swarm.maps.parts import box_of
+from shoal.swarm.maps.resampling import box_of
+
+Points = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Links = list[list[int]]
+
+# a branch with an open end is noise if it is shorter than this many distances from its junction to
+# the vessel's edge
+SPUR = 1.5
+# standard deviation of the smoothing along a centre line, in pixels: it removes the steps of the
+# pixels
+SMOOTHING = 2.0
+
+
+class Segment(NamedTuple):
+    """The centre line of a vessel between two nodes, which are junctions or ends.
+
+    Attributes
+    ----------
+    points : ndarray, float64, shape (k, 2)
+        Points of the smoothed centre line as (row, column) in pixels, from the first node to the
+        last node.
+    along : ndarray, float64, shape (k,)
+        Length of the centre line from the first node to each point, in pixels.
+    area : ndarray, float64, shape (k,)
+        For each point, the number of vessel pixels that are nearer to the point than to any other
+        point of a centre line.
+    nodes : tuple of int
+        Indices of the first and the last node of the segment in the array ``places`` of
+        `CentreLines`.
+    """
+
+    points: Points
+    along: Points
+    area: Points
+    nodes: tuple[int, int]
+
+    def __repr__(self) -> str:
+        return one_line(self)
+
+    @property
+    def length(self) -> float:
+        """Length of the segment's centre line, in pixels."""
+        return float(self.along[-1])
+
+    def width(self, first: float, last: float) -> float:
+        """Return the mean width of the vessel, in pixels, between two distances along the segment.
+
+        If fewer than two points of the centre line lie between the two distances, return NaN.
+        """
+        part = np.flatnonzero((self.along >= first) & (self.along <= last))
+        if len(part) < 2:
+            return float("nan")
+        ends = (
+            self.area[part[0]] + self.area[part[-1]]
+        ) / 2  # half of the area of the first and of the last point lies outside
+        return float((self.area[part].sum() - ends) / (self.along[part[-1]] - self.along[part[0]]))
+
+    def backward(self) -> Segment:
+        """Return the reversed segment, which runs from the last node to the first node."""
+        return Segment(
+            self.points[::-1], self.length - self.along[::-1], self.area[::-1], self.nodes[::-1]
+        )
+
+
+class CentreLines(NamedTuple):
+    """The centre lines of the vessels in a mask.
+
+    Attributes
+    ----------
+    segments : list of Segment
+        All segments between two nodes. The list of segments omits closed curves without a junction.
+    places : ndarray, float64, shape (nodes, 2)
+        Row and column of each node (a junction or an end), in pixels.
+    radii : ndarray, float64, shape (nodes,)
+        Radius of the largest disc around each node inside the vessels, in pixels.
+    skeleton : ndarray of bool, shape (H, W)
+        True for pixels on the centre lines.
+    """
+
+    segments: list[Segment]
+    places: Points
+    radii: Points
+    skeleton: Mask
+
+    def __repr__(self) -> str:
+        return one_line(self)
+
+    def branches(self) -> list[list[Segment]]:
+        """Return, for each node, all segments that end at the node, directed away from the node.
+
+        A segment whose two ends are the same node occurs twice in the node's list.
+        """
+        found: list[list[Segment]] = [[] for _ in self.places]
+        for one in self.segments:
+            found[one.nodes[0]].append(one)
+            found[one.nodes[1]].append(one.backward())
+        return found
+
+
+def centre_lines(mask: Mask) -> CentreLines:
+    """Return the centre lines of a mask of shape (H, W), which is True on vessels.
+
+    The skeleton of two crossing vessels may have two junctions of three segments. The function
+    therefore finds the largest disc inside the vessels around each junction, and joins two
+    connected junctions if their discs overlap. Two crossing vessels then have one junction of four
+    segments.
+
+    Raises
+    ------
+    MissingExtraError
+        Raised if scikit-image is not installed.
+    """
+    from scipy import ndimage
+
+    vessels = np.pad(mask, 1)
+    depth = ndimage.distance_transform_edt(vessels)
+    skeleton = np.asarray(imaging_module("morphology").skeletonize(vessels), dtype=np.bool_)
+    while True:
+        at = np.argwhere(skeleton)
+        links = _links(skeleton, at)
+        chains, node_of = _chains(links)
+        spurs = [spur for chain in chains if (spur := _spur(chain, links, depth[tuple(at.T)]))]
+        if not spurs:
+            break
+        skeleton[tuple(at[np.concatenate(spurs)].T)] = False
+    nearest = ndimage.distance_transform_edt(~skeleton, return_distances=False, return_indices=True)
+    owner = np.ravel_multi_index(tuple(nearest[:, vessels]), vessels.shape)
+    area = np.bincount(owner, minlength=vessels.size).astype(np.float64)[
+        np.ravel_multi_index(tuple(at.T), vessels.shape)
+    ]
+    segments = [_segment(chain, node_of, at, area) for chain in chains]
+    return _joined(segments, node_of, at, depth[tuple(at.T)], skeleton[1:-1, 1:-1])
+
+
+def _links(skeleton: Mask, at: Indices) -> Links:
+    """Return the neighbours of each skeleton pixel. A diagonal neighbour counts only if no third
+    pixel is beside both pixels.
+    """
+    index = np.full(skeleton.shape, -1)
+    index[tuple(at.T)] = np.arange(len(at))
+    links: Links = [[] for _ in at]
+    rows, columns = at.T
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        linked = skeleton[rows + down, columns + right]
+        if down and right:
+            linked &= ~(skeleton[rows + down, columns] | skeleton[rows, columns + right])
+        for one, two in zip(
+            np.flatnonzero(linked),
+            index[rows + down, columns + right][linked].tolist(),
+            strict=True,
+        ):
+            links[one].append(two)
+            links[two].append(int(one))
+    return links
+
+
+def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
+    """Return the chains of pixels between nodes, and the index of the node for each pixel at a
+    junction or an end.
+    """
+    node_of: dict[int, int] = {}
+    nodes = 0
+    for pixel, near in enumerate(links):
+        if pixel in node_of or len(near) == 2 or not near:
+            continue
+        group, node, nodes = [pixel], nodes, nodes + 1
+        node_of[pixel] = node
+        for member in group if len(near) > 2 else ():
+            new = [one for one in links[member] if len(links[one]) > 2 and one not in node_of]
+            node_of.update(dict.fromkeys(new, node))
+            group += new
+    chains = []
+    for pixel, node in node_of.items():
+        for step in links[pixel]:
+            chain = [pixel, step]
+            while chain[-1] not in node_of:
+                one, two = links[chain[-1]]
+                chain.append(two if one == chain[-2] else one)
+            inside = len(chain) == 2 and node_of[step] == node  # both in the same junction
+            if not inside and (chain[0], chain[1]) <= (
+                chain[-1],
+                chain[-2],
+            ):  # once, not from both of its ends
+                chains.append(chain)
+    return chains, node_of
+
+
+def _spur(chain: list[int], links: Links, depth: Points) -> list[int]:
+    """Return the pixels of a spur (a short branch with an open end), except its junction.
+
+    For a chain that is not a spur, return an empty list.
+    """
+    one, two = len(links[chain[0]]), len(links[chain[-1]])
+    if min(one, two) != 1 or max(one, two) < 3:
+        return []
+    chain = chain if one == 1 else chain[::-1]
+    return chain[:-1] if len(chain) - 1 < SPUR * depth[chain[-1]] else []
+
+
+def _joined(
+    segments: list[Segment], node_of: dict[int, int], at: Indices, depth: Points, skeleton: Mask
+) -> CentreLines:
+    """Return the centre lines after joining all connected junctions with overlapping discs."""
+    from scipy import sparse
+
+    pixels, nodes = (
+        np.array(list(node_of), dtype=np.int64),
+        np.array(list(node_of.values()), dtype=np.int64),
+    )
+    count = int(nodes.max(initial=-1)) + 1
+    radii = np.zeros(count)
+    np.maximum.at(radii, nodes, depth[pixels] - 0.5)
+    ends = np.array([one.nodes for one in segments], dtype=np.int64).reshape(-1, 2)
+    junction = np.bincount(ends.ravel(), minlength=count) > 2
+    close = junction[ends].all(axis=1) & (
+        np.array([one.length for one in segments]) < radii[ends].sum(axis=1)
+    )
+    links = sparse.coo_matrix((np.ones(close.sum()), tuple(ends[close].T)), shape=(count, count))
+    joints, joint = sparse.csgraph.connected_components(links, directed=False)
+    places = np.zeros((joints, 2))
+    np.add.at(places, joint[nodes], at[pixels])
+    places /= np.bincount(joint[nodes], minlength=joints)[:, None]
+    largest = np.zeros(joints)
+    np.maximum.at(largest, joint, radii)
+    kept = [
+        one._replace(nodes=(int(joint[one.nodes[0]]), int(joint[one.nodes[1]])))
+        for one, gone in zip(segments, close.tolist(), strict=True)
+        if not gone
+    ]
+    return CentreLines(kept, places - 1, largest, skeleton)
+
+
+def _segment(chain: list[int], node_of: dict[int, int], at: Indices, area: Points) -> Segment:
+    """Smooth a chain of pixels and return it as a segment. Smoothing leaves the ends of the segment
+    in place.
+    """
+    from scipy import ndimage
+
+    beyond = min(int(3 * SMOOTHING), len(chain) - 1)
+    line = np.pad(
+        at[chain].astype(np.float64), ((beyond, beyond), (0, 0)), mode="reflect", reflect_type="odd"
+    )
+    points = ndimage.gaussian_filter1d(line, min(SMOOTHING, len(chain) / 6), axis=0)[beyond:-beyond]
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    return Segment(
+        points - 1,
+        np.concatenate([[0.0], np.cumsum(steps)]),
+        area[chain],
+        (node_of[chain[0]], node_of[chain[-1]]),
+    )
+
 
 DEFAULT_WIDTH = 160  # cells
 MUCH = 0.1  # share of the vessel pixels outside the map from which a notice is a warning
@@ -30,73 +284,89 @@ def segment_vessels(
     image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
         Greyscale or colour picture with any range of values.
     width : int, optional
-        Larger side of the map in cells. The default is 160 cells. If the vessels extend over fewer than ``width`` pixels, each cell
-        of the map is one pixel.
+        Larger side of the map in cells. The default is 160 cells. If the vessels extend over fewer
+        than ``width`` pixels, each cell of the map is one pixel.
     low, high, bright, thickest
         Options ``low``, ``high``, ``bright`` and ``thickest`` of the function `find_vessels`.
 
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True at free cells. The map contains one 4-connected network, and has no border rows or columns of obstacles.
+        True at free cells. The map contains one 4-connected network, and has no border rows or
+        columns of obstacles.
 
     Raises
     ------
     InvalidInputError
-        Raised if the array is not a picture, if an option is out of range, or if the picture shows no vessels.
+        Raised if the array is not a picture, if an option is out of range, or if the picture shows
+        no vessels.
     MissingExtraError
         Raised if scikit-image is not installed.
     """
-    return map_of_vessels(find_vessels(image, low=low, high=high, bright=bright, thickest=thickest).mask, width=width)
+    return map_of_vessels(
+        find_vessels(image, low=low, high=high, bright=bright, thickest=thickest).mask, width=width
+    )
 
 
 def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
-    """Return the largest connected network of a mask of shape (H, W) as a map of cells. Thin vessels stay connected.
+    """Return the largest connected network of a mask of shape (H, W) as a map of cells. Thin
+    vessels stay connected.
 
-    The map covers the bounding box of the vessel network. The longer side of the map has at most ``width`` cells, or at most 160
-    cells if ``width`` is None.
+    The map covers the bounding box of the vessel network. The longer side of the map has at most
+    ``width`` cells, or at most 160 cells if ``width`` is None.
 
     Raises
     ------
     InvalidInputError
         Raised if ``width`` is less than 1 cell.
     """
-    vessels = crop(_joined(mask))
+    vessels = crop(_joined_parts(mask))
     factor = 1 / _pixels_a_cell(vessels, width)
-    rows, columns = (np.floor(np.arange(length) * factor).astype(np.int64) for length in vessels.shape)
+    rows, columns = (
+        np.floor(np.arange(length) * factor).astype(np.int64) for length in vessels.shape
+    )
     shape = (int(rows[-1]) + 1, int(columns[-1]) + 1)
     cell = rows[:, None] * shape[1] + columns
     pixels = np.bincount(cell.ravel(), minlength=shape[0] * shape[1])
-    share = (np.bincount(cell.ravel(), vessels.ravel(), shape[0] * shape[1]) / pixels).reshape(shape)
-    free = (share > 0.5) | _trace(imaging_module("morphology").skeletonize(vessels), rows, columns, share)
+    share = (np.bincount(cell.ravel(), vessels.ravel(), shape[0] * shape[1]) / pixels).reshape(
+        shape
+    )
+    free = (share > 0.5) | _trace(
+        imaging_module("morphology").skeletonize(vessels), rows, columns, share
+    )
     return crop(largest_part(free))
 
 
 def pixels_a_cell(mask: Mask, *, width: int | None = None) -> float:
-    """Return the side of one cell, in pixels, of the map that `map_of_vessels` makes from a mask of shape (H, W).
+    """Return the side of one cell, in pixels, of the map that `map_of_vessels` makes from a mask of
+    shape (H, W).
 
     Raises
     ------
     InvalidInputError
         Raised if ``width`` is less than 1 cell.
     """
-    return _pixels_a_cell(crop(_joined(mask)), width)
+    return _pixels_a_cell(crop(_joined_parts(mask)), width)
 
 
 def dropped_parts(mask: Mask) -> tuple[int, float]:
-    """Return what `map_of_vessels` drops from a mask: the number of connected parts, and their share of the vessel pixels.
+    """Return what `map_of_vessels` drops from a mask: the number of connected parts, and their
+    share of the vessel pixels.
 
-    The function counts parts after the bridging of gaps, and cells that share only a corner as connected.
+    The function counts parts after the bridging of gaps, and cells that share only a corner as
+    connected.
     """
     from shoal.jit.kernels.connected import connected_parts
 
-    dropped = mask & ~_joined(mask)
+    dropped = mask & ~_joined_parts(mask)
     pixels = int(np.count_nonzero(mask)) or 1
     return connected_parts(dropped, corners=True)[1], int(np.count_nonzero(dropped)) / pixels
 
 
 def dropped_text(name: str, mask: Mask) -> str:
-    """Return a notice about the vessels that are not in the map of a photograph. If all vessels are in the map, return ''."""
+    """Return a notice about the vessels that are not in the map of a photograph. If all vessels are
+    in the map, return ''.
+    """
     parts, share = dropped_parts(mask)
     if not parts:
         return ""
@@ -106,12 +376,17 @@ def dropped_text(name: str, mask: Mask) -> str:
         else (f"{parts} other parts with {100 * share:.2g} % of the vessel pixels are")
     )
     kind = "warning" if share > MUCH else "notice"
-    return f"shoal: {kind}: {name}: the map has the largest network of vessels; {which} dropped (a smaller --low connects more)"
+    return (
+        f"shoal: {kind}: {name}: the map has the largest network of vessels; {which} dropped (a"
+        " smaller --low connects more)"
+    )
 
 
 def place_of_network(mask: Mask) -> tuple[tuple[tuple[int, int], ...], float]:
-    """Return the first and last row and column of the network that `map_of_vessels` maps, and its share of all vessel pixels."""
-    network = _joined(mask)
+    """Return the first and last row and column of the network that `map_of_vessels` maps, and its
+    share of all vessel pixels.
+    """
+    network = _joined_parts(mask)
     return box_of(network), float((mask & network).sum() / max(1, mask.sum()))
 
 
@@ -121,8 +396,10 @@ def _pixels_a_cell(network: Mask, width: int | None) -> float:
     return max(1.0, float(max(network.shape)) / (DEFAULT_WIDTH if width is None else width))
 
 
-def _joined(mask: Mask) -> Mask:
-    """Bridge gaps of up to 1 % of the mask's larger side, and return the largest connected network of the mask."""
+def _joined_parts(mask: Mask) -> Mask:
+    """Bridge gaps of up to 1 % of the mask's larger side, and return the largest connected network
+    of the mask.
+    """
     from scipy import ndimage
 
     reach = max(mask.shape) / 200
@@ -132,12 +409,18 @@ def _joined(mask: Mask) -> Mask:
     inner = slice(int(reach) + 2, -int(reach) - 2)
     closed = (ndimage.distance_transform_edt(part) > reach)[inner, inner]
     return largest_part(
-        (mask & part[inner, inner]) | imaging_module("morphology").skeletonize(closed | mask) & part[inner, inner], corners=True
+        (mask & part[inner, inner])
+        | imaging_module("morphology").skeletonize(closed | mask) & part[inner, inner],
+        corners=True,
     )
 
 
-def _trace(skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], share: NDArray[np.float64]) -> Mask:
-    """Return the cells through which a skeleton passes. A corner cell at each diagonal step makes the cells 4-connected."""
+def _trace(
+    skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], share: NDArray[np.float64]
+) -> Mask:
+    """Return the cells through which a skeleton passes. A corner cell at each diagonal step makes
+    the cells 4-connected.
+    """
     free = np.zeros(share.shape, dtype=np.bool_)
     at = np.argwhere(skeleton)
     free[rows[at[:, 0]], columns[at[:, 1]]] = True

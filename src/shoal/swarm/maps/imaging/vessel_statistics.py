@@ -1,4 +1,6 @@
-"""Statistics of vessel networks, such as branching angles, width ratios, Murray's exponent, tortuosity and density."""
+"""Statistics of vessel networks, such as branching angles, width ratios, Murray's exponent,
+tortuosity and density.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +9,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.generators.components import Mask
-from shoal.swarm.maps.imaging.centre_lines import CentreLines, Segment, centre_lines
+from shoal.swarm.maps.generators.mazes import Mask
+from shoal.swarm.maps.imaging.network import CentreLines, Segment, centre_lines
 from shoal.swarm.maps.imaging.segmentation import imaging_module
 
 Values = NDArray[np.float64]
 
-CLEAR = 1.5  # a segment is measured from this many radii of the junction's disc on, because nearer segments overlap
+# a segment is measured from this many radii of the junction's disc on, because nearer segments
+# overlap
+CLEAR = 1.5
 REACH = 4.0  # length of the measured part, in radii of the junction's disc
-LEAST, SHORTEST = 3.0, 6.0  # length of the measured part in pixels: the minimum, and the minimum if the segment is long enough
+LEAST, SHORTEST = (
+    3.0,
+    6.0,
+)  # length of the measured part in pixels: the minimum, and the minimum if the segment is long enough
 ALIKE = 0.9  # a segment of at least this fraction of the largest width may be the parent
-RIM = 0.02  # an end nearer to the border of the view than this fraction of the view's side is cut off, not a dead end
+# an end nearer to the border of the view than this fraction of the view's side is cut off, not a
+# dead end
+RIM = 0.02
 LARGEST_EXPONENT = 50.0
 
 
@@ -30,14 +39,16 @@ class VesselStatistics:
     angles : ndarray, float64, shape (k,)
         Angle in degrees between the two daughters of each measured bifurcation.
     radii : ndarray, float64, shape (k, 3)
-        Radii of the parent vessel, the wider daughter vessel and the narrower daughter vessel of each bifurcation, in pixels.
+        Radii of the parent vessel, the wider daughter vessel and the narrower daughter vessel of
+        each bifurcation, in pixels.
     lengths, chords, widths : ndarray, float64, shape (s,)
-        Length, distance between the two ends, and mean width of each vessel segment between two junctions, in pixels.
+        Length, distance between the two ends, and mean width of each vessel segment between two
+        junctions, in pixels.
     area_density : float
         Area of the vessels divided by the area of the field of view.
     dead_ends : float
-        Number of dead ends per 100 w of network length, where w is the mean vessel width. The number is NaN if the network is not
-        longer than w.
+        Number of dead ends per 100 w of network length, where w is the mean vessel width. The
+        number is NaN if the network is not longer than w.
     fractal_dimension : float
         Box-counting dimension of the network's centre lines.
     """
@@ -53,12 +64,16 @@ class VesselStatistics:
 
     @property
     def area_ratios(self) -> Values:
-        """For each bifurcation, the total cross-section of both daughter vessels divided by the parent vessel's cross-section."""
+        """For each bifurcation, the total cross-section of both daughter vessels divided by the
+        parent vessel's cross-section.
+        """
         return np.asarray((self.radii[:, 1] ** 2 + self.radii[:, 2] ** 2) / self.radii[:, 0] ** 2)
 
     @property
     def asymmetry(self) -> Values:
-        """Radius of the narrower daughter vessel divided by the radius of the wider daughter vessel, for each bifurcation."""
+        """Radius of the narrower daughter vessel divided by the radius of the wider daughter
+        vessel, for each bifurcation.
+        """
         return np.asarray(self.radii[:, 2] / self.radii[:, 1])
 
     @property
@@ -69,12 +84,13 @@ class VesselStatistics:
     def summary(self) -> dict[str, float]:
         """Return one number for each measure.
 
-        The measures of bifurcations are NaN for a network without bifurcations. The measures of segments are NaN for a network
-        without segments.
+        The measures of bifurcations are NaN for a network without bifurcations. The measures of
+        segments are NaN for a network without segments.
 
-        The branching angle, area ratio, asymmetry and exponent are medians over all bifurcations, because vessels that cross or
-        touch give outliers. The ratio of length to diameter is the mean over all vessel segments. The tortuosity is the total
-        length of all segments divided by the total length of their chords. A chord is the straight line between the ends of a
+        The branching angle, area ratio, asymmetry and exponent are medians over all bifurcations,
+        because vessels that cross or touch give outliers. The ratio of length to diameter is the
+        mean over all vessel segments. The tortuosity is the total length of all segments divided by
+        the total length of their chords. A chord is the straight line between the ends of a
         segment.
         """
         bifurcations = {
@@ -84,8 +100,13 @@ class VesselStatistics:
             "exponent": self.exponents,
         }
         some = len(self.lengths) > 0
-        return {name: float(np.median(values)) if len(values) else float("nan") for name, values in bifurcations.items()} | {
-            "length_over_diameter": float(np.mean(self.lengths / self.widths)) if some else float("nan"),
+        return {
+            name: float(np.median(values)) if len(values) else float("nan")
+            for name, values in bifurcations.items()
+        } | {
+            "length_over_diameter": (
+                float(np.mean(self.lengths / self.widths)) if some else float("nan")
+            ),
             "tortuosity": float(self.lengths.sum() / self.chords.sum()) if some else float("nan"),
             "area_density": self.area_density,
             "dead_ends": self.dead_ends,
@@ -101,7 +122,8 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
     mask : array_like of bool, shape (H, W)
         Mask that is True on vessels: a map, or the mask of `find_vessels`.
     view : array_like of bool, shape (H, W), optional
-        Mask of the field of view of a photograph. The default field of view is the convex hull of the vessels.
+        Mask of the field of view of a photograph. The default field of view is the convex hull of
+        the vessels.
 
     Raises
     ------
@@ -112,10 +134,12 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
 
     Notes
     -----
-    The centre lines of the vessels are the skeleton of the mask. The width of a vessel part is the part's area divided by its
-    length. A bifurcation is a junction of three segments. The function measures the segments of a bifurcation outside the largest
-    disc that fits into the junction. The parent vessel of a bifurcation is the widest segment. If several segments are about
-    equally wide, the parent vessel is the segment for which the angle between the two other segments is smallest.
+    The centre lines of the vessels are the skeleton of the mask. The width of a vessel part is the
+    part's area divided by its length. A bifurcation is a junction of three segments. The function
+    measures the segments of a bifurcation outside the largest disc that fits into the junction. The
+    parent vessel of a bifurcation is the widest segment. If several segments are about equally
+    wide, the parent vessel is the segment for which the angle between the two other segments is
+    smallest.
 
     Examples
     --------
@@ -127,7 +151,10 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
     """
     vessels = np.asarray(mask, dtype=np.bool_)
     if vessels.ndim != 2 or not vessels.any():
-        raise InvalidInputError(f"expected a mask of shape (H, W) with vessels, got shape {vessels.shape} with {vessels.sum()}")
+        raise InvalidInputError(
+            f"expected a mask of shape (H, W) with vessels, got shape {vessels.shape} with"
+            f" {vessels.sum()}"
+        )
     hull = imaging_module("morphology").convex_hull_image(vessels) if view is None else view
     within = np.asarray(hull, dtype=np.bool_)
     if within.shape != vessels.shape:
@@ -136,8 +163,15 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
     branches, radii = lines.branches(), lines.radii.tolist()
     measured = [one for around in branches if (one := _bifurcation(around, radii))]
     degrees = [len(around) for around in branches]
-    inner = [one for one in lines.segments if one.nodes[0] != one.nodes[1] and min(degrees[node] for node in one.nodes) > 2]
-    covered, length = int((vessels & within).sum()), max(1.0, sum(one.length for one in lines.segments))
+    inner = [
+        one
+        for one in lines.segments
+        if one.nodes[0] != one.nodes[1] and min(degrees[node] for node in one.nodes) > 2
+    ]
+    covered, length = (
+        int((vessels & within).sum()),
+        max(1.0, sum(one.length for one in lines.segments)),
+    )
     ends = _ends_inside(lines, np.array(degrees) == 1, within if view is not None else None)
     return VesselStatistics(
         angles=np.array([angle for angle, _ in measured]),
@@ -157,13 +191,14 @@ def murray_exponents(radii: ArrayLike) -> Values:
     Parameters
     ----------
     radii : array_like, shape (k, 3)
-        Radius r0 of the parent vessel, and radii r1 and r2 of the daughter vessels, in any common unit.
+        Radius r0 of the parent vessel, and radii r1 and r2 of the daughter vessels, in any common
+        unit.
 
     Returns
     -------
     ndarray, float64, shape (k,)
-        Exponent of each bifurcation. The exponent is infinite if a daughter vessel is at least as wide as the parent vessel, or if
-        the exponent would exceed 50.
+        Exponent of each bifurcation. The exponent is infinite if a daughter vessel is at least as
+        wide as the parent vessel, or if the exponent would exceed 50.
 
     Examples
     --------
@@ -188,8 +223,8 @@ def box_dimension(mask: ArrayLike, *, smallest: float = 2.0) -> float:
     mask : array_like of bool, shape (H, W)
         Mask that is True on the network.
     smallest : float
-        Side of the smallest boxes, in pixels. The function doubles the side of the boxes repeatedly, up to a quarter of the
-        network's larger side.
+        Side of the smallest boxes, in pixels. The function doubles the side of the boxes
+        repeatedly, up to a quarter of the network's larger side.
 
     Returns
     -------
@@ -212,7 +247,9 @@ def box_dimension(mask: ArrayLike, *, smallest: float = 2.0) -> float:
 
 
 def _bifurcation(branches: list[Segment], radii: list[float]) -> tuple[float, list[float]] | None:
-    """Return the angle between the daughter vessels (degrees) and the three radii, or None if a branch is too short to measure."""
+    """Return the angle between the daughter vessels (degrees) and the three radii, or None if a
+    branch is too short to measure.
+    """
     if len(branches) != 3 or any(one.nodes[0] == one.nodes[1] for one in branches):
         return None
     radius = radii[branches[0].nodes[0]]
@@ -222,20 +259,32 @@ def _bifurcation(branches: list[Segment], radii: list[float]) -> tuple[float, li
         return None
     widths = np.array([one.width(first, end) for one, end in zip(branches, last, strict=True)])
     headings = [_heading(one, first, end) for one, end in zip(branches, last, strict=True)]
-    angles = np.degrees(np.arccos(np.clip([headings[one - 2] @ headings[one - 1] for one in range(3)], -1, 1)))
+    angles = np.degrees(
+        np.arccos(np.clip([headings[one - 2] @ headings[one - 1] for one in range(3)], -1, 1))
+    )
     parent = int(np.argmin(np.where(widths >= ALIKE * widths.max(), angles, np.inf)))
-    return float(angles[parent]), [widths[parent] / 2, *sorted(np.delete(widths, parent) / 2, reverse=True)]
+    return float(angles[parent]), [
+        widths[parent] / 2,
+        *sorted(np.delete(widths, parent) / 2, reverse=True),
+    ]
 
 
 def _heading(segment: Segment, first: float, last: float) -> Values:
-    """Return the unit vector from the point at length ``first`` along a segment to the point at length ``last``."""
-    ends = [[np.interp(length, segment.along, axis) for axis in segment.points.T] for length in (first, last)]
+    """Return the unit vector from the point at length ``first`` along a segment to the point at
+    length ``last``.
+    """
+    ends = [
+        [np.interp(length, segment.along, axis) for axis in segment.points.T]
+        for length in (first, last)
+    ]
     step = np.subtract(ends[1], ends[0])
     return np.asarray(step / np.hypot(*step))
 
 
 def _ends_inside(lines: CentreLines, ends: Mask, view: Mask | None) -> int:
-    """Return the number of vessel ends inside the field of view. Ends at the border of the view do not count."""
+    """Return the number of vessel ends inside the field of view. Ends at the border of the view do
+    not count.
+    """
     from scipy import ndimage
 
     if view is None:

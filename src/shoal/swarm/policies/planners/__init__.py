@@ -1,1 +1,3 @@
-"""Planning policies. A planning policy simulates plans in a predicted world before it sends a command."""
+"""Planning policies. A planning policy simulates plans in a predicted world before it sends a
+command.
+"""

@@ -1,4 +1,6 @@
-"""Policy beam-rollout, Shoal's best planner: the policy rollout with a second base policy and a prediction of more cells."""
+"""Policy beam-rollout, Shoal's best planner: the policy rollout with a second base policy and a
+prediction of more cells.
+"""
 
 from __future__ import annotations
 
@@ -38,15 +40,17 @@ TUNING = Tuning(
 
 @dataclass(frozen=True)
 class BeamRollout(Budgeted):
-    """The policy rollout with longer simulations, a second base policy, and a prediction of more cells.
+    """The policy rollout with longer simulations, a second base policy, and a prediction of more
+    cells.
 
     The names ``best`` and ``beam-rollout`` mean the same policy.
 
-    If its predictions are reliable, the planner beam-rollout simulates plans to the end of the task, even with many frontier cells.
-    Two base policies complete plans: the greedy base policy of the policy rollout, and a careful base policy. The careful base
-    policy probes nearby unknown cells before the particles move on. The planner beam-rollout predicts cells farther beyond the
-    frontier than the policy rollout does. For cells farther beyond the frontier, the prediction demands a higher probability of
-    being free. Source: docs/concepts/planners.md.
+    If its predictions are reliable, the planner beam-rollout simulates plans to the end of the
+    task, even with many frontier cells. Two base policies complete plans: the greedy base policy of
+    the policy rollout, and a careful base policy. The careful base policy probes nearby unknown
+    cells before the particles move on. The planner beam-rollout predicts cells farther beyond the
+    frontier than the policy rollout does. For cells farther beyond the frontier, the prediction
+    demands a higher probability of being free. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "beam-rollout"
@@ -55,17 +59,22 @@ class BeamRollout(Budgeted):
     budget: float = 1000.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the planning budget and the tuning for a number of particles, in the form that kernels expect.
+        """Return the planning budget and the tuning for a number of particles, in the form that
+        kernels expect.
 
-        For fewer or more than 1000 particles, the planning budget is larger than for 1000 particles, and the planner tries more
-        random variations of plans. For more than 1000 particles, the beam search is also wider and deeper, and the early
-        classification of cells has less weight. The planner then simulates plans to the end even if the frontier is large, because
-        many particles classify all cells in few moves. With a limit on computing time, the number of variations and the size of the
-        beam search do not depend on the number of particles.
+        For fewer or more than 1000 particles, the planning budget is larger than for 1000
+        particles, and the planner tries more random variations of plans. For more than 1000
+        particles, the beam search is also wider and deeper, and the early classification of cells
+        has less weight. The planner then simulates plans to the end even if the frontier is large,
+        because many particles classify all cells in few moves. With a limit on computing time, the
+        number of variations and the size of the beam search do not depend on the number of
+        particles.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)
-        tuning = tuning._replace(end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many)
+        tuning = tuning._replace(
+            end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many
+        )
         if not self.milliseconds:
             tuning = tuning._replace(
                 variations=tuning.variations * max(fewer, more),

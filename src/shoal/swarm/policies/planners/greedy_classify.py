@@ -12,10 +12,11 @@ from shoal.swarm.policies.planners.planner_policy import PlannerPolicy
 class GreedyClassify(PlannerPolicy):
     """Send the command that immediately classifies the most frontier cells.
 
-    If no command classifies a cell immediately, send the commands of a shortest path to a frontier cell.
+    If no command classifies a cell immediately, send the commands of a shortest path to a frontier
+    cell.
 
-    Every episode of the policy greedy-classify ends, because each command or path classifies at least one cell. Source:
-    docs/concepts/planners.md.
+    Every episode of the policy greedy-classify ends, because each command or path classifies at
+    least one cell. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "greedy-classify"

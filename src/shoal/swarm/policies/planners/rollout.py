@@ -1,4 +1,6 @@
-"""Policy rollout: simulate candidate plans in a predicted world, and send the first command of the best plan."""
+"""Policy rollout: simulate candidate plans in a predicted world, and send the first command of the
+best plan.
+"""
 
 from __future__ import annotations
 
@@ -40,10 +42,11 @@ P1 = Tuning(
 class Rollout(Budgeted):
     """Simulate several plans in the predicted world and send the first command of the best plan.
 
-    The candidate plans are the rest of the last plan, all single commands, the best plans of a beam search, and random variations
-    of the best candidate. A greedy base policy completes each candidate plan. After 450 consecutive moves that classify no cell,
-    the planner sends all commands of the shortest path to a frontier cell, so that every episode ends. The policy rollout is the
-    prototype of the policy beam-rollout. Source: docs/concepts/planners.md.
+    The candidate plans are the rest of the last plan, all single commands, the best plans of a beam
+    search, and random variations of the best candidate. A greedy base policy completes each
+    candidate plan. After 450 consecutive moves that classify no cell, the planner sends all
+    commands of the shortest path to a frontier cell, so that every episode ends. The policy rollout
+    is the prototype of the policy beam-rollout. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "rollout"

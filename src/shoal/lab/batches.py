@@ -1,0 +1,275 @@
+"""Batches of trials: which trials a sweep still needs, and how far it is."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from shoal.core.checks import shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.problem import Problem
+from shoal.lab import problems
+from shoal.lab.sweep import Point, trial_seed
+from shoal.lab.versions import worker_versions
+
+_LONGEST_TEXT = 1000  # maximum characters of a text that a trial measures
+_OPEN = 8  # number of maps, workspaces and regions that a worker keeps open
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A sequence of trials of one point of a sweep: trial ``first`` to trial ``stop`` - 1.
+
+    Parameters
+    ----------
+    point : int
+        Number of the point's row in the store.
+    problem : Problem
+    seeds : str
+        Text from which the seeds of the trials are computed: the problem without the paired axes,
+        which do not influence seeds.
+    first, stop : int
+    place : object, optional
+        The opened map, workspace or region, for workers without the file of the place.
+    """
+
+    point: int
+    problem: Problem
+    seeds: str
+    first: int
+    stop: int
+    place: Any = None
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A batch of trials: several sequences of trials (pieces), which one worker runs one after
+    another.
+    """
+
+    sweep_seed: int
+    pieces: tuple[Piece, ...]
+
+    @property
+    def trials(self) -> int:
+        """Number of trials in the batch."""
+        return sum(piece.stop - piece.first for piece in self.pieces)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A worker's answer for one batch: the results of the trials.
+
+    Parameters
+    ----------
+    rows : list of (point, trial, seed, result)
+        Point number, trial number, seed and result (as JSON) of each successful trial.
+    failures : list of (point, trial, seed, error)
+    seconds : float
+    paces : list of (point, float)
+        Point number and mean time per trial in seconds, for each piece (sequence of trials of one
+        point) of the batch.
+    versions : dict
+        The versions on which the results of the worker depend.
+    worker : str
+    """
+
+    rows: list[tuple[int, int, int, str]]
+    failures: list[tuple[int, int, int, str]]
+    seconds: float
+    paces: list[tuple[int, float]]
+    versions: dict[str, str]
+    worker: str
+
+
+_places: dict[tuple[str, str], Any] = {}
+
+
+def placed(problem: Problem) -> Problem:
+    """Return a copy of a problem with its map, workspace or region opened. Problems with equal
+    places share the opened place.
+    """
+    name = problem.place_key()
+    if name is None:
+        return problem
+    key = (problem.part, name)
+    if key not in _places:
+        if len(_places) >= _OPEN:
+            del _places[next(iter(_places))]
+        _places[key] = problem.open_place()
+    return problem.at_place(_places[key])
+
+
+def play_batch(batch: Batch) -> Answer:
+    """Run a batch in a worker. If a trial raises an error, record the trial as failed and continue
+    with the next trial.
+    """
+    began = time.perf_counter()
+    rows, failures, paces = [], [], []
+    for piece in batch.pieces:
+        start = time.perf_counter()
+        for trial in range(piece.first, piece.stop):
+            seed = trial_seed(batch.sweep_seed, piece.seeds, trial)
+            try:
+                problem = (
+                    placed(piece.problem)
+                    if piece.place is None
+                    else piece.problem.at_place(piece.place)
+                )
+                rows.append((piece.point, trial, seed, _written(problems.trial(problem, seed))))
+            except (Exception, SystemExit) as error:  # third-party code may raise any exception
+                what = " ".join(str(error).split())[:500]
+                failures.append(
+                    (
+                        piece.point,
+                        trial,
+                        seed,
+                        (
+                            what
+                            if isinstance(error, ShoalError)
+                            else f"{type(error).__name__}: {what}"
+                        ),
+                    )
+                )
+        paces.append((piece.point, (time.perf_counter() - start) / (piece.stop - piece.first)))
+    seconds = time.perf_counter() - began
+    return Answer(rows, failures, seconds, paces, worker_versions(), worker_name())
+
+
+def worker_name() -> str:
+    """Return the worker name of the current process: the name of the machine and the number of the
+    process.
+    """
+    return f"{socket.gethostname()}:{os.getpid()}"
+
+
+def _written(values: list[Any]) -> str:
+    """Return the values of a result as JSON, with NumPy numbers converted to Python numbers."""
+    plain = [value.item() if isinstance(value, np.generic) else value for value in values]
+    for value in plain:
+        if not is_storable(value):
+            raise InvalidInputError(
+                "result: expected finite numbers, truth values, short texts or None, got"
+                f" {shortened(value)}"
+            )
+    return json.dumps(plain, separators=(",", ":"), allow_nan=False)
+
+
+def is_storable(value: Any) -> bool:
+    """Return whether a store accepts a value as the result of a trial."""
+    if isinstance(value, str):
+        return len(value) <= _LONGEST_TEXT and value.isprintable()
+    return (
+        value is None
+        or (isinstance(value, int) and abs(value) < 2**63)
+        or (isinstance(value, float) and isfinite(value))
+    )
+
+
+def lost_batch(batch: Batch, why: str) -> Answer:
+    """Return the answer for a batch that no worker survived. The answer records all trials of the
+    batch as failed.
+    """
+    failures = [
+        (piece.point, trial, trial_seed(batch.sweep_seed, piece.seeds, trial), why)
+        for piece in batch.pieces
+        for trial in range(piece.first, piece.stop)
+    ]
+    return Answer([], failures, 0.0, [], worker_versions(), "")
+
+
+@dataclass(frozen=True)
+class SweepStatus:
+    """The progress of a sweep in a store.
+
+    Parameters
+    ----------
+    name : str
+    done, total : int
+        ``done`` is the number of finished trials, and ``total`` is the number of all trials.
+    failures : int
+        Number of failed trials, which ended with an error. The next run of the sweep repeats failed
+        trials.
+    points : int
+    running : bool
+        Whether a process on the local machine currently runs the sweep.
+    rate : float
+        Number of trials per second over the last minute of work, or 0 if no trial finished in this
+        minute.
+    seconds : float
+        Total working time of all workers, in seconds.
+    versions : dict
+        Number of results that each combination of software versions wrote. `shoal.lab.versions`
+        explains the versions.
+    """
+
+    name: str
+    done: int
+    total: int
+    failures: int
+    points: int
+    running: bool
+    rate: float
+    seconds: float
+    versions: dict[str, int]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all trials of the sweep are finished."""
+        return self.done == self.total
+
+    @property
+    def left(self) -> float | None:
+        """Estimated remaining time of the sweep in seconds, or None if the time is unknown."""
+        return (self.total - self.done) / self.rate if self.rate else None
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A sequence of missing trials of one point of a sweep: trial ``first`` to trial
+    ``stop`` - 1.
+    """
+
+    point: Point
+    id: int
+    first: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class SweepProgress:
+    """The progress of a running sweep.
+
+    Parameters
+    ----------
+    done, total : int
+        ``done`` is the number of finished trials, including the trials of earlier runs. ``total``
+        is the number of all trials.
+    fresh : int
+        Number of trials that the current run has finished.
+    failures : int
+        Number of trials that failed in the current run.
+    deaths : int
+        Number of deaths of workers in the current run.
+    seconds : float
+        Time since the start of the current run, in seconds.
+    """
+
+    done: int
+    total: int
+    fresh: int
+    failures: int
+    deaths: int
+    seconds: float
+
+    @property
+    def rate(self) -> float:
+        """Mean number of trials per second in the current run."""
+        return self.fresh / self.seconds if self.seconds > 0 else 0.0

@@ -1,0 +1,486 @@
+"""The tables of a store, and the conversion of trials to rows and back."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import secrets
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
+from functools import cached_property
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from shoal.core.checks import parse_json, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, OutputError, errors_at
+from shoal.core.interruption import half_written
+from shoal.core.version import __version__
+from shoal.lab.sweep import MAX_POINTS, Sweep, SweepForm, axis_values, form_of, sweep_of
+
+APPLICATION = 0x53484F41  # "SHOA"
+FORMAT = 1
+_NAMES = ("sweeps", "points", "batches", "trials", "failures")
+_RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "sweeps": {"trials": (0, 10**18), "points": (0, 10**18)},
+    "points": {"id": (0, 10**18), "number": (0, 10**18)},
+    "batches": {"trials": (0, 10**18), "seconds": (0, 1e12), "finished": (0, 1e12)},
+}  # a damaged file may have any type in a column, and a text compares larger than every number
+_TEXTS = {
+    "sweeps": ("name", "spec", "inputs", "measures", "version"),
+    "points": ("key", "axes"),
+    "batches": ("spec", "version", "worker"),
+}
+_AT_ONCE = 2**16  # bytes
+_WAIT = 30.0  # seconds to wait for another process's commit
+
+TABLES = """
+CREATE TABLE sweeps (
+  id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, spec TEXT NOT NULL, inputs TEXT NOT NULL, measures TEXT NOT NULL,
+  trials INTEGER NOT NULL, points INTEGER NOT NULL, created REAL NOT NULL, version TEXT NOT NULL
+);
+CREATE TABLE points (
+  id INTEGER PRIMARY KEY, sweep INTEGER NOT NULL REFERENCES sweeps (id), number INTEGER NOT NULL, key TEXT NOT NULL,
+  axes TEXT NOT NULL, UNIQUE (sweep, key)
+);
+CREATE TABLE batches (
+  id INTEGER PRIMARY KEY, sweep INTEGER NOT NULL REFERENCES sweeps (id), spec TEXT NOT NULL, seed INTEGER NOT NULL,
+  version TEXT NOT NULL, worker TEXT NOT NULL, trials INTEGER NOT NULL, failures INTEGER NOT NULL, seconds REAL NOT NULL,
+  finished REAL NOT NULL
+);
+CREATE TABLE trials (
+  point INTEGER NOT NULL REFERENCES points (id), trial INTEGER NOT NULL, seed INTEGER NOT NULL,
+  batch INTEGER NOT NULL REFERENCES batches (id), result TEXT NOT NULL, PRIMARY KEY (point, trial)
+) WITHOUT ROWID;
+CREATE TABLE failures (
+  point INTEGER NOT NULL REFERENCES points (id), trial INTEGER NOT NULL, seed INTEGER NOT NULL,
+  batch INTEGER NOT NULL REFERENCES batches (id), error TEXT NOT NULL, PRIMARY KEY (point, trial)
+) WITHOUT ROWID;
+CREATE INDEX batches_of_sweep ON batches (sweep, finished);
+"""
+
+
+def connect(path: Path, *, write: bool) -> sqlite3.Connection:
+    """Open a store. If ``write`` is true, create a missing store.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the file is not a store, is damaged, or comes from a newer version of Shoal.
+    OutputError
+        Raised if Shoal cannot write the file.
+    """
+    try:
+        existing = path.exists()
+    except OSError as error:
+        raise InvalidInputError(
+            f"{path}: expected a store in a readable folder, got the error: {error.strerror}"
+        ) from None
+    if path.is_dir():
+        raise InvalidInputError(f"{path}: expected a store, got a folder")
+    if not existing and not write:
+        raise InvalidInputError(f"{path}: expected a store, got no such file")
+    if existing and path.stat().st_size == 0:
+        raise InvalidInputError(
+            f"{path}: expected a store or the name of a new file, got an empty file (remove the"
+            " empty file)"
+        )
+    if write and existing and not os.access(path, os.W_OK):
+        raise OutputError(f"cannot write {path}: it is read-only; nothing was changed")
+    if not existing:
+        _create(path)
+    with told(path):
+        connection = _opened(path, write=write)
+        try:
+            connection.execute("PRAGMA trusted_schema = OFF")
+            _check(connection, path)
+            if write:
+                _make_durable(connection)
+        except BaseException:
+            connection.close()
+            raise
+    return connection
+
+
+def _create(path: Path) -> None:
+    """Create an empty store under a temporary name, then rename it to ``path``.
+
+    The renaming ensures that no other process sees an incomplete store, and that only one process
+    creates the store.
+
+    Raises
+    ------
+    OutputError
+        Raised if Shoal cannot write the file. A failed write leaves no partial file.
+    """
+    with (
+        unfinished_store(path, shared=True) as temporary,
+        told(path),
+        closing(_connected(temporary)) as connection,
+    ):
+        _make_durable(connection)
+        with transaction(connection):
+            for statement in TABLES.split(";"):
+                connection.execute(statement)
+            connection.execute(f"PRAGMA application_id = {APPLICATION}")
+            connection.execute(f"PRAGMA user_version = {FORMAT}")
+
+
+@contextmanager
+def unfinished_store(path: Path, *, shared: bool = False) -> Iterator[Path]:
+    """Yield a temporary file name for a new store. At the end of the ``with`` block, rename the
+    temporary file to ``path``.
+
+    If the ``with`` block raises an error, remove the temporary file.
+
+    Raises
+    ------
+    OutputError
+        Raised if Shoal cannot write the file, or if ``shared`` is false and another process has
+        created ``path`` in the meantime. If ``shared`` is true, a store that another process has
+        created is kept.
+    """
+    temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
+    made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}
+    half_written.update(made)
+    try:
+        yield temporary
+        # Data that does not fit on the disk stays in the log, and SQLite reports no error when it
+        # closes.
+        if any(file.stat().st_size for file in made - {temporary} if file.exists()):
+            raise OSError(errno.ENOSPC, "the disk is full")
+        with suppress(*[FileExistsError] * shared):
+            _named(temporary, path)
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        for file in made:
+            file.unlink(missing_ok=True)
+        half_written.difference_update(made)
+
+
+def _named(temporary: Path, path: Path) -> None:
+    """Rename the file ``temporary`` to ``path``, unless the file ``path`` exists."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if not path.exists():
+            temporary.rename(path)
+
+
+def _connected(path: Path, *, options: str = "") -> sqlite3.Connection:
+    where = f"{path.resolve().as_uri()}?{options}"
+    connection = sqlite3.connect(
+        where, uri=True, timeout=_WAIT, isolation_level=None, check_same_thread=False
+    )
+    connection.set_progress_handler(lambda: 0, 100_000)  # Python code, in which Ctrl-C takes effect
+    return connection
+
+
+def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
+    if write:
+        return _connected(path, options="mode=rw")
+    connection = _connected(path, options="mode=ro")
+    try:
+        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.OperationalError as error:
+        connection.close()
+        if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
+            raise
+        # In a read-only folder, SQLite cannot create shared memory beside the file. Then no other
+        # process writes the file either.
+        log = path.with_name(f"{path.name}-wal")
+        if not log.exists() or not log.stat().st_size:
+            return _connected(path, options="immutable=1")
+        with (
+            tempfile.TemporaryDirectory() as folder
+        ):  # the file may disappear as soon as the copy is open
+            copy = Path(folder) / "store"
+            shutil.copyfile(path, copy)
+            shutil.copyfile(log, copy.with_name("store-wal"))
+            connection = _connected(copy)
+            connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    return connection
+
+
+def _check(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse a file that is not a store, a damaged store, and a store from a newer version of
+    Shoal.
+    """
+    application, number = (
+        connection.execute(f"PRAGMA {name}").fetchone()[0]
+        for name in ("application_id", "user_version")
+    )
+    if application != APPLICATION:
+        raise InvalidInputError(f"{path}: expected a store of Shoal, got another SQLite database")
+    # Views and triggers could run arbitrary code in place of our queries, even endless loops.
+    strange = connection.execute(
+        "SELECT type, name FROM sqlite_master WHERE NOT (type = 'table' AND name IN"
+        f" ({', '.join('?' * len(_NAMES))})) AND NOT (type = 'index' AND (name = 'batches_of_sweep'"
+        " OR name LIKE 'sqlite_autoindex_%')) LIMIT 1",
+        _NAMES,
+    ).fetchone()
+    virtual = connection.execute(
+        "SELECT name FROM sqlite_master WHERE sql LIKE 'CREATE VIRTUAL%' LIMIT 1"
+    ).fetchone()
+    if strange or virtual:
+        kind, name = strange or ("virtual table", virtual[0])
+        raise InvalidInputError(
+            f"{path}: expected the tables of a store and nothing else, got the {kind}"
+            f" {shortened(name)}"
+        )
+    if number > FORMAT:
+        raise InvalidInputError(
+            f"{path}: expected a store of format {FORMAT} or below, got format {number} of a Shoal"
+            f" that is newer than {__version__}; upgrade Shoal, nothing was changed"
+        )
+    for table, ranges in _RANGES.items():
+        wrong = [
+            f"({column} BETWEEN {least} AND {most}) IS NOT 1"
+            for column, (least, most) in ranges.items()
+        ]
+        wrong += [f"typeof({column}) != 'text'" for column in _TEXTS[table]]
+        if connection.execute(
+            f"SELECT 1 FROM {table} WHERE {' OR '.join(wrong)} LIMIT 1"
+        ).fetchone():
+            raise InvalidInputError(
+                f"{path}: table {table}: expected valid texts and values of {' and '.join(ranges)},"
+                " got a damaged row"
+            )
+
+
+def _make_durable(connection: sqlite3.Connection) -> None:
+    """Make SQLite write every commit to the disk before the next statement."""
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute(
+        "PRAGMA synchronous = FULL"
+    )  # with NORMAL, a power failure could lose the last commits
+    connection.execute("PRAGMA foreign_keys = ON")
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """Run the ``with`` block as one transaction. If the ``with`` block raises an error, SQLite
+    undoes all changes of the block.
+    """
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        with suppress(sqlite3.Error):  # SQLite has already rolled back after some errors
+            connection.execute("ROLLBACK")
+        raise
+
+
+@contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Convert SQLite errors inside the ``with`` block to errors with a one-sentence message."""
+    try:
+        yield
+    except (sqlite3.Error, UnicodeError, OverflowError) as error:
+        raise _said(path, error) from error
+
+
+def _is_full(path: Path) -> bool:
+    """Return whether the disk has no space for SQLite's log. SQLite reports a full disk as a
+    general disk error.
+    """
+    with suppress(OSError):
+        return shutil.disk_usage(path.parent).free < _AT_ONCE
+    return False
+
+
+def _said(path: Path, error: Exception) -> Exception:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code == sqlite3.SQLITE_INTERRUPT:
+        raise KeyboardInterrupt from error
+    what = " ".join(str(error).split())[:200]  # it may quote the schema, which has several lines
+    kept = "every committed batch is kept, and the same command continues from there"
+    too_large = getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_IOERR_WRITE
+    if (
+        code == sqlite3.SQLITE_FULL
+        or too_large
+        or (code == sqlite3.SQLITE_IOERR and _is_full(path))
+    ):
+        return OutputError(f"cannot write {path}: the disk is full; {kept}")
+    if code == sqlite3.SQLITE_READONLY:
+        return OutputError(f"cannot write {path}: it is read-only; nothing was changed")
+    if code == sqlite3.SQLITE_CANTOPEN:
+        return OutputError(f"cannot open {path}: its folder is missing or cannot be written")
+    if code == sqlite3.SQLITE_BUSY:
+        return OutputError(
+            f"cannot write {path}: another process has been writing it for {_WAIT:g} seconds;"
+            f" {kept}"
+        )
+    if code == sqlite3.SQLITE_IOERR:
+        return OutputError(f"cannot read or write {path}: {what}; {kept}")
+    if code == sqlite3.SQLITE_NOTADB:
+        return InvalidInputError(
+            f"{path}: expected a store (an SQLite database), got another kind of file"
+        )
+    if code == sqlite3.SQLITE_CORRUPT:
+        return InvalidInputError(
+            f"{path}: expected a whole store, got a damaged or truncated one ({what}); nothing was"
+            " changed: restore a copy, or start a new store"
+        )
+    return InvalidInputError(f"{path}: expected a store, got a damaged one: {what}")
+
+
+@dataclass(frozen=True)
+class StoredSweep:
+    """The description of a sweep in a store. The method `sweep` creates the sweep and its problem.
+
+    Parameters
+    ----------
+    id : int
+        Number of the sweep's row in the store.
+    where : str
+        First words of error messages: the names of the store file and the sweep.
+    spec : dict
+        The sweep as JSON data, as returned by `shoal.lab.Sweep.describe`.
+    inputs : mapping of str to str
+        Digests of the maps, workspaces and regions that the sweep opens.
+    measures : tuple of str
+    trials, n_points : int
+        ``trials`` is the number of trials per point, and ``n_points`` is the number of points.
+    """
+
+    id: int
+    where: str
+    spec: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    measures: tuple[str, ...]
+    trials: int
+    n_points: int
+
+    @cached_property
+    def form(self) -> SweepForm:
+        """The fields of the sweep, each converted to the type of the field."""
+        return form_of(self.spec, where=self.where)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The names of the sweep's axes."""
+        return tuple(self.form.axes)
+
+    def sweep(self) -> Sweep:
+        """Return the sweep as the user declared it for the run."""
+        return sweep_of(self.spec, where=self.where)
+
+    def values(self, text: str) -> dict[str, Any]:
+        """Return the value of each axis by its name, from the text in the stored row of a point."""
+        values = parse_json(text, where=f"{self.where}: point")
+        if not isinstance(values, list) or len(values) != len(self.axes):
+            raise InvalidInputError(
+                f"{self.where}: expected {len(self.axes)} values at a point, one per axis, got"
+                f" {shortened(values)}"
+            )
+        return dict(zip(self.axes, values, strict=True))
+
+    def check_points(self, texts: Sequence[str]) -> None:
+        """Refuse stored points that are not the points of the sweep, in the order of the sweep.
+
+        Two points with the same axis values would otherwise share one mean in a summary. The check
+        compares the axis values only, so that it runs no third-party code; `shoal.lab.store` also
+        compares the digests of the problems.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        with errors_at(f"{self.where}: spec"):
+            axes = [axis_values(name, values) for name, values in self.form.axes.items()]
+        count = prod(len(values) for values in axes)
+        expected = [json.dumps(values) for values in product(*axes)] if count <= MAX_POINTS else []
+        if [*texts] == expected and len(set(texts)) == count:
+            return
+        hint = "restore a copy, or start a new store"
+        seen: set[str] = set()
+        for text in texts:
+            if text in seen:
+                raise InvalidInputError(
+                    f"{self.where}: expected points that differ, got two points with the axis"
+                    f" values {shortened(text)}; {hint}"
+                )
+            seen.add(text)
+        raise InvalidInputError(
+            f"{self.where}: expected the {count} points of the sweep's axes, got {len(texts)}"
+            f" points, not all of which are equal to these; {hint}"
+        )
+
+
+def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
+    """Return the sweep that a row with the columns (id, spec, inputs, measures, trials, points)
+    describes.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the row of the sweep is damaged.
+    """
+    number, *texts, trials, points = row
+    spec, inputs, measures = (
+        parse_json(text if isinstance(text, str) else "", where=f"{where}: {column}")
+        for column, text in zip(("spec", "inputs", "measures"), texts, strict=True)
+    )
+    if not isinstance(spec, dict) or not isinstance(inputs, dict):
+        raise InvalidInputError(
+            f"{where}: expected JSON objects as spec and inputs, got {shortened(spec)} and"
+            f" {shortened(inputs)}"
+        )
+    if not isinstance(measures, list) or not all(isinstance(name, str) for name in measures):
+        raise InvalidInputError(
+            f"{where}: measures: expected a list of names, got {shortened(measures)}"
+        )
+    if not isinstance(trials, int) or not isinstance(points, int):
+        raise InvalidInputError(
+            f"{where}: expected whole numbers of trials and of points, got {shortened(trials)} and"
+            f" {shortened(points)}"
+        )
+    return StoredSweep(number, where, spec, inputs, tuple(measures), trials, points)
+
+
+def columns_of(
+    axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep
+) -> list[Sequence[Any]]:
+    """Return rows of results as columns: the axes, the trial numbers, the seeds and the measures.
+
+    Each entry of ``axes`` is (axis values of a point, number of rows of the point). ``parts``
+    contains JSON texts of the trial numbers, the seeds and the results.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if a row of results is damaged.
+    """
+    first: list[list[Any]] = [[] for _ in axes[0][0]]
+    for values, count in axes:
+        for column, value in zip(first, values, strict=True):
+            column.extend([value] * count)
+    trials, seeds, results = (
+        parse_json(f"[{','.join(part)}]", where=f"{stored.where}: results") for part in parts
+    )
+    width = len(stored.measures)
+    bad = next((one for one in results if not isinstance(one, list) or len(one) != width), None)
+    if not all(type(one) is int for one in (*trials, *seeds)):
+        raise InvalidInputError(
+            f"{stored.where}: trials: expected whole numbers of trials and seeds, got something"
+            " else"
+        )
+    if bad is not None or not len(trials) == len(seeds) == len(results):
+        got = f"{len(results)} rows for {len(trials)} trials" if bad is None else shortened(bad)
+        raise InvalidInputError(
+            f"{stored.where}: results: expected rows of {width} values, got {got}"
+        )
+    return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]

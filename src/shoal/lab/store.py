@@ -1,0 +1,636 @@
+"""The store of a sweep: one SQLite file with the results of all trials, which only one process at a
+time may write.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import socket
+import sqlite3
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
+from shoal.core.interruption import half_written
+from shoal.core.version import __version__
+from shoal.lab.batches import Answer, Gap, SweepStatus, is_storable
+from shoal.lab.schema import StoredSweep, columns_of, connect, stored_sweep, told, transaction
+from shoal.lab.sweep import Sweep, check_sweep_name, differences, digest_of, is_extended, trial_seed
+from shoal.lab.versions import written
+
+_TRIES = 5
+_PLAIN = (
+    os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+)  # a link or a pipe may be an attack: nothing is written to it
+
+
+def _lock_file(store: Path, name: str) -> Path:
+    return store.with_name(f".{store.name}.{name}.lock")
+
+
+@contextmanager
+def locked(store: Path, name: str) -> Iterator[None]:
+    """Hold the lock of a sweep inside the ``with`` block.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if another process holds the lock. The error message contains the process number of
+        the lock's holder.
+    OutputError
+        Raised if the folder of the store is not writable.
+    """
+    path, tries = _lock_file(store, name), 0
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
+        except OSError as error:
+            why = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror or error
+            raise OutputError(f"cannot write {path}: {why}") from None
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = os.read(descriptor, 200).decode(errors="replace").strip() or "another process"
+            os.close(descriptor)
+            tries += 1
+            if tries < _TRIES:  # the holder may be a process that only tests the lock
+                time.sleep(0.02)
+                continue
+            raise InvalidInputError(
+                f"{store}: expected a sweep that no process is running, got {name}, which {holder}"
+                f" is running; wait for its end, or watch it with 'shoal sweep status {store}"
+                " --watch'"
+            ) from None
+        if _is_still(descriptor, path):
+            break
+        os.close(descriptor)  # its last holder removed the file between our two calls
+    half_written.add(path)
+    try:
+        with suppress(
+            OSError
+        ):  # on a full disk the lock still works, but it does not name its holder
+            os.ftruncate(
+                descriptor, 0
+            )  # fails for anything but a plain file, and nothing is written
+            os.write(
+                descriptor,
+                f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode(),
+            )
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        half_written.discard(path)
+        os.close(descriptor)
+
+
+def _is_still(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.lstat())
+    except FileNotFoundError:
+        return False
+
+
+def is_locked(store: Path, name: str) -> bool:
+    """Return whether some process currently runs the sweep ``name`` of a store."""
+    try:
+        descriptor = os.open(_lock_file(store, name), os.O_RDONLY | _PLAIN)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+_RECENT = 60.0  # seconds over which the rate is measured
+_AT_ONCE = 10_000  # rows read at once
+
+
+class Store:
+    """A store of sweeps. The store commits each batch of trials as soon as the batch is finished.
+
+    Parameters
+    ----------
+    path : path
+    write : bool
+        Whether to open the store for writing, and to create a missing store.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the file is not a store, is damaged, or comes from a newer version of Shoal.
+    OutputError
+        Raised if Shoal cannot write the file.
+
+    Notes
+    -----
+    SQLite runs in WAL mode, in which other processes may read the store while one process writes.
+    The store must be on a local disk of the machine that runs the sweep, not on a network share.
+    Workers on other machines never access the store.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, write: bool = False) -> None:
+        self.path = Path(path)
+        self.write = write
+        self._connection = connect(self.path, write=write)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the store file.
+
+        If the store was opened for writing, SQLite first copies the data in the write-ahead log to
+        the store file, except the data that other processes are still reading.
+        """
+        if self.write:
+            with suppress(
+                sqlite3.Error
+            ):  # data that others still read stays in the log beside the file
+                self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
+        self._connection.close()
+
+    def ask(self, query: str, *values: Any) -> list[tuple[Any, ...]]:
+        """Return the rows that a read-only SQL query finds."""
+        with told(self.path):
+            return self._connection.execute(query, values).fetchall()
+
+    @contextmanager
+    def writing(self) -> Iterator[Callable[[str, Sequence[Any]], int]]:
+        """Yield a function that runs one SQL statement and returns the number of the row that was
+        written last.
+
+        All statements in the ``with`` block form one transaction.
+        """
+        with told(self.path), transaction(self._connection):
+            yield (
+                lambda statement, values: self._connection.execute(statement, values).lastrowid or 0
+            )
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all sweeps in the store, in the order of their first runs."""
+        found = self.ask("SELECT name FROM sweeps ORDER BY id")
+        return [check_sweep_name(name, what=f"{self.path}: name of a sweep") for (name,) in found]
+
+    def stored(self, name: str) -> StoredSweep:
+        """Return the description of a sweep in the store. Do not create the sweep's problem, and
+        import no third-party code.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the stored sweep is damaged.
+        UnknownNameError
+        """
+        found = self.ask(
+            "SELECT id, spec, inputs, measures, trials, points FROM sweeps WHERE name = ?", name
+        )
+        if not found:
+            raise UnknownNameError(
+                f"{self.path}: no sweep {name!r} (sweeps of this store:"
+                f" {', '.join(self.names) or 'none'})"
+            )
+        return stored_sweep(found[0], where=f"{self.path}: sweep {name}")
+
+    def only(self, name: str | None) -> str:
+        """Check that the store has a sweep with the given name, and return the name.
+
+        If ``name`` is None, return the name of the only sweep in the store.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+        """
+        if name is not None:
+            self.stored(name)
+            return name
+        names = self.names
+        if len(names) != 1:
+            raise InvalidInputError(
+                f"{self.path}: expected the name of a sweep, one of {', '.join(names) or 'none'},"
+                " got none"
+            )
+        return names[0]
+
+    def sweep(self, name: str) -> Sweep:
+        """Return a sweep as the user declared it for the run."""
+        return self.stored(name).sweep()
+
+    def points(self, name: str) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Yield the row number and the axis values of each point of a sweep, in the order of the
+        points.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the stored points are not the points of the sweep.
+        """
+        stored = self.stored(name)
+        rows = self.ask("SELECT id, axes FROM points WHERE sweep = ? ORDER BY number", stored.id)
+        stored.check_points([text for _, text in rows])
+        for number, text in rows:
+            yield number, stored.values(text)
+
+    def check_points(self, name: str) -> None:
+        """Refuse a sweep whose stored points are not the points of its axes.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+        """
+        stored = self.stored(name)
+        stored.check_points(
+            [
+                text
+                for (text,) in self.ask(
+                    "SELECT axes FROM points WHERE sweep = ? ORDER BY number", stored.id
+                )
+            ]
+        )
+
+    def add(self, sweep: Sweep, inputs: Mapping[str, str], *, extend: bool = False) -> None:
+        """Add a sweep to the store. If the store has a sweep with an equal name, check that the two
+        sweeps are equal.
+
+        Parameters
+        ----------
+        sweep : Sweep
+        inputs : mapping of str to str
+            Digests of the maps, workspaces and regions that the sweep opens.
+        extend : bool
+            Whether the sweep may extend the stored sweep by additional trials or points.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the store has a different sweep with an equal name. The error message lists
+            the differences between the two sweeps.
+        """
+        description = sweep.describe()
+        self._forget_untouched(sweep.name, description)
+        if sweep.name not in self.names:
+            with told(self.path), transaction(self._connection):
+                self._connection.execute(
+                    "INSERT INTO sweeps (name, spec, inputs, measures, trials, points, created,"
+                    " version) VALUES (?,?,?,?,?,?,?,?)",
+                    (
+                        sweep.name,
+                        json.dumps(description),
+                        json.dumps(dict(inputs)),
+                        json.dumps(sweep.measures),
+                        sweep.trials,
+                        sweep.n_points,
+                        time.time(),
+                        __version__,
+                    ),
+                )
+                self._enter_points(sweep)
+            return
+        stored = self.stored(sweep.name)
+        self.check_points(sweep.name)
+        then = stored.inputs
+        changed = [*differences(stored.spec, json.loads(json.dumps(description)))]
+        changed += (
+            differences(
+                {k: v for k, v in then.items() if k in inputs}, dict(inputs), path="content"
+            )
+            if then
+            else []
+        )
+        if not changed:
+            return
+        kept = all(inputs.get(key, digest) == digest for key, digest in then.items())
+        if extend and kept and is_extended(stored.sweep(), sweep):
+            with told(self.path), transaction(self._connection):
+                self._connection.execute(
+                    "UPDATE sweeps SET spec = ?, inputs = ?, trials = ?, points = ? WHERE name = ?",
+                    (
+                        json.dumps(description),
+                        json.dumps({**then, **inputs}),
+                        sweep.trials,
+                        sweep.n_points,
+                        sweep.name,
+                    ),
+                )
+                self._enter_points(sweep)
+            return
+        hint = "give the new sweep another name" + (
+            "" if extend else ", or use --extend if the new sweep only adds trials or points"
+        )
+        raise InvalidInputError(
+            f"{self.path}: expected the sweep {sweep.name} as the store contains it, got changes:"
+            f" {'; '.join(changed)} ({hint})"
+        )
+
+    def _forget_untouched(self, name: str, description: Mapping[str, Any]) -> None:
+        """Delete a stored sweep that differs from the new sweep, if no trial of the stored sweep
+        ever ran.
+        """
+        if name not in self.names:
+            return
+        stored = self.stored(name)
+        begun = self.ask("SELECT 1 FROM batches WHERE sweep = ? LIMIT 1", stored.id)
+        if not begun and stored.spec != json.loads(json.dumps(description)):
+            with told(self.path), transaction(self._connection):
+                self._connection.execute("DELETE FROM points WHERE sweep = ?", (stored.id,))
+                self._connection.execute("DELETE FROM sweeps WHERE id = ?", (stored.id,))
+
+    def _enter_points(self, sweep: Sweep) -> None:
+        self._connection.executemany(
+            "INSERT INTO points (sweep, number, key, axes) VALUES ((SELECT id FROM sweeps WHERE"
+            " name = ?), ?, ?, ?) ON CONFLICT (sweep, key) DO UPDATE SET number = excluded.number,"
+            " axes = excluded.axes",
+            (
+                (sweep.name, point.number, point.key, json.dumps([*point.values.values()]))
+                for point in sweep.points
+            ),
+        )
+
+    def missing(self, sweep: Sweep) -> list[Gap]:
+        """Return the missing trials of a sweep, in the order of the points."""
+        points = {point.key: point for point in sweep.points}
+        rows = self.ask(
+            "SELECT p.id, p.key, (SELECT count(*) FROM trials t WHERE t.point = p.id) FROM points p"
+            " JOIN sweeps s ON s.id = p.sweep WHERE s.name = ? ORDER BY p.number",
+            sweep.name,
+        )
+        gaps: list[Gap] = []
+        for number, key, count in rows:
+            if count == sweep.trials or key not in points:
+                continue
+            there = (
+                [
+                    trial
+                    for (trial,) in self.ask(
+                        "SELECT trial FROM trials WHERE point = ? ORDER BY trial", number
+                    )
+                ]
+                if count
+                else []
+            )
+            begin = 0
+            for trial in [*there, sweep.trials]:
+                if trial > begin:
+                    gaps.append(Gap(points[key], number, begin, trial))
+                begin = trial + 1
+        return gaps
+
+    def commit(self, sweep: Sweep, answer: Answer) -> None:
+        """Write the results of one batch of trials to the store, in one transaction."""
+        with told(self.path), transaction(self._connection):
+            batch = self._connection.execute(
+                "INSERT INTO batches (sweep, spec, seed, version, worker, trials, failures,"
+                " seconds, finished) VALUES ((SELECT id FROM sweeps WHERE name ="
+                " ?),?,?,?,?,?,?,?,?)",
+                (
+                    sweep.name,
+                    digest_of(json.dumps(sweep.describe())),
+                    sweep.seed,
+                    written(answer.versions),
+                    answer.worker,
+                    len(answer.rows),
+                    len(answer.failures),
+                    answer.seconds,
+                    time.time(),
+                ),
+            ).lastrowid
+            self._connection.executemany(
+                "INSERT OR IGNORE INTO trials (point, trial, seed, batch, result) VALUES"
+                " (?,?,?,?,?)",
+                ((point, trial, seed, batch, result) for point, trial, seed, result in answer.rows),
+            )
+            self._connection.executemany(
+                "INSERT OR REPLACE INTO failures (point, trial, seed, batch, error) VALUES"
+                " (?,?,?,?,?)",
+                (
+                    (point, trial, seed, batch, error)
+                    for point, trial, seed, error in answer.failures
+                ),
+            )
+            if self._any_failures(sweep.name):
+                self._connection.execute(
+                    "DELETE FROM failures WHERE (point, trial) IN (SELECT point, trial FROM trials)"
+                )
+
+    def _any_failures(self, name: str) -> bool:
+        found = self._connection.execute(
+            "SELECT 1 FROM failures JOIN points p ON p.id = point JOIN sweeps s ON s.id = p.sweep"
+            " WHERE s.name = ? LIMIT 1",
+            (name,),
+        )
+        return found.fetchone() is not None
+
+    def status(self, name: str) -> SweepStatus:
+        """Return the progress of a sweep, which another process may be running."""
+        stored = self.stored(name)
+        self.check_points(name)
+        number, total = stored.id, stored.trials * stored.n_points
+        versions = self.versions(name)
+        ((failed,),) = self.ask(
+            "SELECT count(*) FROM failures WHERE point IN (SELECT id FROM points WHERE sweep = ?)",
+            number,
+        )
+        ((last, seconds),) = self.ask(
+            "SELECT max(finished), coalesce(sum(seconds), 0) FROM batches WHERE sweep = ?", number
+        )
+        running = is_locked(self.path, name)
+        rate = self._rate(number, time.time() if running else last or 0.0)
+        return SweepStatus(
+            name,
+            sum(versions.values()),
+            total,
+            failed,
+            stored.n_points,
+            running,
+            rate,
+            seconds,
+            versions,
+        )
+
+    def versions(self, name: str) -> dict[str, int]:
+        """Return the number of rows that each combination of software versions wrote, with the
+        oldest combination first.
+        """
+        number = self.stored(name).id
+        found = [
+            text
+            for (text,) in self.ask(
+                "SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)",
+                number,
+            )
+        ]
+        if len(found) == 1:  # the usual case: no need to read every row
+            query = (
+                "SELECT count(*) FROM trials WHERE point IN (SELECT id FROM points WHERE sweep = ?)"
+            )
+            counts = {found[0]: self.ask(query, number)[0][0]}
+        else:
+            counts = dict(
+                self.ask(
+                    "SELECT b.version, count(*) FROM trials t JOIN batches b ON b.id = t.batch"
+                    " WHERE b.sweep = ? GROUP BY 1",
+                    number,
+                )
+            )
+        return {text: counts[text] for text in found if counts.get(text)}
+
+    def _rate(self, number: int, now: float) -> float:
+        ((count, first),) = self.ask(
+            "SELECT coalesce(sum(trials), 0), min(finished - seconds) FROM batches WHERE sweep = ?"
+            " AND finished > ?",
+            number,
+            now - _RECENT,
+        )
+        return count / max(1e-3, now - max(first, now - _RECENT)) if count else 0.0
+
+    def failures(
+        self, name: str, *, limit: int = 1_000_000
+    ) -> list[tuple[dict[str, Any], int, int, str]]:
+        """Return the axis values, the trial number, the seed and the error message of each failed
+        trial.
+        """
+        stored = self.stored(name)
+        rows = self.ask(
+            "SELECT p.axes, f.trial, f.seed, f.error FROM failures f JOIN points p ON p.id ="
+            " f.point WHERE p.sweep = ? ORDER BY p.number, f.trial LIMIT ?",
+            stored.id,
+            limit,
+        )
+        return [(stored.values(text), trial, seed, error) for text, trial, seed, error in rows]
+
+    def columns(self, name: str) -> list[str]:
+        """Return the column names in the table of a sweep: axes, trial, seed and measures."""
+        stored = self.stored(name)
+        taken = ["trial", "seed", *stored.measures]
+        return [f"axis_{axis}" if axis in taken else axis for axis in stored.axes] + taken
+
+    def chunks(self, name: str) -> Iterator[list[Sequence[Any]]]:
+        """Yield the table of a sweep in parts of about ten thousand rows, sorted by point and
+        trial.
+
+        Each part of the table is a list of columns.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if a row of the table is damaged.
+        """
+        stored = self.stored(name)
+        axes: list[tuple[list[Any], int]] = []
+        waiting = 0
+        parts: tuple[list[str], ...] = ([], [], [])
+        for point, values in self.points(name):
+            last = -1
+            while True:
+                # Joined by SQLite, which is two and a half times as fast as one tuple per row.
+                ((count, newest, *texts),) = self.ask(
+                    "SELECT count(*), max(trial), group_concat(trial), group_concat(seed),"
+                    " group_concat(result) FROM (SELECT * FROM trials WHERE point = ? AND trial > ?"
+                    " ORDER BY trial LIMIT ?)",
+                    point,
+                    last,
+                    _AT_ONCE,
+                )
+                if not count:
+                    break
+                last = newest
+                axes.append(([*values.values()], count))
+                waiting += count
+                for part, text in zip(parts, texts, strict=True):
+                    part.append(text)
+                if waiting >= _AT_ONCE:
+                    yield columns_of(axes, parts, stored)
+                    axes, parts, waiting = [], ([], [], []), 0
+                if count < _AT_ONCE:
+                    break
+        if axes:
+            yield columns_of(axes, parts, stored)
+
+    def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
+        """Yield the rows in the table of a sweep, sorted by point and trial."""
+        for chunk in self.chunks(name):
+            yield from zip(*chunk, strict=True)
+
+
+def faults_of(store: Store) -> list[str]:
+    """Return the faults of a store as a list of sentences. For an intact store, return an empty
+    list.
+
+    The function checks the structure of the SQLite file and the number of values in each row, and
+    compares the stored keys and seeds with the keys and seeds that the sweep defines.
+    """
+    faults = [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
+    faults += [
+        f"table {table}: a row refers to one that is not there"
+        for table, *_ in store.ask("PRAGMA foreign_key_check")
+    ]
+    for name in store.names:
+        faults += _faults_of(store, name)
+    return faults
+
+
+def _faults_of(store: Store, name: str) -> Iterator[str]:
+    try:
+        stored = store.stored(name)
+        store.check_points(name)
+        sweep = stored.sweep()
+    except InvalidInputError as error:
+        yield str(error)
+        return
+    points = {point.key: point for point in sweep.points}
+    width = len(stored.measures)
+    rows_of_points = store.ask(
+        "SELECT id, key, axes FROM points WHERE sweep = ? ORDER BY number", stored.id
+    )
+    told = {key: text for _, key, text in rows_of_points}
+    if told != {key: json.dumps([*point.values.values()]) for key, point in points.items()}:
+        yield f"sweep {name}: its points are not those of its spec"
+        return
+    for point, key, _ in rows_of_points:
+        rows = store.ask("SELECT trial, seed, result FROM trials WHERE point = ?", point)
+        wrong = next(
+            (
+                trial
+                for trial, seed, _ in rows
+                if seed != trial_seed(sweep.seed, points[key].seeds, trial)
+            ),
+            None,
+        )
+        if wrong is not None:
+            yield (
+                f"sweep {name}, point {points[key].number}, trial {wrong}: its seed is not the one"
+                " that the sweep gives"
+            )
+        if any(not 0 <= trial < sweep.trials for trial, _, _ in rows):
+            yield f"sweep {name}, point {points[key].number}: a trial that is not of the sweep"
+        try:
+            whole = all(
+                len(values) == width and all(map(is_storable, values))
+                for values in json.loads(f"[{','.join([row[2] for row in rows])}]")
+            )
+        except (ValueError, TypeError, RecursionError):
+            whole = False
+        if not whole:
+            yield (
+                f"sweep {name}, point {points[key].number}: a row that has not {width} numbers or"
+                " texts"
+            )

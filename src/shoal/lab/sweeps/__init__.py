@@ -1,1 +1,0 @@
-"""Declarations of sweeps: axes, points, seeds, batches and progress."""

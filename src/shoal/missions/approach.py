@@ -1,0 +1,453 @@
+"""Ways between homes and routes: launch points, rally points and returns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from shoal.core.dataclass import dataclass
+from shoal.missions.mission import Mission
+from shoal.missions.rules import ROUNDING, inside_of, searching
+from shoal.search.flight.separation import Approach, Separation, nearest_approach
+from shoal.search.flight.terrain import Terrain, profile_of
+from shoal.search.flight.timing import Floats, Trajectory, trajectory, whole_way
+from shoal.search.flight.vehicle import Vehicle
+from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.region import SearchRegion
+
+# metres: an eighth of this is the deviation of the ground from a straight line between two heights
+_FINE = 0.1
+
+
+def mission_trajectory(
+    mission: Mission, way: Floats, vehicle: Vehicle, rate: float | Floats, stay: float
+) -> Trajectory:
+    """Return the trajectory of a vehicle that follows its mission.
+
+    If the mission ends with loitering, the vehicle circles for ``stay`` seconds at the end of the
+    trajectory.
+    """
+    if mission.loiter is None:
+        return trajectory(way, vehicle, rate=rate)
+    before = trajectory(way[:-1], vehicle, rate=rate if isinstance(rate, float) else rate[:-1])
+    times = np.append(before.times, before.times[-1] + stay)
+    return Trajectory(times, np.vstack([before.points, before.points[-1:]]), mission.loiter)
+
+
+def common_way(mission: Mission, frame: LocalFrame | None) -> Floats:
+    """Return the path of a mission with heights above sea level, or above home if home's height
+    above sea level is unknown.
+    """
+    way = mission.way_in(frame)
+    way[:, 2] += mission.elevation or 0.0
+    return way
+
+
+def constant_speed(mission: Mission) -> Vehicle:
+    """Return a vehicle that always moves at the mission's speed, even in climbs, and needs no time
+    for turns.
+    """
+    return Vehicle(
+        preset="ideal",
+        cruise_speed=mission.speed,
+        climb_speed=min(mission.speed, 50),
+        sink_speed=min(mission.speed, 50),
+    )
+
+
+def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
+    """Return the largest distance in metres by which vehicles leave a region during its search, on
+    turns or elsewhere.
+    """
+    import shapely
+
+    shapely.prepare(region.outline)
+    most = 0.0
+    for mission in missions:
+        way = mission.way_in(region.frame)[1:-1, :2]
+        inside = inside_of(region, way)
+        outside = way[1:-1][searching(inside, mission.kind)]
+        most = max(
+            most, float(shapely.distance(region.outline, shapely.points(outside)).max(initial=0.0))
+        )
+    return most
+
+
+@dataclass(frozen=True, eq=False)
+class MissionApproach:
+    """The nearest approach of any two vehicles that follow missions.
+
+    Parameters
+    ----------
+    robots : tuple of int
+        Numbers of the two robots.
+    sorties : tuple of int
+        Number of the sortie that each of the two robots flies at the nearest approach.
+    horizontal, vertical : float
+        Horizontal and vertical distance of the two vehicles at the nearest approach, in metres.
+    time : float
+        Time of the nearest approach in seconds after the start of the first missions, if the first
+        vehicle has no unplanned delay.
+    place : ndarray of float64, shape (3,)
+        Position of the first vehicle at the nearest approach: metres east, north and up.
+    """
+
+    robots: tuple[int, int]
+    sorties: tuple[int, int]
+    horizontal: float
+    vertical: float
+    time: float
+    place: Floats
+
+    def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
+        """Return the approach as a mapping for JSON. With a frame, the mapping has the position in
+        metres and in degrees.
+        """
+        told = {
+            "robots": list(self.robots),
+            "sorties": list(self.sorties),
+            "horizontal_m": self.horizontal,
+            "vertical_m": self.vertical,
+            "time_s": self.time,
+            "x": float(self.place[0]),
+            "y": float(self.place[1]),
+            "up_m": float(self.place[2]),
+        }
+        if frame is None:
+            return told
+        return told | dict(
+            zip(
+                ("longitude", "latitude"),
+                frame.to_degrees(self.place[None, :2])[0].tolist(),
+                strict=True,
+            )
+        )
+
+
+def missions_approach(
+    missions: Sequence[Mission],
+    separation: Separation,
+    frame: LocalFrame | None,
+    *,
+    vehicle: Vehicle | None = None,
+) -> MissionApproach | None:
+    """Return the nearest approach over all pairs of vehicles that follow missions.
+
+    Each vehicle may be late by up to ``separation.delay`` seconds.
+
+    Parameters
+    ----------
+    missions : sequence of Mission
+        The missions. Each sortie begins at its ``start``. By default, a first sortie has the start
+        0, and the start of any other sortie is ``separation.delay`` seconds after the end of all
+        sorties with smaller numbers.
+    separation : Separation
+        The required separation. Moments at which two vehicles keep the vertical separation do not
+        count as an approach.
+    frame : LocalFrame or None
+        Local frame in which distances are measured, or None for missions in metres.
+    vehicle : Vehicle, optional
+        Vehicle that gives the speeds of climb and descent, and the duration of turns. By default,
+        vehicles fly and climb at the speed in the mission, and turn in no time.
+
+    Returns
+    -------
+    MissionApproach or None
+        The nearest approach, or None if all vehicles always keep the vertical separation.
+    """
+    flights = _Flights(
+        {(one.robot, one.sortie): one for one in missions}, separation, frame, vehicle
+    )
+    best: MissionApproach | None = None
+    for one, other in combinations(sorted(flights.missions), 2):
+        found = None if one[0] == other[0] else flights.approach(one, other)
+        if found is not None and (best is None or found.horizontal < best.horizontal):
+            time = flights.starts[one] + found.times[0]
+            best = MissionApproach(
+                (one[0], other[0]),
+                (one[1], other[1]),
+                found.horizontal,
+                found.vertical,
+                time,
+                found.places[0],
+            )
+    return best
+
+
+class _Flights:
+    """The missions of all robots, with start times on one common clock."""
+
+    def __init__(
+        self,
+        missions: dict[tuple[int, int], Mission],
+        separation: Separation,
+        frame: LocalFrame | None,
+        vehicle: Vehicle | None,
+    ) -> None:
+        self.missions, self.separation = missions, separation
+        self.vehicles = {
+            key: constant_speed(one) if vehicle is None else vehicle
+            for key, one in missions.items()
+        }
+        self.ways = {key: common_way(one, frame) for key, one in missions.items()}
+        self.flown = {key: self._flown(key, 0.0) for key in missions}
+        self.starts: dict[tuple[int, int], float] = {}
+        for key in sorted(missions, key=lambda key: key[::-1]):
+            before = [
+                start + self.flown[one].duration
+                for one, start in self.starts.items()
+                if one[1] < key[1]
+            ]
+            since = max(before) + separation.delay if before else 0.0
+            told = missions[key].start
+            self.starts[key] = since if told is None else told
+        last = (
+            max(
+                (start + self.flown[key].duration for key, start in self.starts.items()),
+                default=0.0,
+            )
+            + separation.delay
+        )
+        for key, mission in missions.items():
+            if mission.loiter is not None and (key[0], key[1] + 1) not in missions:
+                self.flown[key] = self._flown(
+                    key, last - self.starts[key] - self.flown[key].duration
+                )
+
+    def _flown(self, key: tuple[int, int], stay: float) -> Trajectory:
+        mission, vehicle = self.missions[key], self.vehicles[key]
+        return mission_trajectory(mission, self.ways[key], vehicle, mission.rates(vehicle), stay)
+
+    def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
+        """Return the nearest approach on two missions, or None if the vehicles always keep the
+        vertical separation.
+        """
+        there, here, apart = self.flown[one], self.flown[other], self.separation
+        later = self.starts[other] - self.starts[one]
+        if not -here.duration - apart.delay <= later <= there.duration + apart.delay:
+            return None
+        return nearest_approach(
+            there, here, vertical=apart.vertical, later=later, tolerance=apart.delay
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """The smallest and the largest height above ground of vehicles that follow missions.
+
+    A `Clearance` ignores rovers, landings, and climbs after take-off.
+
+    Parameters
+    ----------
+    lowest, highest : float
+        The smallest and the largest height above ground in metres.
+    missions : tuple of str
+        Names of the missions with the smallest and with the largest height above ground.
+    places : ndarray of float64, shape (2, 2)
+        Positions of the smallest and of the largest height above ground, in metres.
+    error : float
+        Largest deviation of a height above ground from the altitude of the mission, in metres. If
+        no mission has altitudes above ground, the deviation is 0.
+    """
+
+    lowest: float
+    highest: float
+    missions: tuple[str, str]
+    places: Floats
+    error: float
+
+    def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
+        """Return the clearance as a mapping that can be written as JSON. If a frame is given,
+        positions are in degrees.
+        """
+        placed = self.places if frame is None else frame.to_degrees(self.places)
+        low, high = (
+            {"height_m": height, "mission": name, "place": place}
+            for height, name, place in zip(
+                (self.lowest, self.highest), self.missions, placed.tolist(), strict=True
+            )
+        )
+        return {"lowest": low, "highest": high, "error_m": self.error}
+
+
+def clearance_of(
+    missions: Sequence[Mission], terrain: Terrain, frame: LocalFrame | None
+) -> Clearance | None:
+    """Return the smallest and largest height above ground of vehicles that follow missions, or None
+    if no vehicle flies.
+
+    The function evaluates the height of the ground at every waypoint, wherever a path crosses a
+    grid line of the terrain, and at points in between.
+
+    Parameters
+    ----------
+    missions : sequence of Mission
+    terrain : Terrain
+    frame : LocalFrame or None
+        Local frame in which distances are measured, or None for missions in metres.
+
+    Raises
+    ------
+    InvalidInputError
+        If the terrain has no height at a point of a mission.
+    """
+    found = []
+    for mission in missions:
+        if mission.kind == "rover":
+            continue
+        places, heights = _heights_of(mission, terrain, frame)
+        asked = mission.altitude_frame == "ground" and mission.altitudes is None
+        error = float(np.abs(heights - mission.altitude).max()) if asked else 0.0
+        found += [
+            (float(heights[k]), mission.name, places[k], error)
+            for k in (heights.argmin(), heights.argmax())
+        ]
+    if not found:
+        return None
+    low, high = min(found, key=lambda one: one[0]), max(found, key=lambda one: one[0])
+    return Clearance(
+        low[0],
+        high[0],
+        (low[1], high[1]),
+        np.array([low[2], high[2]]),
+        max(one[3] for one in found),
+    )
+
+
+def _heights_of(
+    mission: Mission, terrain: Terrain, frame: LocalFrame | None
+) -> tuple[Floats, Floats]:
+    """Return positions along the path of a mission, shape (n, 2), and the height above ground at
+    each position.
+
+    A position may occur several times.
+    """
+    points = np.vstack([mission.home, mission.waypoints, mission.end])
+    points = points if frame is None else frame.to_metres(points)
+    ground = terrain.at(points, frame)
+    known = mission.heights is not None or mission.altitude_frame != "ground"
+    ups = mission.heights_above_home + ground[0] if known else mission.levels + ground[1:-1]
+    climb = None if mission.vertical_climb is None else mission.vertical_climb + ground[0]
+    way = whole_way(
+        points[0],
+        np.column_stack([points[1:-1], ups]),
+        points[-1],
+        climb=climb,
+        glides=mission.glides,
+    )
+    way = way[1 + (mission.kind == "fixed-wing") : -1]
+    profile = profile_of(terrain, way[:, :2], frame, error=_FINE)
+    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(profile.points, axis=0).T))])
+    flown = np.interp(far, far[profile.vertices], way[:, 2])
+    places = np.vstack([profile.points, way[:, :2]])
+    return places, np.concatenate(
+        [flown - profile.heights, way[:, 2] - profile.heights[profile.vertices]]
+    )
+
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class NearHomes:
+    """Two different vehicles whose homes or landing points are nearest to each other.
+
+    Parameters
+    ----------
+    robots : tuple of int
+        Numbers of the two robots.
+    distance : float
+        Smallest distance in metres between a home or landing point of one robot and a home or
+        landing point of the other robot.
+    pairs : int
+        Number of pairs of robots whose homes or landing points are nearer to each other than
+        ``required``.
+    required : float
+        Horizontal separation of vehicles in flight, in metres.
+    """
+
+    robots: tuple[int, int]
+    distance: float
+    pairs: int
+    required: float
+
+    def report(self) -> dict[str, Any]:
+        """Return the nearest homes as a mapping that can be written as JSON."""
+        return {
+            "robots": list(self.robots),
+            "distance_m": self.distance,
+            "pairs": self.pairs,
+            "warning": str(self),
+        }
+
+    def __str__(self) -> str:
+        one, other = self.robots
+        more = (
+            f" and {self.pairs - 1} more pair{'s' * (self.pairs > 2)} as near"
+            if self.pairs > 1
+            else ""
+        )
+        return (
+            f"expected homes and landing points of different vehicles at least {self.required:g} m"
+            f" apart, got {self.distance:.3g} m between robots {one} and {other}{more}; give each"
+            " vehicle its own point, or clear the point before the next vehicle uses it"
+        )
+
+
+def near_homes(
+    places: Iterable[tuple[int, Place]], required: float, frame: LocalFrame | None
+) -> NearHomes | None:
+    """Return the nearest homes or landing points of different robots, or None if all are at least
+    ``required`` metres apart.
+
+    Parameters
+    ----------
+    places : iterable of (int, (float, float))
+        Pairs of a robot's number and the position of a home or landing point of this robot.
+        Positions are in degrees if a frame is given, and otherwise in metres.
+    required : float
+        Smallest allowed distance in metres.
+    frame : LocalFrame or None
+        Local frame in which distances are measured.
+
+    Raises
+    ------
+    InvalidInputError
+        If a position is too far away for the frame.
+    """
+    import shapely
+
+    known = sorted({*places})
+    if not known:
+        return None
+    robots = np.array([robot for robot, _ in known])
+    points = np.array([place for _, place in known])
+    points = points if frame is None else frame.to_metres(points)
+    made = shapely.points(points)
+    one, other = shapely.STRtree(made).query(
+        made, predicate="dwithin", distance=max(required - ROUNDING, 0.0)
+    )
+    one, other = np.stack([one, other])[:, robots[one] < robots[other]]
+    if not len(one):
+        return None
+    apart = np.hypot(*(points[one] - points[other]).T)
+    nearest = int(np.argmin(apart))
+    pairs = len({*zip(robots[one].tolist(), robots[other].tolist(), strict=True)})
+    return NearHomes(
+        (int(robots[one[nearest]]), int(robots[other[nearest]])),
+        float(apart[nearest]),
+        pairs,
+        required,
+    )
+
+
+def homes_of(missions: Iterable[Mission]) -> list[tuple[int, Place]]:
+    """Return the homes and landing points of missions, as pairs of a robot's number and a position.
+
+    A point at which a vehicle loiters is no landing point.
+    """
+    found = [(mission.robot, mission.home) for mission in missions]
+    return found + [(mission.robot, mission.end) for mission in missions if mission.loiter is None]

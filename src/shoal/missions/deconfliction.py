@@ -1,0 +1,398 @@
+"""Deconfliction: the missions of all robots of a plan, with altitude layers and staggered starts
+that keep the vehicles apart.
+
+The missions of a plan get a fence and rally points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from heapq import heappop, heappush
+from typing import Any
+
+import numpy as np
+
+from shoal.core.errors import InvalidInputError
+from shoal.missions.approach import common_way, constant_speed, mission_trajectory
+from shoal.missions.fence import CORNERS, fence_of
+from shoal.missions.mission import Mission, missions_of
+from shoal.search.flight.dubins import LINK
+from shoal.search.flight.flight import Flight
+from shoal.search.flight.separation import Separation, staggered
+from shoal.search.flight.timing import Trajectory
+from shoal.search.flight.vehicle import Vehicle
+from shoal.search.planning.plan import SearchPlan
+from shoal.search.regions.margin import grown
+from shoal.search.regions.outline import Points, text_of
+from shoal.search.regions.projection import ROUNDED
+
+Sorties = tuple[Mission, ...]
+
+_ROUNDS = 6  # number of times that the time of loitering is lengthened by half
+_ENDINGS = {"multirotor": "land", "fixed-wing": "loiter", "rover": "return"}
+
+
+def plan_missions(
+    plan: SearchPlan,
+    *,
+    separation: Separation | None = None,
+    rally: Points | None = None,
+    airspace: float | None = None,
+    ending: str | None = None,
+    fenced: bool = True,
+    **options: Any,
+) -> tuple[Mission, ...]:
+    """Return the missions of all robots of a plan, for a search without faults.
+
+    The first sortie of a robot has a start time, which is at least the robot's delay in the plan.
+    Each later sortie begins as soon as its vehicle is back and recharged, and can keep the
+    separation from all other vehicles.
+
+    Parameters
+    ----------
+    plan : SearchPlan
+    separation : Separation, optional
+        Separation that vehicles in flight keep, even if each vehicle is late by up to
+        ``separation.delay``. By default, vehicles keep no separation. Rovers keep their separation
+        by delays alone, without altitude layers.
+    rally : ndarray of float64, shape (k, 2), optional
+        Rally points in metres.
+    airspace : float, optional
+        Distance in metres by which turns of fixed wings may leave the allowed area, which is the
+        region without its margin and its no-go zones. By default, turns may leave the allowed area
+        by any distance.
+    ending : "return", "land" or "loiter", optional
+        Ending of missions. By default, if a separation is given, multirotors land, and fixed wings
+        without a landing point loiter. If no separation is given, `missions_of` chooses the
+        default. On a return, vehicles might not keep the separation, because the autopilot chooses
+        the altitude of the return.
+    fenced : bool
+        Whether the fence has at most as many corners as the autopilot stores. False for files
+        without a fence.
+    options
+        Arguments of `missions_of` that the plan does not determine, such as ``autopilot``.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if (
+        ending is None
+        and separation is not None
+        and (plan.landing is None or plan.vehicle.kind == "multirotor")
+    ):
+        ending = _ENDINGS[plan.vehicle.kind]
+    region = plan.grid.region
+    options |= {
+        "blocked": grown(region.barred, region.margin),
+        "free": region.free,
+        "area": None if airspace is None else region.free.buffer(airspace),
+        "ending": ending,
+        "curves": plan.curves,
+    }
+
+    def sorties(robot: int, layer: int) -> Sorties:
+        vehicle = plan.vehicle
+        if layer and separation is not None:
+            vehicle = vehicle.replaced(altitude=vehicle.height + layer * separation.vertical)
+        return _sorties(plan, robot, vehicle, options)
+
+    robots = range(len(plan.places))
+    made = [sorties(robot, 0) for robot in robots]
+    if separation is not None:
+        made = _Schedule(plan, separation, sorties).settled(made)
+    else:
+        made = [
+            _in_turn(one, plan, float(delay)) for one, delay in zip(made, plan.delays, strict=True)
+        ]
+    return _fenced(
+        [mission for one in made for mission in one],
+        plan,
+        np.zeros((0, 2)) if rally is None else rally,
+        fenced=fenced,
+    )
+
+
+def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
+    """Return the missions of one robot. A robot without cells has no missions."""
+    stops = plan.stops(robot)
+    if not len(stops):
+        return ()
+    landing = None if plan.landing is None else plan.landing[robot]
+    if landing is None and options["ending"] not in (None, "return"):
+        landing = plan.places[robot]
+    if options["ending"] == "loiter" and plan.vehicle.radius:
+        landing = _loiter_place(
+            plan, plan.places[robot] if landing is None else landing, options["blocked"]
+        )
+    route = plan.route(robot, stops)
+    begin = min(1, int(route.stops[1]))
+    way = route.points[begin:]  # without home, above which it climbs anyway
+    if way.shape[1] == 3:
+        way = way + np.array([0.0, 0.0, vehicle.height - plan.vehicle.height])
+    return missions_of(
+        way,
+        plan.grid.region.frame,
+        robot=robot + 1,
+        home=plan.places[robot],
+        vehicle=vehicle,
+        rate=float(plan.rates[robot]),
+        link=float(plan.footprints[robot]) * LINK,
+        ways=plan.leg,
+        out=int(route.stops[1]) - begin,
+        landing=landing,
+        **options,
+    )
+
+
+def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
+    """Return the place nearest to a landing point at which a fixed wing has room for its last
+    circles.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    import shapely
+
+    radius = Flight(plan.vehicle, place).radius
+    room = blocked.buffer(radius + ROUNDED)
+    if not shapely.intersects_xy(room, *place):
+        return place
+    allowed = (
+        shapely.box(*shapely.union_all([plan.grid.region.outline, room]).bounds)
+        .buffer(radius)
+        .difference(room)
+    )
+    if allowed.is_empty:
+        raise InvalidInputError(
+            f"ending: expected room for circles of {radius:.4g} m around {text_of(place)} m, got"
+            " none"
+        )
+    return np.asarray(
+        shapely.get_coordinates(shapely.shortest_line(allowed, shapely.points(place)))[0]
+    )
+
+
+def _in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
+    """Return the missions of one robot with their start times: each sortie begins when its vehicle
+    is back and recharged.
+    """
+    timed = []
+    for mission in made:
+        timed.append(replace(mission, start=start))
+        start += mission.duration(plan.vehicle) + plan.vehicle.recharge_seconds
+    return tuple(timed)
+
+
+def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
+    return flights  # its layer is fixed
+
+
+class _Schedule:
+    """An object that finds altitude layers and start times for which all sorties of a plan keep
+    their separation.
+    """
+
+    def __init__(
+        self, plan: SearchPlan, separation: Separation, sorties: Callable[[int, int], Sorties]
+    ) -> None:
+        self.plan, self.separation, self.sorties = plan, separation, sorties
+        self.stay = 0.0
+
+    def settled(self, made: list[Sorties]) -> list[Sorties]:
+        """Return the missions with altitude layers, start times and takeover altitudes.
+
+        While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
+        """
+        self.stay = 2 * max(
+            (
+                self._flights(made, robot, 0, 0.0)[0].duration
+                for robot, one in enumerate(made)
+                if one
+            ),
+            default=0.0,
+        )
+        longest = self.stay
+        # Two vehicles that loiter may each wait for the end of the other one's circles. If every
+        # vehicle has its own layer, and the vehicles start from the highest layer down, none has to
+        # climb through the circles of another one.
+        for stacked in (False, True):
+            self.stay = longest
+            for _ in range(_ROUNDS):
+                found, last = self._once(made, stacked=stacked)
+                if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
+                    return found
+                self.stay = (
+                    1.5 * last
+                )  # vehicles that stay in the air must be separated from all later flights
+        raise InvalidInputError(
+            "separation: expected missions whose vehicles keep apart, got vehicles that loiter in"
+            " the way of later starts; use the ending land, launch points farther apart, or"
+            " vehicles with enough endurance for a single sortie each"
+        )
+
+    def _once(self, made: list[Sorties], *, stacked: bool = False) -> tuple[list[Sorties], float]:
+        """Return the missions with layers and start times, and the time at which all vehicles are
+        back or begin to loiter.
+
+        Vehicles that loiter stay in the air for ``self.stay`` seconds. If ``stacked`` is true, each
+        vehicle has its own layer, and the vehicles start from the highest layer down.
+        """
+        plan, robots = self.plan, range(len(made))
+        layers: Sequence[int] = [0] * len(made)
+        # from between the layers of a volume, no part of it is seen
+        layered = plan.vehicle.kind != "rover" and not plan.grid.region.height
+        if layered and stacked:
+            lasting = [
+                self._flights(made, robot, 0, 0.0)[0].duration if made[robot] else 0.0
+                for robot in robots
+            ]
+            layers = np.argsort(np.argsort(lasting, kind="stable")).tolist()
+        elif layered:
+            raised = [partial(self._raised, made, robot) for robot in robots]
+            layers = staggered(raised, self.separation, earliest=plan.delays)[0].tolist()
+        made = [
+            self.sorties(robot, layer) if layer else made[robot]
+            for robot, layer in zip(robots, layers, strict=True)
+        ]
+        flights = [
+            [self._flights(made, robot, number, 0.0) for number in range(len(made[robot]))]
+            for robot in robots
+        ]
+        starts = self._first_starts(flights, layers, stacked=stacked)
+        ready = [
+            (self._back(flights[robot], 0, starts[robot, 0]), robot, 1)
+            for robot in robots
+            if len(made[robot]) > 1
+        ]
+        while ready:
+            since, robot, number = heappop(ready)
+            others = [
+                (flights[one][other], at) for (one, other), at in starts.items() if one != robot
+            ]
+            _, (start,) = staggered(
+                [partial(_same, flights[robot][number])],
+                self.separation,
+                [0],
+                np.array([since]),
+                others,
+            )
+            starts[robot, number] = float(start)
+            if number + 1 < len(made[robot]):
+                heappush(
+                    ready, (self._back(flights[robot], number, float(start)), robot, number + 1)
+                )
+        # The time for which a vehicle stays in the air is part of its last flight.
+        ends = [
+            start
+            + max(one.duration for one in flights[robot][number])
+            - self._stay(made, robot, number)
+            for (robot, number), start in starts.items()
+        ]
+        last = max(ends, default=0.0) + self.separation.delay
+        return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
+
+    def _first_starts(
+        self,
+        flights: Sequence[Sequence[Sequence[Trajectory]]],
+        layers: Sequence[int],
+        *,
+        stacked: bool,
+    ) -> dict[tuple[int, int], float]:
+        """Return the start time of each robot's first sortie."""
+        earliest = self.plan.delays
+        if not stacked:
+            delays = staggered(
+                [partial(_same, one[0] if one else ()) for one in flights],
+                self.separation,
+                layers,
+                earliest,
+            )[1]
+            return {(robot, 0): float(delays[robot]) for robot, one in enumerate(flights) if one}
+        starts: dict[tuple[int, int], float] = {}
+        for robot in np.argsort(layers, kind="stable")[::-1].tolist():
+            if flights[robot]:
+                others = [(flights[other][0], at) for (other, _), at in starts.items()]
+                since = np.array([max([float(earliest[robot]), *starts.values()])])
+                _, (start,) = staggered(
+                    [partial(_same, flights[robot][0])], self.separation, [0], since, others
+                )
+                starts[robot, 0] = float(start)
+        return starts
+
+    def _raised(self, made: Sequence[Sorties], robot: int, layer: int) -> Sequence[Trajectory]:
+        """Return the trajectories of a robot's first sortie in a given altitude layer."""
+        return self._flights(made, robot, 0, layer * self.separation.vertical)
+
+    def _told(
+        self, made: Sorties, robot: int, starts: dict[tuple[int, int], float], layers: Sequence[int]
+    ) -> Sorties:
+        """Return the missions of a robot with its start times and its takeover altitude."""
+        told: dict[str, Any] = {}
+        if self.plan.vehicle.kind != "rover":
+            above = max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
+            base = (
+                float(made[0].elevation or 0.0) if made and made[0].altitude_frame == "sea" else 0.0
+            )
+            told = {"takeover": above + base}
+        return tuple(
+            replace(one, start=starts[robot, number], **told) for number, one in enumerate(made)
+        )
+
+    def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
+        """Return the time at which a vehicle can start again after a sortie, even if the sortie is
+        late.
+        """
+        lasting = max(one.duration for one in flights[number])
+        return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
+
+    def _stay(self, made: Sequence[Sorties], robot: int, number: int) -> float:
+        """Return how long a vehicle stays in the air after a mission, in seconds. A vehicle that
+        lands does not stay.
+        """
+        return (
+            self.stay
+            if number + 1 == len(made[robot]) and made[robot][number].loiter is not None
+            else 0.0
+        )
+
+    def _flights(
+        self, made: Sequence[Sorties], robot: int, number: int, up: float
+    ) -> Sequence[Trajectory]:
+        """Return two trajectories of a mission: the first with the vehicle's speeds and turns, the
+        second at a constant speed.
+        """
+        if number >= len(made[robot]):
+            return ()
+        mission, plan = made[robot][number], self.plan
+        way = common_way(mission, plan.grid.region.frame)
+        way[1 : len(way) - 1, 2] += up
+        stay = self._stay(made, robot, number)
+        as_flown = mission_trajectory(mission, way, plan.vehicle, float(plan.rates[robot]), stay)
+        return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
+
+
+def _fenced(
+    missions: Sequence[Mission], plan: SearchPlan, rally: Points, *, fenced: bool
+) -> tuple[Mission, ...]:
+    """Return missions with the fence and the rally points of a plan."""
+    region = plan.grid.region
+    if not missions:
+        return ()
+    ways = [mission.way_in(region.frame)[:, :2] for mission in missions]
+    ways += [circle for mission in missions if len(circle := mission.circle_in(region.frame))]
+    most = CORNERS[missions[0].autopilot] if fenced else None
+    fence = fence_of(region, [*ways, *(point[None] for point in rally)], most=most)
+    area = fence.area(region.frame)
+    import shapely
+
+    for point in rally[~shapely.intersects_xy(area, *rally.T)]:
+        raise InvalidInputError(
+            f"rally: expected points outside of no-go zones, got {text_of(point)} m"
+        )
+    placed = rally if region.frame is None else region.frame.to_degrees(rally)
+    points = tuple((x, y) for x, y in placed.tolist())
+    return tuple(replace(mission, fence=fence, rally=points) for mission in missions)

@@ -1,0 +1,300 @@
+"""The kinds of mistakes that the linter can find in a mission file, and the diagnostics that report
+mistakes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Literal
+
+import numpy as np
+
+from shoal.core.dataclass import dataclass
+from shoal.missions.fence import Fence
+from shoal.search.regions.formats.xml import Element, XmlError, parse_xml
+from shoal.search.regions.outline import Points
+
+Severity = Literal["error", "warning"]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A kind of mistake that the linter can find in a mission file.
+
+    Parameters
+    ----------
+    severity : "error" or "warning"
+    meaning : str
+        Description of the mistake.
+    fatal : bool
+        Whether a mission with this mistake cannot be read.
+    """
+
+    severity: Severity
+    meaning: str
+    fatal: bool = False
+
+
+RULES: dict[str, Rule] = {
+    "unreadable": Rule(
+        "error",
+        "the file is not text in its encoding (UTF-8, except in XML), or not valid JSON, XML or a"
+        " table",
+        fatal=True,
+    ),
+    "missing-key": Rule(
+        "error", "a key, column or element that the format needs is missing", fatal=True
+    ),
+    "wrong-value": Rule(
+        "error", "a value has a wrong type, or is none of the allowed values", fatal=True
+    ),
+    "wrong-header": Rule("error", "the first line is not `QGC WPL 110`", fatal=True),
+    "field-count": Rule("error", "a line has too many or too few fields", fatal=True),
+    "params-count": Rule("error", "an item has more or fewer than seven `params`", fatal=True),
+    "no-home": Rule("error", "the mission has no home position", fatal=True),
+    "zero-waypoints": Rule("error", "the mission has no waypoint", fatal=True),
+    "not-a-number": Rule(
+        "error", "a coordinate, an altitude or a speed is NaN, infinite or null", fatal=True
+    ),
+    "out-of-range": Rule(
+        "error", "a longitude is beyond ±180° or a latitude is beyond ±90°", fatal=True
+    ),
+    "axes-swapped": Rule("error", "latitude and longitude are exchanged", fatal=True),
+    "antimeridian": Rule("error", "a leg crosses the 180° meridian", fatal=True),
+    "sequence": Rule("error", "the items are not numbered 0, 1, 2, ..."),
+    "do-jump-id": Rule("error", "the values of `doJumpId` are not 1, 2, 3, ..."),
+    "frame": Rule(
+        "error",
+        "altitudes have different references, or an item without a position has an altitude"
+        " reference",
+    ),
+    "take-off": Rule(
+        "error",
+        "a flight has no take-off before its first waypoint or takes off to no height, or a rover"
+        " has a take-off",
+    ),
+    "armed-wait": Rule(
+        "error",
+        "a wait (93, 112, 17, 18 or 19) before the take-off; an autopilot disarms a vehicle that"
+        " waits on the ground, so it never takes off",
+    ),
+    "no-return": Rule("error", "the last item is not a return, a landing or (for rovers) a hold"),
+    "autocontinue": Rule(
+        "warning",
+        "the vehicle stops and waits at an item, because the item does not continue automatically",
+    ),
+    "current": Rule("warning", "an item other than the first is marked as the current item"),
+    "unknown-command": Rule(
+        "warning", "a command that a search does not need; the mission check ignores it"
+    ),
+    "firmware": Rule(
+        "error", "a mission for PX4 where a mission for ArduPilot is expected, or the reverse"
+    ),
+    "firmware-mixed": Rule(
+        "warning", "one folder contains missions for PX4 and missions for ArduPilot"
+    ),
+    "cap": Rule("error", "a mission has more items than the autopilot can store"),
+    "cap-ardupilot": Rule(
+        "warning",
+        "a mission has more items than ArduPilot can store, and the file does not name its"
+        " autopilot",
+    ),
+    "altitude": Rule(
+        "error",
+        "a flight is nowhere above its home or is above 10 km, or a rover is not on the ground",
+    ),
+    "below-home": Rule(
+        "warning",
+        "a waypoint is below home, as over a valley; `--terrain` checks the height above ground",
+    ),
+    "terrain-frame": Rule(
+        "warning",
+        "altitudes are above the terrain (frame 10); the check of separation leaves the"
+        " mission out",
+    ),
+    "spline": Rule(
+        "warning",
+        "the path to a waypoint is a curve (82); the check measures the straight line instead",
+    ),
+    "altitude-high": Rule(
+        "warning", "an altitude is above 120 m; many countries forbid flights above 120 m"
+    ),
+    "altitude-varies": Rule("warning", "a waypoint has an altitude that no other waypoint has"),
+    "camera": Rule("warning", "a series of images has no beginning or no end"),
+    "gimbal": Rule(
+        "error", "the pitch of a camera is beyond ±90°, or a gimbal item does not aim by angles"
+    ),
+    "acceptance": Rule(
+        "warning",
+        "an acceptance radius is as large as the distance to the next waypoint, on a mission"
+        " without curves",
+    ),
+    "approach": Rule("error", "a fixed wing would have to dive to reach its landing point"),
+    "turn-radius": Rule("error", "a turn is narrower than the turn radius of the vehicle"),
+    "climb": Rule("error", "on a leg, a fixed wing would have to climb or sink faster than it can"),
+    "endurance": Rule(
+        "error", "a mission takes longer than the endurance of the vehicle without the reserve"
+    ),
+    "invalid": Rule(
+        "error",
+        "a value of the mission is impossible, so no duration, height or separation of it is"
+        " measured",
+    ),
+    "airspace": Rule(
+        "error", "turns of a fixed wing leave the region farther than the airspace allows"
+    ),
+    "speed": Rule("error", "a speed is 0 or less, or above 100 m/s"),
+    "home-far": Rule("warning", "home is more than 5 km from the nearest waypoint"),
+    "homes-near": Rule(
+        "warning",
+        "homes or landing points of different vehicles are nearer to each other than the horizontal"
+        " separation",
+    ),
+    "few-decimals": Rule(
+        "warning",
+        "coordinates have fewer than 7 decimals; the sixth decimal of a degree stands for 0.11 m",
+    ),
+    "duplicate": Rule("warning", "a waypoint has the position of the previous waypoint"),
+    "outside-region": Rule("error", "a waypoint of a multirotor or a rover is outside the region"),
+    "no-go": Rule("error", "a waypoint is in a no-go zone, or a leg crosses a no-go zone"),
+    "beside": Rule(
+        "error", "a file of the fence or of rally points beside `.waypoints` files is unreadable"
+    ),
+    "fence": Rule("error", "a path leaves the fence, or enters an exclusion zone of the fence"),
+    "fence-near": Rule(
+        "error",
+        "a path, or a rally point, is nearer to the fence than the required distance"
+        " (`--fence-distance`)",
+    ),
+    "rally": Rule(
+        "error",
+        "a rally point is in a no-go zone, outside the fence, or in an exclusion zone of the fence",
+    ),
+    "leg-outside": Rule(
+        "error",
+        "a leg of a rover leaves the region, or a path of a rover from or to home leaves the"
+        " region",
+    ),
+    "transit": Rule("warning", "a leg of a flight leaves the region"),
+    "formats-differ": Rule(
+        "error", "two files of one sortie in different formats have different contents"
+    ),
+    "sortie-missing": Rule("warning", "the sorties of a robot are not numbered 1, 2, 3, ..."),
+}
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """A mistake in a mission file.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file.
+    place : str
+        Line or item of the mistake in the file, or an empty text if the mistake concerns the whole
+        file.
+    rule : str
+        Kind of mistake, as a key of `RULES`.
+    sentence : str
+        A sentence that states the expected and the actual content of the file.
+    """
+
+    file: str
+    place: str
+    rule: str
+    sentence: str
+
+    @property
+    def severity(self) -> Severity:
+        """Whether the mistake is an error or a warning."""
+        return RULES[self.rule].severity
+
+    def __str__(self) -> str:
+        place = f", {self.place}" if self.place else ""
+        return f"{self.file}{place}: {self.severity}: {self.sentence} [{self.rule}]"
+
+    def report(self) -> dict[str, str]:
+        """Return the diagnostic as a mapping that can be written as JSON."""
+        return {"severity": self.severity, **vars(self)}
+
+
+@dataclass
+class Sheet:
+    """The raw content of a mission file before it is checked. Readers of files fill the sheet, and
+    checks add diagnostics.
+
+    The array ``points`` holds (x, y) in metres if ``geographic`` is false, and otherwise
+    (longitude, latitude) in degrees, even if the file has the opposite order. For error messages,
+    the list ``places`` names the place of each point in the file. A field is None if the file does
+    not contain it.
+    """
+
+    file: str
+    points: Points = field(default_factory=lambda: np.zeros((0, 2)))
+    places: list[str] = field(default_factory=list)
+    altitudes: list[float] = field(default_factory=list)
+    home: tuple[float, float] | None = None
+    landing: tuple[float, float] | None = None
+    loiter: float | None = None
+    start: float | None = None
+    takeover: float | None = None
+    take_off: float | None = None
+    fence: Fence | None = None
+    rally: tuple[tuple[float, float], ...] = ()
+    robot: int | None = None
+    sortie: int | None = None
+    kind: str | None = None
+    autopilot: str | None = None
+    altitude_frame: str | None = None
+    elevation: float | None = None
+    trigger_distance: float | None = None
+    gimbal_pitch: float | None = None
+    yaw: float | None = None
+    acceptance_radius: float | None = None
+    speed: float | None = None
+    speeds: list[float] | None = None
+    geographic: bool = True
+    waypoints_out: int | None = None
+    waypoints_home: int | None = None
+    decimals: int | None = None
+    n_items: int | None = None
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+
+    def add(self, rule: str, place: str, sentence: str) -> None:
+        """Add a diagnostic to the sheet."""
+        assert rule in RULES
+        self.diagnostics.append(Diagnostic(self.file, place, rule, sentence))
+
+    @property
+    def readable(self) -> bool:
+        """Whether the mission can be read in spite of the mistakes found so far."""
+        return not any(RULES[diagnostic.rule].fatal for diagnostic in self.diagnostics)
+
+
+def parse_root(text: str, root: str, sheet: Sheet) -> Element | None:
+    """Return the root element of an XML text. If the text is invalid or has another root, add a
+    diagnostic and return None.
+    """
+    try:
+        return parse_xml(text, root=root)
+    except XmlError as error:
+        sheet.add(
+            "wrong-value" if error.readable else "unreadable", f"line {error.line}", str(error)
+        )
+        return None
+
+
+def decimals_of(text: str) -> int:
+    """Return the number of decimals in a text that represents a number.
+
+    Examples
+    --------
+    >>> [decimals_of(text) for text in ("8.12345678", "47", "1.5e-3", "12.")]
+    [8, 0, 4, 0]
+    """
+    mantissa, _, exponent = text.strip().lower().partition("e")
+    digits = len(mantissa.partition(".")[2])
+    return max(
+        0, digits - (int(exponent) if exponent.lstrip("+-").isdigit() and len(exponent) < 5 else 0)
+    )

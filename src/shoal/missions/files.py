@@ -1,0 +1,509 @@
+"""Mission files: their formats, their names, and functions that write and read them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import fields
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shoal.core.checks import parse_json, read_text
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, errors_at
+from shoal.core.files import atomic, write_json
+from shoal.core.registry import Registry
+from shoal.missions.diagnostics import RULES, Sheet
+from shoal.missions.formats import geojson, gpx, kml, plan, table, wpl
+from shoal.missions.formats.fences import (
+    FENCE,
+    RALLY,
+    fence_text,
+    rally_text,
+    read_fence,
+    read_rally,
+)
+from shoal.missions.mission import KINDS, Mission
+from shoal.missions.rules import ROUNDING, check_coordinates, fence_clearances
+from shoal.search.flight.vehicle import Vehicle
+from shoal.search.regions.formats.xml import decode_xml
+from shoal.search.regions.outline import LARGEST_FILE
+
+UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
+MANIFEST = "missions.json"  # the manifest: the names of the written files
+ANGLE = "footprint_angle_degrees"  # a key of the manifest
+_WAYS = (  # a key of the manifest: for each mission, the numbers of waypoints that `_COUNTS` names
+    "ways"
+)
+_COUNTS = ("waypoints", "waypoints_out", "waypoints_home")
+STARTS = "starts.txt"  # the table of start times, for the people who start the vehicles
+
+_HOW_TO_START = """\
+Start times in hours, minutes and seconds after the start of the search.
+Upload each mission, and let its vehicle wait on the ground, disarmed.
+Arm the vehicle and start its mission at its start time, not earlier:
+an autopilot disarms a vehicle that is armed and does not take off.
+"""
+
+_NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
+
+
+@dataclass(frozen=True)
+class MissionFormat:
+    """A format of mission files.
+
+    Parameters
+    ----------
+    suffix : str
+        Suffix of the names of files in the format, such as ``.plan``.
+    write : callable
+        Function that converts a `Mission` to the text of a file.
+    scan : callable
+        Function that reads the text of a file into a `shoal.missions.diagnostics.Sheet`.
+    metres : bool
+        Whether the format supports missions in metres.
+    """
+
+    suffix: str
+    write: Callable[[Mission], str]
+    scan: Callable[[str, Sheet], None]
+    metres: bool = False
+
+
+FORMATS: Registry[MissionFormat] = Registry("mission format")
+FORMATS.add("plan", MissionFormat(plan.SUFFIX, plan.write, plan.scan))
+FORMATS.add("wpl", MissionFormat(wpl.SUFFIX, wpl.write, wpl.scan))
+FORMATS.add("geojson", MissionFormat(geojson.SUFFIX, geojson.write, geojson.scan))
+FORMATS.add("kml", MissionFormat(kml.SUFFIX, kml.write, kml.scan))
+FORMATS.add("gpx", MissionFormat(gpx.SUFFIX, gpx.write, gpx.scan))
+FORMATS.add("csv", MissionFormat(table.SUFFIX, table.write, table.scan, metres=True))
+
+
+def write_missions(
+    missions: Sequence[Mission],
+    folder: str | os.PathLike[str],
+    *,
+    formats: Sequence[str] | None = None,
+    vehicle: Vehicle | None = None,
+    angle: float | None = None,
+) -> list[Path]:
+    """Write a file for each mission in each format, such as ``robot-01.plan``, or
+    ``robot-01-2.plan`` for a second sortie.
+
+    If start times are known, the file ``starts.txt`` lists them in their order, for the people who
+    start the vehicles. The file ``missions.json`` lists all written files. The function removes
+    mission files that an older ``missions.json`` in the folder lists, so that the folder contains
+    missions of only one search. The function keeps all other files in the folder.
+
+    Parameters
+    ----------
+    missions : sequence of Mission
+    folder : path
+        The output folder. If the output folder does not exist, the function creates it.
+    formats : sequence of str, optional
+        Names of formats ("plan", "wpl", "geojson", "kml", "gpx", "csv"), or ``MODULE:ATTRIBUTE``
+        for a third-party `MissionFormat`. By default, the function writes all formats except
+        third-party formats. For missions in metres, the function writes only "csv", because the
+        other formats need positions on Earth.
+    vehicle : Vehicle, optional
+        If a vehicle is given, the file ``missions.json`` also lists the duration and the usable
+        fraction of each mission.
+    angle : float, optional
+        Angle of the sides of the footprints for which the missions are planned, in degrees
+        counter-clockwise from east. The file ``missions.json`` stores it, and the check of the
+        missions uses it.
+
+    Returns
+    -------
+    list of Path
+        The written files.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        If an argument is invalid, or if a path or a rally point, rounded as in a file, leaves the
+        fence or enters an exclusion polygon of the fence, rounded as in the file. In these cases,
+        the function writes no file.
+    OutputError
+        If a file cannot be written. After an `OutputError`, no partly written file remains.
+    """
+    in_metres = any(not mission.geographic for mission in missions)
+    if formats is None:
+        formats = [name for name in FORMATS if FORMATS.get(name).metres or not in_metres]
+    if isinstance(formats, str) or len(formats) == 0:
+        raise InvalidInputError(
+            f"formats: expected a sequence of names such as ('plan', 'gpx'), got {formats!r}"
+        )
+    if len(missions) == 0:
+        raise InvalidInputError("missions: expected at least one mission to write, got none")
+    texts: dict[Path, str] = {}
+    for name in dict.fromkeys(formats):
+        form = FORMATS.get(name)
+        for mission in missions:
+            if not mission.geographic and not form.metres:
+                raise InvalidInputError(
+                    f"format {name!r}: expected missions in degrees, got {mission.name} in metres,"
+                    " because its region has no position on Earth"
+                )
+            path = Path(folder) / f"{mission.name}{form.suffix}"
+            if path in texts:
+                raise InvalidInputError(
+                    f"missions: expected each robot and sortie once, got {mission.name} again"
+                )
+            texts[path] = form.write(mission)
+    named = list(texts)
+    if any(mission.start is not None for mission in missions):
+        texts[Path(folder) / STARTS] = _starts_text(missions, vehicle)
+    if "wpl" in formats:
+        texts |= {Path(folder) / name: text for name, text in _beside(missions).items()}
+    _check_written(missions, texts)
+    with ExitStack() as stack:
+        for path, text in texts.items():
+            stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
+    told: dict[str, Any] = {} if angle is None else {ANGLE: angle}
+    counts = {
+        mission.name: (len(mission.waypoints), mission.waypoints_out, mission.waypoints_home)
+        for mission in missions
+    }
+    ways = {
+        name: dict(zip(_COUNTS, count, strict=True))
+        for name, count in counts.items()
+        if None not in count
+    }
+    told |= {_WAYS: ways} if ways else {}
+    for name in _listed(folder) - {path.name for path in texts}:
+        (Path(folder) / name).unlink(missing_ok=True)
+    write_json(
+        Path(folder) / MANIFEST,
+        {"files": sorted(path.name for path in texts)} | told | _times(missions, vehicle),
+    )
+    return [*named, *(path for path in texts if path not in named)]
+
+
+def _check_written(missions: Sequence[Mission], texts: dict[Path, str]) -> None:
+    """Refuse missions whose paths or rally points leave the fence, according to the texts of the
+    files.
+
+    The function reads each text as an autopilot would: it compares rounded coordinates of paths
+    with rounded corners of polygons.
+    """
+    from shapely import Polygon
+    from shapely.validation import explain_validity
+
+    suffixes = _formats_by_suffix()
+    fences = {mission.name: mission.fence for mission in missions}
+    for path, text in texts.items():
+        if path.stem not in fences or fences[path.stem] is None or path.suffix not in suffixes:
+            continue
+        sheet = Sheet(path.name)
+        FORMATS.get(suffixes[path.suffix]).scan(text, sheet)
+        beside = texts.get(path.parent / FENCE)
+        fence = sheet.fence or fences[path.stem]
+        if path.suffix == wpl.SUFFIX and beside is not None:
+            fence = read_fence(beside, FENCE)
+            sheet.rally = (
+                read_rally(texts[path.parent / RALLY], RALLY)
+                if path.parent / RALLY in texts
+                else ()
+            )
+        if sheet.home is None or not len(sheet.points) or fence is None:
+            continue  # the file of a third-party format
+        for number, ring in enumerate(fence.rings):
+            if not Polygon(ring).is_valid:
+                which = (
+                    "the outline" if number < len(fence.outlines) else f"exclusion polygon {number}"
+                )
+                raise InvalidInputError(
+                    f"{path.name}: expected fence polygons that neither touch nor cross themselves"
+                    f" as the file contains them, got {which}: {explain_validity(Polygon(ring))};"
+                    " no file was written"
+                )
+        for name, away in zip(*fence_clearances(sheet, fence), strict=True):
+            if away < -ROUNDING:
+                raise InvalidInputError(
+                    f"{path.name}: expected paths and rally points inside the fence as the file"
+                    f" contains it, got {name} {-away:.3g} m outside the fence or in an exclusion"
+                    " polygon; no file was written"
+                )
+
+
+def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, dict[str, float]]:
+    """Return the known start times, durations and usable fractions of missions, as mappings from
+    the mission's name.
+    """
+    flights = [] if vehicle is None else [mission.flight_report(vehicle) for mission in missions]
+    told = {
+        "starts_s": {
+            mission.name: mission.start for mission in missions if mission.start is not None
+        },
+        "durations_s": {flight["mission"]: flight["duration_s"] for flight in flights},
+        "usable_fractions": {
+            one["mission"]: one["usable_fraction"]
+            for one in flights
+            if one["usable_fraction"] is not None
+        },
+    }
+    return {name: values for name, values in told.items() if values}
+
+
+def _starts_text(missions: Sequence[Mission], vehicle: Vehicle | None) -> str:
+    """Return a table of the start times of missions, in the order of these times."""
+    rows = [("start", "mission", "lasts", "altitude")]
+    for mission in sorted(
+        missions, key=lambda one: (inf if one.start is None else one.start, one.robot, one.sortie)
+    ):
+        start = "when its vehicle is back" if mission.start is None else _clock(mission.start)
+        lasts = "" if vehicle is None else _clock(mission.duration(vehicle))
+        rows.append((start, mission.name, lasts, f"{mission.altitude:g} m"))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    return "\n".join([_HOW_TO_START, *table, ""])
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+
+
+def _beside(missions: Sequence[Mission]) -> dict[str, str]:
+    """Return the texts of the two files that all missions share, by file name: the fence and the
+    rally points.
+    """
+    first = missions[0]
+    found = {} if first.fence is None else {FENCE: fence_text(first.fence)}
+    return found | (
+        {RALLY: rally_text(first.rally, min(one.altitude for one in missions))}
+        if first.rally
+        else {}
+    )
+
+
+def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
+    """Add data from other files of a folder to the sheets of the folder's mission files.
+
+    All sheets get start times from the manifest ``missions.json``. Sheets without the numbers of
+    waypoints on the ways out and home get them from there too, if their number of waypoints is the
+    one in the manifest. Sheets of WPL files get the fence and the rally points. Mistakes in the
+    files of the fence and of the rally points become diagnostics.
+    """
+    manifest = _manifest(folder)
+    starts, ways = manifest.get("starts_s"), manifest.get(_WAYS)
+    for sheet in sheets:
+        way = ways.get(Path(sheet.file).stem) if isinstance(ways, dict) else None
+        told: list[Any] = [way.get(name) if isinstance(way, dict) else None for name in _COUNTS]
+        count, out, home = told
+        whole = type(out) is type(home) is int and count == len(sheet.points)
+        if sheet.waypoints_out is None and whole and out >= 0 <= home and out + home < count:
+            sheet.waypoints_out, sheet.waypoints_home = out, home
+        start = starts.get(Path(sheet.file).stem) if isinstance(starts, dict) else None
+        if isinstance(start, int | float) and not isinstance(start, bool) and 0 <= start < inf:
+            sheet.start = float(start)
+    for name, reader, field in ((FENCE, read_fence, "fence"), (RALLY, read_rally, "rally")):
+        path = Path(folder) / name
+        ours = [sheet for sheet in sheets if Path(sheet.file).suffix.lower() == wpl.SUFFIX]
+        if not ours or not path.is_file():
+            continue
+        try:
+            found = reader(read_text(path, what=f"{field} file", most=LARGEST_FILE), name)
+        except InvalidInputError as error:
+            place, _, said = str(error).rpartition(": expected")
+            ours[0].add("beside", place, f"expected{said}")
+            continue
+        for sheet in ours:
+            setattr(sheet, field, found)
+
+
+def footprint_angle(folder: str | os.PathLike[str]) -> float | None:
+    """Return the angle of the footprints for which the missions of a folder are planned, in
+    degrees, or None if it is unknown.
+    """
+    angle = _manifest(folder).get(ANGLE)
+    return (
+        float(angle)
+        if isinstance(angle, int | float) and not isinstance(angle, bool) and -360 <= angle <= 360
+        else None
+    )
+
+
+def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the content of a folder's manifest ``missions.json``. Without a valid manifest, return
+    an empty mapping.
+    """
+    try:
+        told = parse_json(
+            read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE),
+            where=MANIFEST,
+        )
+    except InvalidInputError:
+        return {}
+    return told if isinstance(told, dict) else {}
+
+
+def _listed(folder: str | os.PathLike[str]) -> set[str]:
+    """Return the names of the mission files that a folder's manifest lists. Without a valid
+    manifest, return an empty set.
+    """
+    listed = _manifest(folder).get("files")
+    names = (
+        {name for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
+    )
+    suffixes = _formats_by_suffix()
+    paths = {Path(name) for name in names if Path(name).name == name}
+    ours = {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
+    return ours | {name for name in (FENCE, RALLY, STARTS) if name in names}
+
+
+def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return all mission files in a folder except ``uncovered.geojson``, sorted by
+    format and name.
+    """
+    order = list(_formats_by_suffix())
+    try:
+        found = [
+            path
+            for path in Path(folder).iterdir()
+            if path.suffix.lower() in order and path.is_file()
+        ]
+    except OSError as error:
+        raise InvalidInputError(
+            f"{folder}: expected a folder of mission files, got none: {error.strerror or error}"
+        ) from None
+    found = [path for path in found if path.name != UNCOVERED and not path.name.startswith(".")]
+    return sorted(found, key=lambda path: (order.index(path.suffix.lower()), path.name))
+
+
+def format_of(path: Path) -> str:
+    """Return the name of the format of a mission file.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    known = _formats_by_suffix()
+    if path.suffix.lower() not in known:
+        raise InvalidInputError(
+            f"{path}: expected a mission file ({' '.join(known)}), got the suffix {path.suffix!r}"
+        )
+    return known[path.suffix.lower()]
+
+
+def _formats_by_suffix() -> dict[str, str]:
+    """Return the name of the format for each file suffix. If two formats have equal suffixes, the
+    first format applies.
+    """
+    found: dict[str, str] = {}
+    for name in FORMATS:
+        found.setdefault(FORMATS.get(name).suffix, name)
+    return found
+
+
+def open_sheet(path: str | os.PathLike[str]) -> Sheet:
+    """Read a mission file, and return its sheet, with diagnostics about its syntax and its
+    coordinates.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file does not exist or has an unknown format.
+    """
+    source = Path(path)
+    form = FORMATS.get(format_of(source))
+    sheet = Sheet(source.name)
+    try:
+        if source.stat().st_size > LARGEST_FILE:
+            raise InvalidInputError(
+                f"{source}: expected a file of at most {LARGEST_FILE} bytes, got"
+                f" {source.stat().st_size}"
+            )
+        content = source.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(
+            f"{source}: expected a mission file, got the error: {error.strerror or error}"
+        ) from None
+    try:
+        is_xml = form.suffix in (".kml", ".gpx")
+        text = decode_xml(content, where="") if is_xml else content.decode("utf-8-sig")
+    except InvalidInputError as error:
+        sheet.add("unreadable", "", str(error).removeprefix(": "))
+        return sheet
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        sheet.add(
+            "unreadable",
+            f"line {line}",
+            f"expected text in UTF-8, got byte 0x{content[error.start]:02x}",
+        )
+        return sheet
+    form.scan(text, sheet)
+    named = _NAME.fullmatch(source.stem)
+    if named is not None and sheet.robot is None:
+        sheet.robot, sheet.sortie = int(named[1]), int(named[2] or 1)
+    check_coordinates(sheet)
+    return sheet
+
+
+def read_mission(path: str | os.PathLike[str]) -> Mission:
+    """Read a mission from a file in any format.
+
+    A ``.plan`` or WPL file does not contain the numbers of the robot and the sortie, so the
+    function takes both numbers from the file name. If the file name gives no numbers, the mission
+    counts as the first sortie of robot 1. A WPL file does not contain the autopilot or the kind of
+    vehicle. For a WPL file, the function assumes PX4. It assumes a vehicle that flies if a waypoint
+    is above 0 m or if the file contains a take-off, and otherwise a rover. The start time comes
+    from ``missions.json`` beside the file, and the fence and the rally points of a WPL file come
+    from the files beside it.
+
+    Parameters
+    ----------
+    path : path
+        The mission file, whose suffix determines its format.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file cannot be read. The error message gives the place of the mistake in the file.
+    """
+    sheet = open_sheet(path)
+    take_beside(Path(path).parent, [sheet])
+    return mission_of(sheet, path)
+
+
+def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
+    """Convert the sheet of a mission file to a mission.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    for diagnostic in sheet.diagnostics:
+        if RULES[diagnostic.rule].fatal:
+            raise InvalidInputError(
+                f"{path}{', ' * bool(diagnostic.place)}{diagnostic.place}: {diagnostic.sentence}"
+            )
+    kind = sheet.kind if sheet.kind in KINDS else "multirotor"
+    usual = Vehicle(preset=kind)
+    base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
+    varied, above_ground = len({*sheet.altitudes}) > 1, sheet.altitude_frame == "ground"
+    same = {one.name for one in fields(Sheet)} & {one.name for one in fields(Mission)}
+    told = {name: getattr(sheet, name) for name in same} | {
+        "robot": sheet.robot or 1,
+        "sortie": sheet.sortie or 1,
+        "kind": kind,
+        "autopilot": "ardupilot" if sheet.autopilot == "ardupilot" else "px4",
+        "altitude": sheet.altitudes[0] if sheet.altitudes else usual.height,
+        "speed": usual.cruise if sheet.speed is None else sheet.speed,
+        "altitude_frame": sheet.altitude_frame or "home",
+        "speeds": None if sheet.speeds is None else np.array(sheet.speeds),
+        "heights": np.array(sheet.altitudes) - base if varied and not above_ground else None,
+        "altitudes": np.array(sheet.altitudes) if varied and above_ground else None,
+    }
+    with errors_at(path):
+        return Mission(sheet.points, **told)

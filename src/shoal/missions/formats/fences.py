@@ -1,0 +1,200 @@
+"""Fences and rally points, in separate `QGC WPL 110` files for ArduPilot, and in the `.plan` file
+for QGroundControl.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from shoal.core.errors import InvalidInputError
+from shoal.missions.fence import Fence, circle_ring
+from shoal.missions.formats.items import degrees, plain, raw
+from shoal.search.regions.outline import Points
+
+FENCE, RALLY = "fence.txt", "rally.txt"
+"""Names of the files for the fence and the rally points, which all ``.waypoints`` files of a folder
+share.
+"""
+
+HEADER = "QGC WPL 110"
+_INSIDE, _OUTSIDE, _RALLY_POINT = 5001, 5002, 5100  # MAV_CMD
+_CIRCLES = {5003: _INSIDE, 5004: _OUTSIDE}  # MAV_CMD of circles, with their radius in metres
+_GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
+_FIELDS = 12
+
+Places = tuple[tuple[float, float], ...]
+
+
+def fence_text(fence: Fence) -> str:
+    """Return a fence as a table of mission items. Each item is a corner, with the number of corners
+    of its polygon.
+    """
+    rows = [
+        (
+            _GLOBAL,
+            _OUTSIDE if number >= len(fence.outlines) else _INSIDE,
+            float(len(ring)),
+            x,
+            y,
+            0.0,
+        )
+        for number, ring in enumerate(fence.rings)
+        for x, y in ring.tolist()
+    ]
+    return _table(rows)
+
+
+def rally_text(points: Places, altitude: float) -> str:
+    """Return rally points as a table of mission items. The altitude of all rally points is in
+    metres above home.
+    """
+    return _table([(_RELATIVE, _RALLY_POINT, 0.0, x, y, altitude) for x, y in points])
+
+
+def _table(rows: Sequence[tuple[int, int, float, float, float, float]]) -> str:
+    lines = [
+        "\t".join(
+            [
+                str(number),
+                "0",
+                str(frame),
+                str(command),
+                plain(first),
+                "0",
+                "0",
+                "0",
+                degrees(y),
+                degrees(x),
+                degrees(z),
+                "1",
+            ]
+        )
+        for number, (frame, command, first, x, y, z) in enumerate(rows)
+    ]
+    return "\n".join([HEADER, *lines, ""])
+
+
+def read_fence(text: str, where: str) -> Fence:
+    """Return the fence that a table of mission items describes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    rings: list[tuple[int, list[tuple[float, float]]]] = []
+    missing = 0
+    for line, command, first, place in _rows(text, where):
+        if command in _CIRCLES and not missing:
+            if not 0 < first < math.inf:
+                raise InvalidInputError(
+                    f"{where}: line {line}: expected a radius of a circle above 0 m, got {first:g}"
+                )
+            kind = _CIRCLES[command]
+            rings.append(
+                (
+                    kind,
+                    [
+                        (x, y)
+                        for x, y in circle_ring(place, first, inclusion=kind == _INSIDE).tolist()
+                    ],
+                )
+            )
+            continue
+        if command not in (_INSIDE, _OUTSIDE) or not 3 <= first < 1e6:
+            raise InvalidInputError(
+                f"{where}: line {line}: expected command 5001 or 5002 with a count of 3 corners or"
+                f" more, or 5003 or 5004 for a circle, got {command}"
+            )
+        if not missing:
+            rings.append((command, []))
+            missing = int(first)
+        elif command != rings[-1][0]:
+            raise InvalidInputError(
+                f"{where}: line {line}: expected {missing} more corners of the previous polygon,"
+                " got another polygon"
+            )
+        rings[-1][1].append(place)
+        missing -= 1
+    inside = [np.array(ring) for command, ring in rings if command == _INSIDE]
+    if missing or not rings:
+        raise InvalidInputError(
+            f"{where}: expected complete polygons, got {missing or 'all'} corners too few"
+        )
+    return fence_from(inside, [np.array(ring) for command, ring in rings if command == _OUTSIDE])
+
+
+def fence_from(inside: Sequence[Points], outside: Sequence[Points]) -> Fence:
+    """Return a fence with any numbers of inclusion and exclusion rings."""
+    outline, *more = inside or [np.zeros((0, 2))]
+    return Fence(outline, tuple(outside), tuple(more))
+
+
+def read_rally(text: str, where: str) -> Places:
+    """Return the rally points that a table of mission items describes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    rows = _rows(text, where)
+    for line, command, _, _ in rows:
+        if command != _RALLY_POINT:
+            raise InvalidInputError(f"{where}: line {line}: expected command 5100, got {command}")
+    return tuple(place for _, _, _, place in rows)
+
+
+def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, float]]]:
+    """Return the line, the command, the first parameter and the position of each item in a table of
+    mission items.
+    """
+    lines = text.splitlines()
+    if not lines or lines[0].strip() != HEADER:
+        raise InvalidInputError(
+            f"{where}: line 1: expected {HEADER!r}, got"
+            f" {lines[0][:40] if lines else 'an empty file'!r}"
+        )
+    found = []
+    for number, line in enumerate(lines[1:], start=2):
+        fields = line.split()
+        if not fields:
+            continue
+        try:
+            if len(fields) != _FIELDS:
+                raise ValueError
+            command, first, latitude, longitude = (
+                int(fields[3]),
+                *(float(fields[k]) for k in (4, 8, 9)),
+            )
+            if not (abs(longitude) <= 180 and abs(latitude) <= 90):
+                raise ValueError
+        except ValueError:
+            raise InvalidInputError(
+                f"{where}: line {number}: expected 12 numbers of a mission item, got {line[:60]!r}"
+            ) from None
+        found.append((number, command, first, (longitude, latitude)))
+    return found
+
+
+def plan_fence(fence: Fence | None) -> dict[str, Any]:
+    """Return the section of a ``.plan`` file that describes a fence."""
+    polygons = [
+        {
+            "inclusion": fence is not None and number < len(fence.outlines),
+            "polygon": [[raw(degrees(y)), raw(degrees(x))] for x, y in ring.tolist()],
+            "version": 1,
+        }
+        for number, ring in enumerate(() if fence is None else fence.rings)
+    ]
+    return {"version": 2, "circles": [], "polygons": polygons}
+
+
+def plan_rally(points: Places, altitude: float) -> dict[str, Any]:
+    """Return the section of a ``.plan`` file that describes rally points."""
+    return {
+        "version": 2,
+        "points": [[raw(degrees(y)), raw(degrees(x)), altitude] for x, y in points],
+    }

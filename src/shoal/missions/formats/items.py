@@ -1,0 +1,652 @@
+"""Mission items (MAVLink commands) and their numbers, as all formats share them."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from shoal.core.checks import check_json_memory
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.missions.diagnostics import Sheet, decimals_of
+from shoal.missions.mission import FASTEST, KINDS, SAME_LEVEL, Mission
+from shoal.search.flight.flight import FRAMES
+from shoal.search.problem.mission_options import CAPS
+from shoal.search.regions.projection import DECIMALS
+
+WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, SPLINE, DELAY, SPEED, GIMBAL, TRIGGER = (
+    16,
+    17,
+    20,
+    21,
+    22,
+    82,
+    93,
+    178,
+    205,
+    206,
+)  # MAV_CMD
+_WAITS = {
+    DELAY: "a wait",
+    HOLD: "an endless loiter",
+    18: "loiter turns",
+    19: "a loiter for a time",
+    112: "a delay",
+}  # MAV_CMD
+WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
+_PASSED = (WAYPOINT, SPLINE)
+_PLACED = {*_PASSED, HOLD, LAND, TAKE_OFF}
+_KNOWN = {*_PLACED, RETURN, SPEED, GIMBAL, TRIGGER}
+_WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
+_READ = {
+    3: "home",
+    6: "home",
+    0: "sea",
+    5: "sea",
+}  # frames 6 and 5 equal 3 and 0 with integer coordinates
+_TERRAIN = {
+    10: "ground",
+    11: "ground",
+}  # MAV_FRAME: GLOBAL_TERRAIN_ALT, which ArduPilot reads and PX4 does not
+_BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
+_AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
+_UNCHANGED, _USUAL = -1.0, -2.0  # values of a speed that are none
+_STEEP = 15.0  # degrees: pitch of fixed wings during take-off
+# of the first waypoint's height: there the take-off of a fixed wing ends, so that it goes on
+# straight to the waypoint
+_CLIMBED = 0.8
+
+Params = tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class Item:
+    """A mission item with seven parameters. The last three parameters are latitude, longitude and
+    altitude.
+
+    A parameter that is None is unset.
+    """
+
+    command: int
+    frame: int
+    params: Params
+    place: str = ""
+
+
+def items_of(mission: Mission) -> list[Item]:
+    """Return the mission items of a mission, without its home.
+
+    The first item is the take-off, and no wait precedes it: PX4 (COM_DISARM_PRFLT) and ArduPilot
+    (DISARM_DELAY) disarm a vehicle that stays on the ground for some seconds after arming. The item
+    after the take-off sets the speed for the whole mission. The camera takes images from the first
+    to the last waypoint of the search, and none on the ways out and home. The take-off of a fixed
+    wing has the position of the first waypoint, because the vehicle climbs toward this waypoint.
+    """
+    frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
+    above = mission.elevation or 0.0 if frame == 0 else 0.0  # altitude of home in this frame
+    heights = mission.heights_above_home + above
+    places = [
+        (y, x, z) for (x, y), z in zip(mission.waypoints.tolist(), heights.tolist(), strict=True)
+    ]
+    rise = float(heights[0]) if mission.vertical_climb is None else mission.vertical_climb + above
+    start = (0.0, 0.0, 0.0, mission.yaw, mission.home[1], mission.home[0], rise)
+    if wing:
+        start = (
+            _STEEP,
+            0.0,
+            0.0,
+            mission.yaw,
+            *places[0][:2],
+            above + round(_CLIMBED * (float(heights[0]) - above), 2),
+        )
+    reach = mission.acceptance_radius or 0.0
+    points = [Item(WAYPOINT, frame, (0.0, reach, 0.0, mission.yaw, *place)) for place in places]
+
+    def speed(value: float) -> Item:
+        return _placeless(
+            SPEED, _AIR if wing else _GROUND, float(value), -1.0
+        )  # the throttle stays unchanged
+
+    items = [speed(mission.speed)]
+    if mission.gimbal_pitch is not None:
+        items.append(_placeless(GIMBAL, mission.gimbal_pitch, 0.0, 0.0, 0.0, 0.0, 0.0, _BY_ANGLES))
+    if mission.trigger_distance is not None:
+        searched = mission.searched
+        points.insert(searched.stop, _placeless(TRIGGER))
+        points.insert(
+            searched.start + 1, _placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0)
+        )  # first image immediately
+    take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
+    if mission.speeds is not None:
+        items[0], points = (
+            speed(mission.speeds[0]),
+            _with_speeds(points, [speed(one) for one in mission.speeds.tolist()]),
+        )
+    end = _placeless(RETURN)
+    if mission.landing is not None:
+        stays = mission.loiter is not None
+        height = float(heights[-1]) if stays else above
+        command = HOLD if stays or mission.kind == "rover" else LAND
+        end = Item(
+            command,
+            frame,
+            (0.0, 0.0, mission.loiter or 0.0, mission.yaw, *mission.landing[::-1], height),
+        )
+    return [*take_off, *items, *points, end]
+
+
+def _with_speeds(points: Sequence[Item], speeds: Sequence[Item]) -> list[Item]:
+    """Return items with the item of a new speed before each waypoint whose leg has another speed
+    than the leg before.
+    """
+    found: list[Item] = []
+    reached = 0
+    for item in points:
+        if item.command == WAYPOINT:
+            found += [speeds[reached]] if reached and speeds[reached] != speeds[reached - 1] else []
+            reached += 1
+        found.append(item)
+    return found + ([speeds[-1]] if speeds[-1] != speeds[-2] else [])
+
+
+def _placeless(command: int, *params: float) -> Item:
+    return Item(command, WITHOUT_PLACE, (*params, *(0.0,) * (7 - len(params))))
+
+
+def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
+    """Read the content of mission items into a mission sheet, and add diagnostics."""
+    waypoints = [item for item in items if item.command in _PASSED]
+    sheet.n_items = len(items) + 1
+    sheet.points = np.array(
+        [_number(item.params[5], item.params[4]) for item in waypoints], dtype=np.float64
+    ).reshape(-1, 2)
+    sheet.altitudes = [_number(item.params[6])[0] for item in waypoints]
+    sheet.places = [item.place for item in waypoints]
+    if waypoints:
+        first = waypoints[0]
+        sheet.altitude_frame = _frames(sheet).get(first.frame)
+        if first.command == WAYPOINT:
+            sheet.acceptance_radius, sheet.yaw = first.params[1] or None, first.params[3] or None
+        if sheet.altitude_frame == "ground":
+            said = (
+                "expected altitudes above home or sea level, got altitudes above the terrain"
+                f" (frame {first.frame})"
+            )
+            sheet.add(
+                "terrain-frame",
+                first.place,
+                f"{said}: the check compares no heights of this mission with other vehicles",
+            )
+        ups = [_number(item.params[6])[0] for item in items if item.command == TAKE_OFF]
+        if ups and ups[0] > 0 and abs(ups[0] - sheet.altitudes[0]) > SAME_LEVEL:
+            sheet.take_off = ups[0]
+    if items and items[-1].command in (HOLD, LAND) and any(items[-1].params[4:6]):
+        latitude, longitude = _number(*items[-1].params[4:6])
+        sheet.landing = (longitude, latitude)
+        if items[-1].command == HOLD and any(altitude > 0 for altitude in sheet.altitudes):
+            sheet.loiter = abs(_number(items[-1].params[2])[0])
+    _read_speeds(sheet, items)
+    for command, name, parameter in (
+        (GIMBAL, "gimbal_pitch", 0),
+        (TRIGGER, "trigger_distance", 0),
+    ):
+        value = next(
+            (_number(item.params[parameter])[0] for item in items if item.command == command), None
+        )
+        if value is not None:
+            setattr(sheet, name, value)
+    numbers = np.cumsum([item.command in _PASSED for item in items])
+    images = [
+        (int(number), _number(item.params[0])[0] > 0)
+        for item, number in zip(items, numbers, strict=True)
+        if item.command == TRIGGER
+    ]
+    if [begins for _, begins in images] == [True, False] and images[0][0] > 0:
+        sheet.waypoints_out, sheet.waypoints_home = images[0][0] - 1, len(waypoints) - images[1][0]
+    aloft = next(
+        (k for k, item in enumerate(items) if item.command in (TAKE_OFF, *_PASSED)), len(items)
+    )
+    for number, item in enumerate(items):
+        _check_frame(sheet, item)
+        if item.command in _WAITS and number < aloft < len(items):
+            (lasting,) = _number(item.params[0])
+            what = f"{_WAITS[item.command]} ({item.command})"
+            what += f" of {lasting:g} s" if item.command in (DELAY, 19, 112) else ""
+            sheet.add(
+                "armed-wait",
+                item.place,
+                f"expected no wait before the take-off, but a start at its time, got {what}",
+            )
+        elif item.command == SPLINE:
+            sheet.add(
+                "spline",
+                item.place,
+                "expected a waypoint (16), got a spline waypoint (82): the check uses straight"
+                " legs",
+            )
+        elif item.command not in _KNOWN:
+            known = ", ".join(map(str, sorted(_KNOWN - {SPLINE})))
+            sheet.add(
+                "unknown-command",
+                item.place,
+                f"expected one of the commands {known}, got {item.command}",
+            )
+    _check_camera(sheet, items)
+    if items and items[-1].command not in (RETURN, LAND, HOLD):
+        last = items[-1]
+        sheet.add(
+            "no-return",
+            last.place,
+            f"expected a return (20) or a landing (21) at the end, got command {last.command}",
+        )
+
+
+def _read_speeds(sheet: Sheet, items: Sequence[Item]) -> None:
+    """Read the speed on each leg into a mission sheet, and add diagnostics for impossible speeds
+    after the first one.
+    """
+    usual = now = sheet.speed
+    speeds: list[float | None] = []
+    first: float | None = None
+    for item in items:
+        if item.command in _PASSED:
+            speeds.append(now)
+        if item.command != SPEED or item.params[0] not in (_AIR, _GROUND, None):
+            continue  # the others are speeds of climbs and descents
+        (value,) = _number(item.params[1])
+        if value in (_UNCHANGED, _USUAL) and (now is not None or usual is not None):
+            now = usual if value == _USUAL else now
+        elif first is None:
+            first = now = value
+        elif not math.isfinite(value):
+            sheet.add("not-a-number", item.place, f"expected a finite speed, got {value}")
+        elif not 0 < value <= FASTEST:
+            sheet.add(
+                "speed",
+                item.place,
+                f"expected a speed above 0 and at most {FASTEST:g} m/s, got {value:g}",
+            )
+        else:
+            now = value
+    speeds.append(now)
+    if first is not None:
+        sheet.speed = first
+    told = [sheet.speed if speed is None else speed for speed in speeds]
+    known = [speed for speed in told if speed is not None]
+    sheet.speeds = (
+        known if len(known) == len(speeds) and len({*known}) > 1 and min(known) > 0 else None
+    )
+
+
+def _check_frame(sheet: Sheet, item: Item) -> None:
+    """Add a diagnostic if a position has the wrong altitude reference, or if an item without a
+    position has a positional frame.
+    """
+    if item.command in _PLACED:
+        wanted = sheet.altitude_frame or "home"
+        if (wanted, item.command) == ("ground", TAKE_OFF) and item.frame in _READ:
+            return  # the climb begins at home, whose height above the terrain is 0
+        if _frames(sheet).get(item.frame) != wanted:
+            of_home, of_sea = "3 (altitude above home)", "0 (above sea level)"
+            of_ground = "10 (above the terrain)"
+            both = f"{of_home} or {of_sea}"
+            said = {"sea": of_sea, "ground": of_ground}.get(
+                wanted, of_home if sheet.altitude_frame else both
+            )
+            sheet.add(
+                "frame", item.place, f"expected frame {said} for a position, got {item.frame}"
+            )
+    elif item.command in _KNOWN and item.frame != WITHOUT_PLACE:
+        sheet.add(
+            "frame",
+            item.place,
+            f"expected frame {WITHOUT_PLACE} for command {item.command}, got {item.frame}",
+        )
+
+
+def _frames(sheet: Sheet) -> dict[int, str]:
+    """Return the altitude references by frame number that the autopilot of a mission reads. Without
+    an autopilot, all count.
+    """
+    return _READ if sheet.autopilot == "px4" else _READ | _TERRAIN
+
+
+def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
+    """Add a diagnostic for an invalid pitch of the gimbal, or for a camera that never stops taking
+    images.
+    """
+    for item in items:
+        pitch, mode = _number(item.params[0], item.params[6])
+        if item.command == GIMBAL and not (abs(pitch) <= 90 and mode == _BY_ANGLES):
+            sheet.add(
+                "gimbal",
+                item.place,
+                f"expected a pitch within ±90 and mode 2 (by angles), got {pitch:g} and {mode:g}",
+            )
+    triggers = [item for item in items if item.command == TRIGGER]
+    for number, item in enumerate(triggers):
+        distance = _number(item.params[0])[0]
+        if (distance > 0) != (number % 2 == 0):
+            expected = (
+                "a distance between images above 0"
+                if number % 2 == 0
+                else "the end of images, a distance of 0"
+            )
+            sheet.add("camera", item.place, f"expected {expected}, got {distance:g}")
+    if len(triggers) % 2:
+        sheet.add(
+            "camera",
+            triggers[-1].place,
+            "expected the end of images, a distance of 0, after it, got none",
+        )
+
+
+def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
+    """Return the kind of vehicle that mission items imply, for a file that does not state the kind
+    of vehicle.
+    """
+    if not any(altitude > 0 for altitude in sheet.altitudes) and not any(
+        item.command == TAKE_OFF for item in items
+    ):
+        return "rover"
+    through_air = any(item.command == SPEED and item.params[0] == _AIR for item in items)
+    return "fixed-wing" if through_air else "multirotor"
+
+
+def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
+    """Add a diagnostic if a flight has no take-off before the first waypoint, or if a rover has a
+    take-off.
+    """
+    commands = [
+        WAYPOINT if item.command in _PASSED else TAKE_OFF
+        for item in items
+        if item.command in (TAKE_OFF, *_PASSED)
+    ]
+    if sheet.kind == "rover":
+        if TAKE_OFF in commands:
+            place = next(item.place for item in items if item.command == TAKE_OFF)
+            sheet.add(
+                "take-off", place, "expected no take-off in a rover's mission, got command 22"
+            )
+        return
+    first = next((item for item in items if item.command == TAKE_OFF), None)
+    if first is not None and sheet.altitudes:
+        base = sheet.elevation or 0.0 if _frames(sheet).get(first.frame) == "sea" else 0.0
+        above = sheet.altitudes[0] - (
+            sheet.elevation or 0.0 if sheet.altitude_frame == "sea" else 0.0
+        )
+        (up,) = _number(first.params[6])
+        if up <= base < base + above:
+            said = (
+                f"expected a take-off to a height above 0, got {up - base:g} m above home before a"
+                f" waypoint at {above:g} m"
+            )
+            sheet.add("take-off", first.place, said)
+    if WAYPOINT in commands and commands[0] != TAKE_OFF:
+        place = next(item.place for item in items if item.command in _PASSED)
+        said = (
+            f"expected a take-off (22) before the first waypoint of a {sheet.kind or 'multirotor'},"
+            " got none"
+        )
+        sheet.add("take-off", place, said)
+
+
+def _number(*values: float | None) -> tuple[float, ...]:
+    return tuple(math.nan if value is None else float(value) for value in values)
+
+
+_MOST_VALUES = 2_000_000
+
+
+def degrees(value: float) -> str:
+    """Return a coordinate in degrees as text.
+
+    Examples
+    --------
+    >>> degrees(8.5), degrees(-0.000000001)
+    ('8.50000000', '0.00000000')
+    """
+    text = f"{value:.{DECIMALS}f}"
+    return text.lstrip("-") if float(text) == 0 else text
+
+
+def plain(value: float) -> str:
+    """Return a number as a short, exact text without an exponent.
+
+    Examples
+    --------
+    >>> plain(30.0), plain(2.5), plain(1e-7)
+    ('30', '2.5', '0.0000001')
+    """
+    if value == int(value) and abs(value) < 1e15:
+        return str(int(value))
+    return np.format_float_positional(value, trim="-")
+
+
+class Number(float):
+    """A number from a JSON file, with the number of decimals that it had in the file."""
+
+    decimals = 0
+
+    def __new__(cls, text: str) -> Number:
+        """Return the number that a text represents."""
+        made = super().__new__(cls, text)
+        made.decimals = decimals_of(text)
+        return made
+
+
+def load_json(text: str, sheet: Sheet) -> Any:
+    """Parse the JSON text of a mission file. Numbers with decimals become `Number`. An invalid text
+    makes the sheet unreadable.
+    """
+    if (values := text.count(",")) > _MOST_VALUES:  # each `Number` needs about 150 bytes
+        sheet.add("unreadable", "", f"expected at most {_MOST_VALUES} values, got {values}")
+        return None
+    try:
+        check_json_memory(text, where="")
+        return json.loads(text, parse_float=Number)
+    except InvalidInputError as error:
+        sheet.add("unreadable", "", str(error).removeprefix(": "))
+    except json.JSONDecodeError as error:
+        sheet.add(
+            "unreadable",
+            f"line {error.lineno}",
+            f"expected JSON, got something else: {error.msg.lower()}",
+        )
+    except (RecursionError, ValueError):
+        sheet.add(
+            "unreadable",
+            "",
+            "expected JSON, got values nested too deeply or a number of too many digits",
+        )
+    return None
+
+
+def dump_json(value: Any) -> str:
+    """Return a JSON text, in which the strings from the function `raw` appear as numbers.
+
+    Examples
+    --------
+    >>> dump_json([raw("8.50000000"), 1.5])
+    '[8.50000000, 1.5]'
+    """
+    text = json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
+    text = re.sub(r'"\\u001f([-\d.]+)"', r"\1", text)
+    return re.sub(
+        r"\[\s+([^\[\]{}]*?)\s+\]", lambda found: "[" + re.sub(r",\s+", ", ", found[1]) + "]", text
+    )
+
+
+def raw(number: str) -> str:
+    """Mark the text of a number, so that `dump_json` writes this text unchanged as a number."""
+    return f"\x1f{number}"
+
+
+NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
+
+MORE = (
+    "start_s",
+    "landing_x",
+    "landing_y",
+    "loiter_m",
+    "takeover_m",
+    "waypoints_out",
+    "waypoints_home",
+)
+"""Names of the optional attributes of a mission, such as its start time and its landing point."""
+
+ALTITUDES = "altitudes_m"
+"""Name of the attribute for the altitudes of all waypoints, if they differ, as numbers separated by
+spaces.
+"""
+
+
+def attributes_of(mission: Mission) -> dict[str, str | int | float]:
+    """Return the attributes of a mission by name: all in `NAMES`, and those in `MORE` and
+    `ALTITUDES` that the mission has.
+
+    Raises
+    ------
+    InvalidInputError
+        If the mission has several speeds, which only mission items can express.
+    """
+    if mission.speeds is not None:
+        raise InvalidInputError(
+            f"{mission.name}: expected one speed in the formats geojson, kml, gpx and csv, got"
+            f" {len({*mission.speeds.tolist()})} speeds; the formats plan and wpl have them"
+        )
+    named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
+    more: list[float | None] = [
+        mission.start,
+        *(mission.landing or (None, None)),
+        mission.loiter,
+        mission.takeover,
+        mission.waypoints_out,
+        mission.waypoints_home,
+    ]
+    named |= {name: value for name, value in zip(MORE, more, strict=True) if value is not None}
+    levels = mission.levels
+    return named | (
+        {ALTITUDES: " ".join(f"{level:.10g}" for level in levels.tolist())}
+        if np.ptp(levels) > SAME_LEVEL
+        else {}
+    )
+
+
+def attributes_as_text(mission: Mission) -> dict[str, str]:
+    """Return the attributes of a mission as texts, for file formats without numbers."""
+    return {
+        name: value if isinstance(value, str) else plain(value)
+        for name, value in attributes_of(mission).items()
+    }
+
+
+def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
+    """Store the attributes of a mission file in its sheet, and add diagnostics for invalid
+    attributes.
+    """
+    missing = [name for name in NAMES if name not in found]
+    for name in missing:
+        sheet.add("missing-key", place, f"expected {name!r}, got none")
+    if missing:
+        return
+    for name in ("robot", "sortie"):
+        number = _whole(found[name])
+        if number is None or number < 1:
+            sheet.add(
+                "wrong-value",
+                place,
+                f"expected a whole number of 1 or more as {name!r}, got {_short(found[name])}",
+            )
+        else:
+            setattr(sheet, name, number)
+    for name, known in (("autopilot", CAPS), ("kind", KINDS), ("altitude_frame", FRAMES)):
+        if isinstance(found[name], str) and found[name] in known:
+            setattr(sheet, name, found[name])
+        else:
+            sheet.add(
+                "wrong-value",
+                place,
+                f"expected {' or '.join(map(repr, known))} as {name!r}, got {_short(found[name])}",
+            )
+    more = {name: found[name] for name in MORE if name in found}
+    if "landing_x" in more and "landing_y" in more:
+        sheet.landing = (
+            number_in(sheet, place, "landing_x", more),
+            number_in(sheet, place, "landing_y", more),
+        )
+    for name in ("loiter_m", "start_s", "takeover_m"):
+        if name in more:
+            setattr(sheet, name.rpartition("_")[0], number_in(sheet, place, name, more))
+    for name in ("waypoints_out", "waypoints_home"):
+        if name in more:
+            number = _whole(more[name])
+            if number is None or number < 0:
+                sheet.add(
+                    "wrong-value",
+                    place,
+                    f"expected a whole number of 0 or more as {name!r}, got {_short(more[name])}",
+                )
+            else:
+                setattr(sheet, name, number)
+    words = str(found.get(ALTITUDES, "")).split()
+    sheet.altitudes = [number_in(sheet, place, ALTITUDES, {ALTITUDES: word}) for word in words] or [
+        number_in(sheet, place, "altitude_m", found)
+    ]
+    sheet.speed = number_in(sheet, place, "speed_m_s", found)
+
+
+def spread_altitudes(sheet: Sheet, place: str) -> None:
+    """Give each waypoint of a sheet an altitude: its own altitude, or the common altitude of the
+    mission.
+    """
+    count = len(sheet.points)
+    if len(sheet.altitudes) > 1 and len(sheet.altitudes) != count:
+        sheet.add(
+            "wrong-value",
+            place,
+            f"expected {count} numbers as {ALTITUDES!r}, one per waypoint, got"
+            f" {len(sheet.altitudes)}",
+        )
+        sheet.altitudes = sheet.altitudes[:1]
+    if len(sheet.altitudes) == 1:
+        sheet.altitudes *= count
+
+
+def _whole(value: Any) -> int | None:
+    if isinstance(value, bool):
+        return None
+    try:
+        return int(str(value))
+    except ValueError:
+        return None
+
+
+def number_in(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> float:
+    """Return the attribute ``name`` as a number. If the attribute is invalid, return NaN and add a
+    diagnostic.
+    """
+    value = found[name]
+    if not isinstance(value, bool):
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError):
+            pass
+        else:
+            if name in MORE and not math.isfinite(number):
+                sheet.add(
+                    "not-a-number", place, f"expected a finite number as {name!r}, got {number}"
+                )
+                return math.nan
+            return number
+    sheet.add("wrong-value", place, f"expected a number as {name!r}, got {_short(value)}")
+    return math.nan
+
+
+def _short(value: Any) -> str:
+    return repr(value)[:60]

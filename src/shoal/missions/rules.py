@@ -1,0 +1,631 @@
+"""Checks of missions that apply to all file formats."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.errors import InvalidInputError
+from shoal.missions.diagnostics import Sheet
+from shoal.missions.fence import Fence
+from shoal.missions.mission import FASTEST, OVERHEAD, circle_around
+from shoal.search.problem.mission_options import CAPS
+from shoal.search.regions.margin import grown
+from shoal.search.regions.outline import Points, text_of
+from shoal.search.regions.projection import REACH, LocalFrame
+from shoal.search.regions.region import SearchRegion
+
+ROUNDING = 0.005  # metres: tolerance of a waypoint's position, because 8 decimals are 1.1 mm
+
+_RADIUS = 6_371_000.0  # metres: radius of the Earth
+_FAR_HOME = 5_000.0
+_ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
+_HIGHEST, _HIGH = 10_000.0, 120.0
+_SAME_HEIGHT = 0.01  # metres
+_SAME = 1e-8  # degrees
+
+
+def check_coordinates(sheet: Sheet) -> None:
+    """Add diagnostics for coordinates that describe no position on Earth or in the plane."""
+    if not sheet.readable:
+        return
+    if len(sheet.points) == 0:
+        sheet.add("zero-waypoints", "", "expected waypoints, got none")
+    if sheet.home is None:
+        sheet.add("no-home", "", "expected a home position, got none")
+    _check_numbers(sheet)
+    if not sheet.readable or not sheet.geographic or sheet.home is None:
+        return
+    for place, point in [
+        ("home", sheet.home),
+        *zip(sheet.places, sheet.points.tolist(), strict=True),
+    ]:
+        longitude, latitude = point
+        if abs(longitude) <= 180 and abs(latitude) <= 90:
+            continue
+        swapped = abs(longitude) <= 90 and abs(latitude) <= 180
+        said = (
+            f"expected a longitude within ±180 and a latitude within ±90, got {longitude:.10g} and"
+            f" {latitude:.10g}"
+        )
+        sheet.add("axes-swapped" if swapped else "out-of-range", place, said)
+    if sheet.readable:
+        check_elsewhere(sheet, sheet.points[0], sheet.home, "home", sheet.places[0])
+        _check_meridian(sheet)
+
+
+def _check_numbers(sheet: Sheet) -> None:
+    """Add diagnostics for coordinates, altitudes and speeds that are NaN or infinite."""
+    for place, point in zip(sheet.places, sheet.points.tolist(), strict=True):
+        if not all(map(math.isfinite, point)):
+            sheet.add("not-a-number", place, f"expected finite coordinates, got {text_of(point)}")
+    for place, altitude in zip(sheet.places, sheet.altitudes, strict=True):
+        if not math.isfinite(altitude):
+            sheet.add("not-a-number", place, f"expected a finite altitude, got {altitude}")
+    if sheet.home is not None and not all(map(math.isfinite, sheet.home)):
+        sheet.add("not-a-number", "home", f"expected finite coordinates, got {text_of(sheet.home)}")
+    if sheet.speed is not None and not math.isfinite(sheet.speed):
+        sheet.add("not-a-number", "", f"expected a finite speed, got {sheet.speed}")
+
+
+def check_elsewhere(sheet: Sheet, point: Any, known: Any, name: str, place: str) -> None:
+    """Add a diagnostic if a point is far from a known position, but near this position after a swap
+    of longitude and latitude.
+    """
+    distance, other = _metres_between(point, known), _metres_between(point[::-1], known)
+    if distance > _ELSEWHERE and other < _ELSEWHERE:
+        sheet.add(
+            "axes-swapped",
+            place,
+            f"expected longitude and latitude near {name} {text_of(known)}, got {text_of(point)},"
+            f" {distance / 1000:.0f} km away: the two swapped are near it",
+        )
+
+
+def _check_meridian(sheet: Sheet) -> None:
+    assert sheet.home is not None
+    way = np.vstack([sheet.home, sheet.points])
+    for index in np.flatnonzero(np.abs(np.diff(way[:, 0])) > 180).tolist():
+        said = (
+            f"expected no leg across the 180° meridian, got a leg from {text_of(way[index])} to"
+            f" {text_of(way[index + 1])}"
+        )
+        sheet.add("antimeridian", sheet.places[index], said)
+
+
+def check_sense(
+    sheet: Sheet,
+    *,
+    cap: int | None = None,
+    autopilot: str | None = None,
+    fence_distance: float | None = None,
+) -> None:
+    """Add diagnostics for implausible values in a mission, such as heights and speeds, and for an
+    unexpected autopilot.
+
+    With ``fence_distance``, the function also adds diagnostics for paths that are nearer to the
+    fence than this distance in metres.
+    """
+    if autopilot is not None and sheet.autopilot is not None and sheet.autopilot != autopilot:
+        sheet.add(
+            "firmware",
+            "",
+            f"expected a mission for {autopilot!r}, got a mission for {sheet.autopilot!r}",
+        )
+    _check_cap(sheet, cap, autopilot)
+    _check_altitude(sheet)
+    _check_acceptance(sheet)
+    _check_rally(sheet)
+    if sheet.fence is not None and (way := way_of(sheet)) is not None:
+        _check_fence(sheet, way, sheet.fence)
+        if fence_distance is not None:
+            _check_near_fence(sheet, fence_distance)
+    if sheet.speed is not None and not 0 < sheet.speed <= FASTEST:
+        sheet.add(
+            "speed",
+            "",
+            f"expected a speed above 0 and at most {FASTEST:g} m/s, got {sheet.speed:g}",
+        )
+    if sheet.geographic and sheet.decimals is not None and sheet.decimals < 7:
+        sheet.add(
+            "few-decimals",
+            "",
+            f"expected coordinates with at least 7 decimals, got {sheet.decimals}",
+        )
+    again = np.all(np.abs(np.diff(sheet.points, axis=0)) <= _SAME, axis=1)
+    if len(sheet.altitudes) == len(sheet.points):
+        again &= np.abs(np.diff(sheet.altitudes)) <= _SAME_HEIGHT
+    for index in np.flatnonzero(again).tolist():
+        sheet.add(
+            "duplicate",
+            sheet.places[index + 1],
+            f"expected a new position, got {text_of(sheet.points[index + 1])} again",
+        )
+    assert sheet.home is not None
+    nearest = float(_distances(sheet, sheet.home).min())
+    if nearest > _FAR_HOME:
+        sheet.add(
+            "home-far",
+            "home",
+            f"expected home within {_FAR_HOME / 1000:g} km of a waypoint, got"
+            f" {nearest / 1000:.1f} km",
+        )
+
+
+def _check_cap(sheet: Sheet, cap: int | None, autopilot: str | None) -> None:
+    items = sheet.n_items or len(sheet.points) + OVERHEAD[sheet.kind or "multirotor"]
+    known = sheet.autopilot or autopilot
+    most = cap if cap is not None else CAPS[known] if known is not None else max(CAPS.values())
+    if items > most:
+        sheet.add("cap", "", f"expected at most {most} items, home included, got {items}")
+    elif cap is None and known is None and items > CAPS["ardupilot"]:
+        sheet.add(
+            "cap-ardupilot",
+            "",
+            f"expected at most {CAPS['ardupilot']} items for ArduPilot, home included, got {items}",
+        )
+
+
+def _check_altitude(sheet: Sheet) -> None:
+    flies = sheet.kind != "rover"
+    base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
+    known = (
+        sheet.altitude_frame != "sea" or sheet.elevation is not None
+    )  # otherwise the height of home is unknown
+    lowest = min(sheet.altitudes, default=0.0)
+    if flies and known and lowest <= base:
+        place, at = sheet.places[sheet.altitudes.index(lowest)], f"{lowest - base:g} m above home"
+        # A mission over a valley goes below home, and is above home elsewhere.
+        if lowest == base or max(sheet.altitudes) <= base or sheet.altitude_frame == "ground":
+            sheet.add(
+                "altitude",
+                place,
+                f"expected a height above 0 and at most {_HIGHEST:g} m, got {lowest - base:g}",
+            )
+            return
+        sheet.add(
+            "below-home", place, f"expected heights above home, or a check with --terrain, got {at}"
+        )
+    for place, altitude in zip(sheet.places, sheet.altitudes, strict=True):
+        if flies and altitude > _HIGHEST:
+            sheet.add(
+                "altitude",
+                place,
+                f"expected a height above 0 and at most {_HIGHEST:g} m, got {altitude:g}",
+            )
+            return
+        if not flies and altitude != 0:
+            sheet.add("altitude", place, f"expected a height of 0 m for a rover, got {altitude:g}")
+            return
+        if flies and altitude > _HIGH and sheet.altitude_frame != "sea":
+            sheet.add(
+                "altitude-high",
+                place,
+                f"expected a height of at most {_HIGH:g} m, got {altitude:g}",
+            )
+            return
+    # A waypoint between two other heights, or before or after several others, is a layer of which a
+    # robot searches one cell.
+    levels = [round(altitude, 1) for altitude in sheet.altitudes]
+    often = Counter(levels)
+    passed = {
+        level
+        for before, level, after in zip(levels, levels[1:], levels[2:], strict=False)
+        if before != after
+    }
+    passed |= {levels[0], levels[-1]} if len(often) > 2 else set()
+    rare, count = min(
+        ((up, count) for up, count in often.items() if up not in passed),
+        key=lambda entry: entry[1],
+        default=(0.0, 0),
+    )
+    if (
+        sheet.kind != "fixed-wing"
+        and sheet.altitude_frame != "sea"
+        and len(often) > 1
+        and count == 1
+    ):  # wings climb on the way
+        low, high = min(sheet.altitudes), max(sheet.altitudes)
+        said = (
+            f"expected one height, or several waypoints at each, got {rare:g} m once among heights"
+            f" from {low:g} to {high:g} m"
+        )
+        sheet.add("altitude-varies", "", said)
+
+
+def _check_acceptance(sheet: Sheet) -> None:
+    """Add a diagnostic for an acceptance radius that contains the next waypoint."""
+    radius = sheet.acceptance_radius
+    if (
+        not radius or len(sheet.points) < 2 or sheet.kind == "fixed-wing"
+    ):  # their turns have waypoints at short distances
+        return
+    metres = (
+        np.radians(np.diff(sheet.points, axis=0)) * _RADIUS
+        if sheet.geographic
+        else np.diff(sheet.points, axis=0)
+    )
+    if sheet.geographic:
+        metres[:, 0] *= np.cos(np.radians(sheet.points[:-1, 1]))
+    lengths = np.hypot(*metres.T)
+    near = np.flatnonzero((lengths <= radius) & (lengths > 0))
+    if len(near):
+        place, length = sheet.places[int(near[0])], lengths[int(near[0])]
+        sheet.add(
+            "acceptance",
+            place,
+            f"expected a radius below {length:.3g} m, the distance to the next waypoint, got"
+            f" {radius:g} m",
+        )
+
+
+def way_of(sheet: Sheet) -> Points | None:
+    """Return home, the waypoints and the end point in metres, or None if these points are too far
+    apart for a local frame.
+    """
+    assert sheet.home is not None
+    way = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
+    try:
+        return LocalFrame(*sheet.home).to_metres(way) if sheet.geographic else way
+    except InvalidInputError:
+        return None
+
+
+def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
+    """Add diagnostics for legs that leave the fence, including the legs from home and to the
+    landing point.
+    """
+    import shapely
+
+    assert sheet.home is not None
+    try:
+        frame = LocalFrame(*sheet.home) if sheet.geographic else None
+        area = fence.area(frame).buffer(ROUNDING)
+    except InvalidInputError:
+        return  # too far from home
+    shapely.prepare(area)
+    lines = shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
+    names = [
+        "from home",
+        *(f"to {place}" for place in sheet.places[1:]),
+        "to its end",
+        "in its last circle",
+    ]
+    circle = circle_around(sheet.landing or sheet.home, sheet.loiter, frame)
+    if len(circle):
+        lines = np.append(lines, shapely.linestrings(circle))
+    for index in np.flatnonzero(~shapely.covers(area, lines)).tolist():
+        said = (
+            "expected paths inside the fence, got a path that leaves the fence or enters a zone,"
+            f" {names[index]}"
+        )
+        sheet.add("fence", sheet.places[min(index, len(sheet.places) - 1)], said)
+
+
+def fence_clearances(sheet: Sheet, fence: Fence) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the legs, the last circle and the rally points of a mission, and their distances from
+    a fence in metres.
+
+    A distance is negative outside the fence or in an exclusion zone, as in `Fence.clearances`. If
+    the mission is too far away for a local frame, the result is empty.
+    """
+    assert sheet.home is not None
+    way = way_of(sheet)
+    if way is None:
+        return [], np.zeros(0)
+    frame = LocalFrame(*sheet.home) if sheet.geographic else None
+    names = [
+        f"{sheet.places[0]}, from home",
+        *(f"{place}, the path to it" for place in sheet.places[1:]),
+        "the path to its end",
+    ]
+    ways = [way[k : k + 2] for k in range(len(way) - 1)]
+    circle = circle_around(sheet.landing or sheet.home, sheet.loiter, frame)
+    rally = np.array(sheet.rally, dtype=np.float64).reshape(-1, 2)
+    try:
+        points = rally if frame is None else frame.to_metres(rally)
+        ways += [circle] * bool(len(circle)) + [point[None] for point in points]
+        names += ["the last circle"] * bool(len(circle)) + [
+            f"rally point {k}" for k in range(1, len(rally) + 1)
+        ]
+        return names, fence.clearances(ways, frame)
+    except InvalidInputError:
+        return [], np.zeros(0)
+
+
+def _check_near_fence(sheet: Sheet, least: float) -> None:
+    """Add diagnostics for paths and rally points that are nearer to the fence than a distance, but
+    do not leave the fence.
+    """
+    assert sheet.fence is not None
+    for name, away in zip(*fence_clearances(sheet, sheet.fence), strict=True):
+        if -ROUNDING <= away < least - ROUNDING:
+            place, _, what = name.partition(", ")
+            said = (
+                f"expected at least {least:g} m between all paths and the fence, got"
+                f" {max(away, 0.0):.3g} m"
+            )
+            sheet.add("fence-near", place if what else "", f"{said}, {what or name}")
+
+
+def _check_rally(sheet: Sheet) -> None:
+    """Add diagnostics for rally points outside the fence or in an exclusion zone of the fence."""
+    import shapely
+
+    if sheet.fence is None or not sheet.rally:
+        return
+    try:
+        frame = LocalFrame(*sheet.rally[0]) if sheet.geographic else None
+        points = np.array(sheet.rally)
+        area = sheet.fence.area(frame).buffer(ROUNDING)
+        inside = shapely.intersects_xy(
+            area, *(points if frame is None else frame.to_metres(points)).T
+        )
+    except InvalidInputError:
+        inside = np.zeros(len(sheet.rally), dtype=np.bool_)  # too far away for one local frame
+    for number in np.flatnonzero(~inside).tolist():
+        said = (
+            "expected rally points inside the fence and outside its zones, got"
+            f" {text_of(sheet.rally[number])}"
+        )
+        sheet.add("rally", f"rally point {number + 1}", said)
+
+
+def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
+    """Return the distances in metres from a point to each waypoint."""
+    if not sheet.geographic:
+        return np.asarray(np.hypot(*(sheet.points - place).T))
+    return np.array([_metres_between(point, place) for point in sheet.points.tolist()])
+
+
+def _metres_between(one: Any, other: Any) -> float:
+    """Return the distance in metres between two points in degrees, on a sphere. For an invalid
+    point, return infinity.
+    """
+    if max(abs(one[1]), abs(other[1])) > 90:
+        return math.inf
+    low, high = math.radians(one[1]), math.radians(other[1])
+    width = math.radians(other[0] - one[0])
+    chord = (
+        math.sin((high - low) / 2) ** 2 + math.cos(low) * math.cos(high) * math.sin(width / 2) ** 2
+    )
+    return 2 * _RADIUS * math.asin(min(1.0, math.sqrt(chord)))
+
+
+def _in_plane(point: tuple[float, float], region: SearchRegion) -> tuple[float, float]:
+    """Return a point in metres of a region's local frame, or infinity if it is too far away."""
+    try:
+        x, y = (
+            np.array([point]) if region.frame is None else region.frame.to_metres(np.array([point]))
+        )[0].tolist()
+    except InvalidInputError:
+        return math.inf, math.inf
+    return x, y
+
+
+def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
+    """Return home, the waypoints and the end point of a mission in metres of a region's local
+    frame.
+
+    Coordinates of points that are too far away for the local frame become infinite.
+
+    Raises
+    ------
+    InvalidInputError
+        If the mission is in degrees and the region in metres, or the reverse.
+    """
+    way = np.vstack([np.array([sheet.home]), sheet.points, np.array([sheet.landing or sheet.home])])
+    if sheet.geographic != (region.frame is not None):
+        units = ["metres", "degrees"]
+        raise InvalidInputError(
+            f"{sheet.file}: expected a mission in {units[region.frame is not None]}, as the region"
+            f" {region.name!r} is, got one in {units[sheet.geographic]}"
+        )
+    if region.frame is None:
+        return way
+    origin = (region.frame.longitude, region.frame.latitude)
+    near = np.array([_metres_between(point, origin) < 1.5 * REACH for point in way.tolist()])
+    metres = np.full(way.shape, np.inf)
+    metres[near] = region.frame.to_metres(way[near])
+    return metres
+
+
+def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
+    """Return, for each point, whether robots may be there, with a tolerance for rounded
+    coordinates; bool, shape (n,).
+    """
+    import shapely
+
+    near = np.asarray(np.isfinite(way).all(axis=1))
+    allowed = region.free.buffer(ROUNDING)
+    shapely.prepare(allowed)
+    return np.asarray(near & shapely.intersects_xy(allowed, *np.where(near[:, None], way, 0.0).T))
+
+
+def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
+    """Return the slice of the waypoints that belong to the search, without the paths from home and
+    to the end.
+
+    The array ``inside`` tells whether home, each waypoint and the end lie in the region. If home
+    lies outside the region, all waypoints before the first waypoint in the region belong to the
+    path from home. If the end lies outside the region, all waypoints after the last waypoint in the
+    region belong to the path to the end. Fixed wings may leave the region after take-off and before
+    landing, even if home lies in the region.
+
+    Examples
+    --------
+    >>> searching(np.array([False, False, True, False, True, False]))
+    slice(1, 4, None)
+    """
+    there = np.flatnonzero(inside[1:-1])
+    if not len(there):
+        return slice(0, len(inside) - 2)
+    first, last = inside[[0, -1]] & (kind != "fixed-wing")
+    return slice(0 if first else int(there[0]), len(inside) - 2 if last else int(there[-1]) + 1)
+
+
+def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = None) -> None:
+    """Add diagnostics for waypoints and legs outside a region.
+
+    Home, the end of a mission, and the paths from home and to the end may lie outside the region.
+    Turns of fixed wings may leave the region by at most ``airspace`` metres, or by any distance if
+    ``airspace`` is None.
+    """
+    way = metres_of(sheet, region)
+    if region.frame is not None:
+        check_elsewhere(
+            sheet,
+            sheet.points[0],
+            (region.frame.longitude, region.frame.latitude),
+            "the region",
+            sheet.places[0],
+        )
+        if not sheet.readable:
+            return
+    import shapely
+
+    near = np.asarray(np.isfinite(way).all(axis=1))
+    allowed = region.free.buffer(ROUNDING)
+    forbidden = grown(region.no_go, region.margin).buffer(-ROUNDING)
+    shapely.prepare(forbidden)
+    zones = region.no_go.buffer(-ROUNDING)
+    for number, rally in enumerate(sheet.rally, start=1):
+        if not zones.is_empty and shapely.intersects_xy(zones, *_in_plane(rally, region)):
+            sheet.add(
+                "rally",
+                f"rally point {number}",
+                f"expected rally points outside the no-go zones, got {text_of(rally)}",
+            )
+    inside = inside_of(region, way)
+    barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
+    here = searching(inside, sheet.kind)
+    passed = _between_parts(sheet, region, way)
+    stray = ~inside[1:-1]
+    stray[: here.start] = stray[here.stop :] = False
+    gaps = shapely.distance(region.free, shapely.points(np.where(near[:, None], way, 0.0)))
+    elsewhere = ~near | (gaps > _ELSEWHERE)
+    if elsewhere[-1] and sheet.landing is not None:
+        said = (
+            f"expected an end of the mission near the region {region.name!r}, got"
+            f" {text_of(sheet.landing)}, far outside"
+        )
+        sheet.add("outside-region", "end", said)
+    for index in np.flatnonzero(stray | barred[1:-1] | elsewhere[1:-1]).tolist():
+        point, place = text_of(sheet.points[index]), sheet.places[index]
+        if elsewhere[index + 1]:
+            said = (
+                f"expected a waypoint in the region {region.name!r}{region.margin_text}, got"
+                f" {point}, far outside"
+            )
+            x, y = sheet.points[index].tolist()
+            other = _in_plane((y, x), region)
+            swapped = region.frame is not None and max(other) < math.inf
+            swapped = swapped and region.free.distance(shapely.Point(other)) < _ELSEWHERE
+            sheet.add(
+                "outside-region",
+                place,
+                f"{said}{': latitude and longitude swapped are near it' * swapped}",
+            )
+        elif barred[index + 1]:
+            sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
+        else:
+            if sheet.kind == "fixed-wing" or passed[index]:
+                # the vehicle turns there, or flies from part to part: its legs are reported instead
+                continue
+            where = region.outside_text(way[index + 1])
+            said = (
+                f"expected a waypoint in the region {region.name!r}{region.margin_text}, got"
+                f" {point}, {where}"
+            )
+            sheet.add("outside-region", place, said)
+    outside = _check_legs(sheet, way, here, allowed, forbidden)
+    if sheet.kind == "fixed-wing" and outside.any():
+        ends = way[1:][np.concatenate([outside[:-1] | outside[1:], outside[-1:]])]
+        away = float(shapely.distance(region.free, shapely.points(ends)).max())
+        if airspace is None:
+            sheet.add(
+                "transit",
+                "",
+                f"expected turns inside the region, got turns up to {away:.3g} m outside",
+            )
+        elif away > airspace + ROUNDING:
+            sheet.add(
+                "airspace",
+                "",
+                f"expected turns up to {airspace:g} m outside the region, got {away:.3g} m",
+            )
+
+
+def _between_parts(sheet: Sheet, region: SearchRegion, way: Points) -> NDArray[np.bool_]:
+    """Return, for each waypoint, whether a flight may pass it on its way around no-go zones from
+    one part of a region to another.
+
+    A flight may leave a region of several parts between its parts. A margin can divide a region of
+    one part beside its zones: there it may be where the fence of the mission lets it.
+    """
+    import shapely
+
+    if sheet.kind == "rover":
+        return np.zeros(len(sheet.points), dtype=np.bool_)
+    if len(region.parts) > 1 or sheet.fence is None or region.no_go.is_empty:
+        return np.full(len(sheet.points), len(region.parts) > 1)
+    area = sheet.fence.area(region.frame).buffer(ROUNDING)
+    near = np.asarray(np.isfinite(way[1:-1]).all(axis=1))
+    return np.asarray(
+        near & shapely.intersects_xy(area, *np.where(near[:, None], way[1:-1], 0.0).T)
+    )
+
+
+def _check_legs(
+    sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any
+) -> NDArray[np.bool_]:
+    """Add diagnostics for legs that leave the allowed area or cross a forbidden area.
+
+    A leg from home or back home may leave the allowed area, unless the vehicle is a rover. If a
+    fixed wing leaves the allowed area on a leg of the search, the function adds no diagnostic, and
+    the result is true for this leg.
+    """
+    import shapely
+
+    finite = np.asarray(np.isfinite(way).all(axis=1))
+    usable = np.asarray(finite[:-1] & finite[1:])
+    lines = shapely.linestrings(
+        np.where(usable[:, None, None], np.stack([way[:-1], way[1:]], axis=1), 0.0)
+    )
+    outside = usable & ~np.asarray(shapely.covers(allowed, lines))
+    through = usable & np.asarray(shapely.intersects(forbidden, lines))
+    if here.start or not shapely.intersects_xy(allowed, *way[0]):
+        outside[: here.start + 1] = False
+    if here.stop < len(sheet.points) or not shapely.intersects_xy(allowed, *way[-1]):
+        outside[here.stop :] = False
+    turned = outside & ~through if sheet.kind == "fixed-wing" else np.zeros_like(outside)
+    turned[[0, -1]] = False
+    outside &= ~turned
+    names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "back home"]
+    for index in np.flatnonzero(outside | through).tolist():
+        place = sheet.places[min(index, len(sheet.places) - 1)]
+        if through[index]:
+            sheet.add(
+                "no-go",
+                place,
+                f"expected legs around the no-go zones, got a leg through a zone, {names[index]}",
+            )
+        elif sheet.kind == "rover":
+            sheet.add(
+                "leg-outside",
+                place,
+                "expected legs inside the region, got a leg that leaves the region,"
+                f" {names[index]}",
+            )
+        elif 0 < index < len(sheet.points):
+            sheet.add(
+                "transit",
+                place,
+                "expected legs inside the region, got a leg that leaves the region,"
+                f" {names[index]}",
+            )
+    return np.asarray(turned)

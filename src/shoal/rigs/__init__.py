@@ -1,0 +1,64 @@
+"""Closed-loop control of a real or simulated rig: send commands, and receive the positions of
+particles.
+
+A *rig* is a real or simulated device that moves particles and observes the particles' positions.
+Every policy works with every rig.
+"""
+
+from __future__ import annotations
+
+from shoal.rigs.checks import KINDS, Alarm, Rate, Trust
+from shoal.rigs.driving import (
+    Drive,
+    DriveError,
+    DriveInterrupted,
+    drive,
+    load_drive_kernels,
+    replay_log,
+)
+from shoal.rigs.log import DriveLog, RecordedRig, read_log
+from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
+from shoal.rigs.simulated import NoisyRig, SimulatedRig
+from shoal.rigs.transports import (
+    PROTOCOL,
+    ConnectionCutError,
+    ProcessTransport,
+    Rig,
+    SerialTransport,
+    TcpTransport,
+    Transport,
+    decode_message,
+    encode_message,
+    open_transport,
+)
+
+__all__ = [
+    "Alarm",
+    "ConnectionCutError",
+    "Drive",
+    "DriveError",
+    "DriveInterrupted",
+    "DriveLog",
+    "KINDS",
+    "LinkCounts",
+    "NoisyRig",
+    "PROTOCOL",
+    "ProcessTransport",
+    "Rate",
+    "RecordedRig",
+    "RemoteRig",
+    "Rig",
+    "SerialTransport",
+    "SimulatedRig",
+    "TcpTransport",
+    "Transport",
+    "Trust",
+    "decode_message",
+    "drive",
+    "encode_message",
+    "load_drive_kernels",
+    "open_rig",
+    "open_transport",
+    "read_log",
+    "replay_log",
+]

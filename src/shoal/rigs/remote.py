@@ -1,0 +1,404 @@
+"""A remote rig behind an unreliable connection. The connection may break, and may
+damage messages.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.checks import check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, RigError
+from shoal.rigs.transports import (
+    LARGEST_VIEW,
+    PROTOCOL,
+    Again,
+    Command,
+    ConnectionCutError,
+    Done,
+    Hello,
+    Message,
+    Observe,
+    PositionError,
+    Positions,
+    Refusal,
+    Stop,
+    Stopped,
+    Transport,
+    Welcome,
+    decode_message,
+    encode_message,
+    open_transport,
+)
+from shoal.swarm.grid.board import RULES, letters_of
+from shoal.swarm.grid.state import check_cells
+
+OnEvent = Callable[[str, dict[str, Any]], None]
+"""Function that `RemoteRig` calls for an event and its details: "cut", "reconnected", "damaged",
+"resent" or "doubled".
+"""
+REPEAT_AFTER, END_AFTER = 5.0, 60.0  # seconds
+FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between two attempts to reconnect
+STOP_EVERY = 0.5  # seconds between two stop commands until the rig confirms one
+
+
+@dataclass
+class LinkCounts:
+    """Statistics of the connection to a remote rig.
+
+    Parameters
+    ----------
+    requests, resent : int
+        ``requests`` is the number of requests, and ``resent`` is the number of repetitions of
+        requests.
+    damaged : int
+        Number of damaged lines (lines with a wrong checksum) that Shoal received or the rig
+        reported.
+    reconnects : int
+        Number of times that Shoal opened a lost connection again.
+    doubled : int
+        Number of answers that came more than once although Shoal sent the request once.
+    """
+
+    requests: int = 0
+    resent: int = 0
+    damaged: int = 0
+    reconnects: int = 0
+    doubled: int = 0
+
+
+class RemoteRig:
+    """A remote rig, which exchanges the messages of `shoal.rigs.transports` with Shoal over a
+    connection.
+
+    Shoal numbers its requests, and repeats an unanswered request with an unchanged number. The rig
+    carries out a request once, even if Shoal repeats the request. After ``end_after`` seconds
+    without an answer, Shoal raises an error. If the connection is lost, Shoal opens the connection
+    again and continues the session.
+
+    Parameters
+    ----------
+    transport : Transport
+    repeat_after : float
+        Time without an answer after which Shoal repeats a request, in seconds.
+    end_after : float
+        Time without an answer after which the rig counts as lost, in seconds. Time without a
+        connection counts as time without an answer.
+    on_event : callable, optional
+        Function that the object calls with the events of the connection.
+    session : str, optional
+        Identifier of the session. The default identifier of a session is a random word.
+
+    Raises
+    ------
+    RigError
+        Raised if the rig does not answer, or if the rig uses another version of the protocol.
+
+    Notes
+    -----
+    A `RemoteRig` is a context manager that closes the connection at the end of the ``with`` block.
+    Closing the connection does not stop the rig. To stop the rig, call `stop`.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        repeat_after: float = REPEAT_AFTER,
+        end_after: float = END_AFTER,
+        on_event: OnEvent | None = None,
+        session: str | None = None,
+    ) -> None:
+        self.transport = transport
+        self.repeat_after = check_number(repeat_after, what="repeat_after", above=0)
+        self.end_after = check_number(end_after, what="end_after", above=0)
+        self.on_event: OnEvent = on_event or (lambda _what, _details: None)
+        self.counts = LinkCounts()
+        self._session, self._seq = session or secrets.token_hex(8), 0
+        self._repeated = 0  # the last request that was sent more than once
+        self._heard = time.monotonic()
+        self._welcome = self._connect(new=True)
+
+    @property
+    def name(self) -> str:
+        """Name of the rig, as reported by the rig."""
+        return self._welcome.name
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the rig's field of view, in cells."""
+        return tuple(self._welcome.shape)
+
+    @property
+    def rule(self) -> str:
+        """The rig's move rule."""
+        return self._welcome.rule
+
+    def __enter__(self) -> RemoteRig:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection to the rig."""
+        self.transport.close()
+
+    def send(self, command: str) -> None:
+        """Send one command, and wait until the rig has carried out the command.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if ``command`` is not a command letter.
+        RigError
+            Raised if the rig does not answer, or if the rig refuses the command.
+        """
+        if len(command) != 1 or command not in letters_of(len(self.shape)):
+            raise InvalidInputError(
+                f"expected one command out of {letters_of(len(self.shape))!r}, got {command!r}"
+            )
+        self._seq += 1
+        self._ask(Command(seq=self._seq, command=command), Done)
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return the cells of all observed particles (int64, shape (n, ndim)).
+
+        Raises
+        ------
+        RigError
+            Raised if the rig does not answer, or if the answer of the rig contains invalid cells.
+        """
+        self._seq += 1
+        answer = self._ask(Observe(seq=self._seq), Positions)
+        try:
+            return check_cells(answer.cells, self.shape, what=f"{self.transport.name}: positions")
+        except InvalidInputError as error:
+            raise PositionError(str(error)) from None
+
+    def stop(self) -> None:
+        """Stop the rig, even after an error. Repeat the stop request until the rig confirms the
+        stop.
+
+        Raises
+        ------
+        RigError
+            Raised if the rig does not confirm the stop within ``end_after`` seconds.
+        """
+        until, pause = time.monotonic() + self.end_after, FIRST_PAUSE
+        while time.monotonic() < until:
+            try:
+                self.transport.write(
+                    b"\n" + encode_message(Stop())
+                )  # the newline ends a line that an interruption may have left incomplete
+                if self._stopped(min(STOP_EVERY, self.repeat_after)):
+                    return
+            except ConnectionCutError:
+                pause = self._reopen(pause)
+        raise RigError(
+            f"{self.transport.name}: the rig has not confirmed the stop command within"
+            f" {self.end_after:g} s"
+        )
+
+    def _messages(self, timeout: float) -> Iterator[Message | None]:
+        """Yield the messages that arrive within ``timeout`` seconds, and None for each damaged
+        message.
+
+        Raises
+        ------
+        RigError
+            Raised if an undamaged line is not a message of the protocol.
+        """
+        until = time.monotonic() + timeout
+        while (left := until - time.monotonic()) > 0:
+            line = self.transport.read(left)
+            if line is None:
+                return
+            if line.strip():
+                try:
+                    yield decode_message(line)
+                except InvalidInputError as error:
+                    raise RigError(f"{self.transport.name}: {error}") from None
+
+    def _stopped(self, timeout: float) -> bool:
+        """Wait until the rig confirms the stop. Return False if Shoal must repeat the
+        stop request.
+        """
+        try:
+            for message in self._messages(timeout):
+                if isinstance(message, Stopped | Again):
+                    return isinstance(message, Stopped)
+        except RigError:
+            pass
+        return False
+
+    def _ask(self, request: Command | Observe, kind: type[Any]) -> Any:
+        """Send a request, and repeat the request until the rig answers."""
+        self.counts.requests += 1
+        self._heard = time.monotonic()
+        while True:
+            try:
+                self.transport.write(encode_message(request))
+                answer = self._answer(request.seq)
+            except ConnectionCutError as error:
+                self._reconnect(str(error))
+                answer = None
+            if isinstance(answer, kind):
+                return answer
+            if answer is not None:
+                raise RigError(
+                    f"{self.transport.name}: expected the answer {kind.__name__.lower()!r}, got"
+                    f" {answer.type!r}"
+                )
+            self._check_silence()
+            self.counts.resent += 1
+            self._repeated = request.seq
+            self.on_event("resent", {"seq": request.seq})
+
+    def _answer(self, seq: int) -> Any:
+        """Return the rig's answer to a request, or None if Shoal must repeat the request."""
+        for message in self._messages(self.repeat_after):
+            if message is None or isinstance(message, Again):
+                self.counts.damaged += 1
+                self.on_event("damaged", {"seq": seq, "by": "rig" if message is None else "us"})
+                return None
+            self._check_refusal(message, seq)
+            if getattr(message, "seq", None) == seq and not isinstance(message, Welcome):
+                self._heard = time.monotonic()
+                return message
+            if isinstance(message, Done | Positions) and self._repeated < message.seq < seq:
+                self.counts.doubled += 1
+                self.on_event("doubled", {"seq": message.seq})
+        return None
+
+    def _check_refusal(self, message: Message, seq: int | None) -> None:
+        if isinstance(message, Refusal) and (seq is None or message.seq in {None, seq}):
+            raise RigError(
+                f"{self.transport.name}: the rig refuses the request: {message.text[:200]}"
+            )
+
+    def _check_silence(self, why: str = "") -> None:
+        if time.monotonic() - self._heard > self.end_after:
+            raise RigError(
+                f"{self.transport.name}: no answer from the rig for {self.end_after:g}"
+                f" s{f' ({why})' if why else ''}"
+            )
+
+    def _reconnect(self, why: str) -> None:
+        self.on_event("cut", {"seq": self._seq, "why": why[:200]})
+        self.transport.close()
+        self._connect(new=False)
+        self.counts.reconnects += 1
+        self.on_event("reconnected", {"seq": self._seq})
+
+    def _reopen(self, pause: float) -> float:
+        """Wait ``pause`` seconds, try once to open the connection again, and return the next
+        waiting time in seconds.
+        """
+        self.transport.close()
+        time.sleep(pause)
+        try:
+            self.transport.open()
+        except ConnectionCutError:
+            return min(2 * pause, LONGEST_PAUSE)
+        return FIRST_PAUSE
+
+    def _connect(self, *, new: bool) -> Welcome:
+        """Open the connection, and send hello messages until the rig answers."""
+        pause = FIRST_PAUSE
+        while True:
+            why = ""
+            try:
+                self.transport.open()
+                welcome = self._greet()
+                if welcome is not None:
+                    return self._accepted(welcome, new=new)
+            except ConnectionCutError as error:
+                why = str(error)
+            except BaseException:
+                self.transport.close()
+                raise
+            self.transport.close()
+            self._check_silence(why)
+            time.sleep(pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
+
+    def _greet(self) -> Welcome | None:
+        """Send a hello message, and return the rig's answer. If no answer arrives in time, return
+        None.
+        """
+        for _ in range(3):
+            self.transport.write(b"\n" + encode_message(Hello(session=self._session)))
+            for message in self._messages(self.repeat_after):
+                if message is None or isinstance(message, Again):
+                    break
+                self._check_refusal(message, None)
+                if isinstance(message, Welcome):
+                    return message
+        return None
+
+    def _accepted(self, welcome: Welcome, *, new: bool) -> Welcome:
+        """Check that the answer to the request hello comes from the expected rig and session."""
+        if welcome.protocol != PROTOCOL:
+            raise RigError(
+                f"{self.transport.name}: expected a rig that speaks protocol {PROTOCOL}, got"
+                f" {welcome.protocol}"
+            )
+        if welcome.rule not in RULES or int(np.prod(welcome.shape, dtype=object)) > LARGEST_VIEW:
+            raise RigError(
+                f"{self.transport.name}: expected a rule out of {', '.join(RULES)} and at most"
+                f" {LARGEST_VIEW} cells, got {welcome.rule!r} and {tuple(welcome.shape)}"
+            )
+        if new:
+            if welcome.seq != 0 or welcome.session != self._session:
+                raise RigError(
+                    f"{self.transport.name}: expected a new session, got a session with"
+                    f" {welcome.seq} requests"
+                )
+        elif welcome.session != self._session or welcome.seq not in {self._seq - 1, self._seq}:
+            raise RigError(
+                f"{self.transport.name}: expected the rig to continue at request {self._seq}, got"
+                f" {welcome.seq}: the rig has restarted, and the effect of the last command is"
+                " unknown"
+            )
+        return welcome
+
+
+def open_rig(
+    spec: str,
+    *,
+    repeat_after: float = REPEAT_AFTER,
+    end_after: float = END_AFTER,
+    on_event: OnEvent | None = None,
+) -> RemoteRig:
+    """Connect to the rig that the text ``spec`` names.
+
+    Parameters
+    ----------
+    spec : str
+        Address of the rig: ``serial:/dev/ttyUSB0``, ``tcp:HOST:PORT``, or ``exec:COMMAND``. A
+        serial line runs at 115200 baud. The address of a serial line may end with another speed in
+        baud, as in ``serial:/dev/ttyUSB0@9600``. ``COMMAND`` starts a program that exchanges the
+        messages of the protocol on its standard input and output.
+    repeat_after, end_after, on_event
+        Options of the class `RemoteRig`.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if ``spec`` does not begin with ``serial:``, ``tcp:`` or ``exec:``.
+    MissingExtraError
+        Raised if the rig is on a serial line, and pyserial is not installed (``pip install
+        'shoal[serial]'``).
+    RigError
+        Raised if the rig does not answer, or if the rig uses another version of the protocol.
+    """
+    return RemoteRig(
+        open_transport(spec), repeat_after=repeat_after, end_after=end_after, on_event=on_event
+    )

@@ -1,0 +1,510 @@
+"""The particles of a rig in the closed loop: the positions that the rig observes update
+the belief.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.errors import InvalidInputError
+from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, NoiseMonitor, explain_contradiction
+from shoal.rigs.log import DriveLog
+from shoal.rigs.transports import PositionError, Rig
+from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
+from shoal.swarm.grid.scans import AXES, Row, states_of_run
+from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
+from shoal.swarm.grid.tasks import Mapping
+from shoal.swarm.noise.belief import NoisyBelief, padded_shape
+from shoal.swarm.noise.model import LOSS, Noise
+from shoal.swarm.simulation.swarms import distance_of_push, newly_classified
+
+
+class RigSwarm(ABC):
+    """Base class of the swarms that the closed loop controls on a rig.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig. The constructor observes the particles of the rig once.
+
+    Attributes
+    ----------
+    belief : Belief
+    state : SwarmState
+        Observed or estimated cells of all particles.
+    start : ndarray of int64, shape (n, ndim)
+        Cells of the particles at the start.
+    first_frontier : int
+        Number of frontier cells at the start.
+    moves : int
+        Number of commands sent to the rig.
+    log : DriveLog, optional
+        Log to which the object writes all commands and scans.
+    moved : bool
+        Whether particles were seen to move since the start.
+    unproven : int
+        Number of cells classified since particles were surely seen to move. If the rig has failed
+        meanwhile, these walls are wrong.
+    sending, scanning : float
+        Time that the rig spent on commands and on scans, in seconds.
+    scans : int
+        Number of scans, including the scan at the start.
+    """
+
+    belief: Belief
+    state: SwarmState
+    start: NDArray[np.int64]
+    first_frontier: int
+    moved: bool = False
+    unproven: int = 0
+    noisy: NoisyBelief | None = None
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig, self.rule, self.layout, self.moves = rig, rig.rule, GridLayout(rig.shape), 0
+        self.log: DriveLog | None = None
+        self.sending = self.scanning = 0.0
+        self.scans = 0
+
+    @property
+    @abstractmethod
+    def finished(self) -> bool:
+        """Whether no frontier cell is left that the particles can classify."""
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether more cells than the confidence allows were classified while nothing was
+        established to move.
+        """
+        return False
+
+    @property
+    @abstractmethod
+    def still(self) -> bool | None:
+        """Whether it is clear that commands move nothing. None if more commands are
+        needed to tell.
+        """
+
+    @abstractmethod
+    def command_that_moves(self) -> str | None:
+        """Return the command that must move most particles, because the cells ahead of them are
+        known to be free, or None.
+        """
+
+    @abstractmethod
+    def predict(self, command: str, steps: int) -> list[Row] | None:
+        """Update the belief after the command was sent ``steps`` times without a scan.
+
+        Return the trace entries of each command, as `update` does. If a scan is necessary, return
+        None and leave the belief unchanged.
+        """
+
+    @abstractmethod
+    def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
+        """Update the belief with ``cells``, the result of a scan after the command was sent
+        ``steps`` times.
+
+        Return the trace entries (classified, frontier, travelled) of each command.
+        """
+
+    def marks(self) -> list[Alarm]:
+        """Return the alarms that mark the result without stopping the drive."""
+        return []
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return the cells in which the rig observes particles (int64, shape (n, ndim)).
+
+        Raises
+        ------
+        PositionError
+            Raised if a position is not a cell of the field of view or of the rim around it.
+        """
+        began = time.perf_counter()
+        seen = self.rig.observe()
+        self.scanning += time.perf_counter() - began
+        self.scans += 1
+        try:
+            return check_cells(seen, self.rig.shape, what="positions")
+        except InvalidInputError as error:
+            raise PositionError(f"the rig, after {self.moves} moves: {error}") from None
+
+    def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
+        """Send the command ``steps`` times. Observe the particles if ``scan`` is true or the
+        outcome is uncertain.
+
+        Return the trace entries of each command, and whether the rig observed the particles.
+        """
+        for _ in range(steps):
+            self.moves += 1
+            if self.log is not None:
+                self.log.command(self.moves, command)
+            began = time.perf_counter()
+            self.rig.send(command)
+            self.sending += time.perf_counter() - began
+        rows = None if scan else self.predict(command, steps)
+        if rows is not None:
+            return rows, False
+        cells = self.observe()
+        if self.log is not None:
+            self.log.scan(self.moves, cells)
+        return self.update(command, steps, cells), True
+
+    def _ahead(self, occupied: Board, free: Board) -> str | None:
+        """Return the command for which most particles have a free cell without a particle ahead, or
+        None if there is none.
+        """
+        room = {
+            letter: len((occupied.shifted(letter) & free) - occupied)
+            for letter in letters_of(self.layout.ndim)
+        }
+        best = max(room, key=lambda letter: room[letter])
+        return best if room[best] else None
+
+
+class ExactRigSwarm(RigSwarm):
+    """The particles of a rig without noise: all positions that the rig reports are correct.
+
+    Raises
+    ------
+    PositionError
+        Raised if the rig observes no particles at the start, or if a position lies outside the
+        field of view.
+    AlarmRaised
+        Raised if the commands cannot explain the change of the positions between two observations.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        super().__init__(rig)
+        self.start = self.observe()
+        self.state = self._state_at(self.start)
+        here = self.state.occupied
+        self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
+        self.first_frontier = len(self.belief.frontier)
+        self._tried: set[str] = set()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the belief has no frontier cells left."""
+        return self.belief.complete
+
+    @property
+    def still(self) -> bool | None:
+        """Whether all directions were tried and nothing moved."""
+        return False if self.moved else True if len(self._tried) == 2 * self.layout.ndim else None
+
+    def command_that_moves(self) -> str | None:
+        """Return the command that must move most particles, because the cells ahead of them are
+        known to be free, or None.
+        """
+        return self._ahead(self.state.occupied, self.belief.open)
+
+    def predict(self, command: str, steps: int) -> list[Row] | None:
+        """Update the belief without a scan if no particle tries to enter an unknown cell.
+
+        If a particle tries to enter an unknown cell, a scan is necessary: return None.
+        """
+        state, code = self.state, self._code(command)
+        for _ in range(self._pushes(steps)):
+            if state.occupied.shifted(command) - self.belief.known:
+                return None
+            before, state = (
+                state,
+                pushed(self.layout, self.belief.open.words, state, code, self.rule),
+            )
+            if state == before:
+                break
+        return self._take_over(command, steps, state)
+
+    def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
+        """Update the belief with a scan after the command was sent ``steps`` times.
+
+        Raises
+        ------
+        AlarmRaised
+            Raised if the commands cannot explain the change of the observed positions.
+        """
+        after = self._state_at(cells)
+        moved = after != self.state
+        rows = self._take_over(command, steps, after)
+        self._tried.add(command)
+        if moved:
+            self.moved, self.unproven = True, 0
+        else:
+            self.unproven += sum(row[0] for row in rows)
+        return rows
+
+    def _take_over(self, command: str, steps: int, after: SwarmState) -> list[Row]:
+        """Update state and belief, both or neither, and return the trace entries."""
+        try:
+            states = list(states_of_run(self.state, after, command, self._pushes(steps)))
+        except InvalidInputError as error:
+            raise self._contradiction(after, command, steps, str(error)) from None
+        here, belief, rows = self.state, self.belief, []
+        for state in states:
+            learnt = Mapping().update(belief, command, here.occupied, state.occupied)
+            wrong = self._wrong(learnt, self._code(command), here, state)
+            if wrong is not None:
+                raise self._contradiction(after, command, steps, wrong)
+            rows.append(
+                (
+                    newly_classified(belief, learnt),
+                    len(learnt.frontier),
+                    distance_of_push(here, state, command),
+                )
+            )
+            here, belief = state, learnt
+        self.state, self.belief = here, belief
+        if self.rule == "tilt":  # one command
+            return [(sum(row[0] for row in rows), rows[-1][1], sum(row[2] for row in rows))]
+        return rows
+
+    def _contradiction(
+        self, after: SwarmState, command: str, steps: int, otherwise: str
+    ) -> AlarmRaised:
+        about: dict[str, Any] = {
+            "free": self.belief.open,
+            "move": self.moves,
+            "otherwise": otherwise,
+        }
+        return AlarmRaised(
+            explain_contradiction(self.state, after, command, self._pushes(steps), **about)
+        )
+
+    def _code(self, command: str) -> int:
+        return int(encode(command, ndim=self.layout.ndim)[0])
+
+    def _pushes(self, steps: int) -> int:
+        return steps if self.rule != "tilt" else max(self.layout.window)
+
+    def _state_at(self, cells: NDArray[np.int64]) -> SwarmState:
+        where = f"the rig, after {self.moves} moves"
+        if len(cells) == 0:
+            if self.moves:
+                text = (
+                    f"move {self.moves}: {self.state.n_particles} particles before, none now: the"
+                    " particles were lost or not seen"
+                )
+                raise AlarmRaised(Alarm("number", self.moves, f"{text}; {NOISY}"))
+            raise PositionError(f"{where}: expected the cells of particles, got none")
+        outside = ((cells < 0) | (cells >= np.array(self.layout.shape))).any(axis=1)
+        twice = (cells[1:] == cells[:-1]).all(axis=1) & (
+            self.rule != "merge"
+        )  # the cells are sorted
+        for wrong, at, what in (
+            (outside, cells, f"inside {self.layout.shape}"),
+            (twice, cells[1:], "of one particle each"),
+        ):
+            if wrong.any():
+                cell = tuple(at[wrong][0].tolist())
+                raise PositionError(f"{where}: expected cells {what}, got {cell}; {NOISY}")
+        return SwarmState.of_cells(self.layout, cells, shared=self.rule == "merge")
+
+    def _wrong(
+        self, belief: Belief, code: int, before: SwarmState, after: SwarmState
+    ) -> str | None:
+        """Return why a state does not follow from the state before it and the known free cells, or
+        None if it follows.
+        """
+        should = pushed(self.layout, belief.open.words, before, code, self.rule)
+        wrong = should.occupied ^ after.occupied
+        if not wrong and should == after:
+            return None
+        cell = tuple(int(i) for i in wrong.cells[0]) if wrong else ()
+        got = (
+            f"{'a' if cell in after.occupied else 'no'} particle at {cell}"
+            if wrong
+            else "other numbers of particles in cells"
+        )
+        return f"expected every particle to move as rule {self.rule} requires, got {got}"
+
+
+class NoisyRigSwarm(RigSwarm):
+    """The particles of a rig with noise: positions that the rig reports may be wrong.
+
+    Parameters
+    ----------
+    rig : Rig
+    noise : Noise
+    confidence : float
+
+    Attributes
+    ----------
+    observations : list of ndarray of int64, shape (k, ndim)
+        Cells in which each scan showed particles.
+    monitor : NoiseMonitor
+        What the scans say about the stated noise.
+
+    Raises
+    ------
+    AlarmRaised
+        Raised if the scans contradict the commands beyond what the stated noise explains.
+    """
+
+    def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
+        super().__init__(rig)
+        cells = self.observe()
+        self.noisy = NoisyBelief(
+            rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS
+        )
+        self.monitor = NoiseMonitor(rig.shape, noise)
+        self.monitor.count(cells)
+        self._confidence, self._shown = confidence, False
+        self._classified = dict.fromkeys(letters_of(self.layout.ndim), 0)  # cells, by command
+        self._recent = 0  # cells classified since motion was last established
+        self._once_free = Board.empty(self.layout)
+        self._unseen = 0  # commands since the last scan
+        self._take_over()
+        self.start, self.first_frontier, self.observations = (
+            self.state.cells,
+            self.noisy.remaining,
+            [cells],
+        )
+
+    @property
+    def finished(self) -> bool:
+        """Whether every cell that a particle may still enter is classified."""
+        return self.noisy.finished
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether more cells than the confidence allows were classified while nothing was
+        established to move.
+
+        Or by a command that was never seen to move a particle, although the map has room for it.
+        """
+        return self.unproven > self._allowed or any(
+            self.belief.open.shifted(one) & self.belief.open for one in self.unshown
+        )
+
+    @property
+    def _allowed(self) -> float:
+        """Number of cells that may be wrong according to the confidence."""
+        return (1 - self._confidence) * len(self.belief.known)
+
+    @property
+    def unshown(self) -> list[str]:
+        """Commands that classified more cells than the confidence allows, but were never seen to
+        move a particle.
+        """
+        told = self._classified.items()
+        return [
+            letter
+            for letter, cells in told
+            if cells > self._allowed and not self.monitor.shows_motion(letter)
+        ]
+
+    @property
+    def still(self) -> bool | None:
+        """Whether commands move nothing: false once scans show motion, true if enough commands
+        should have shown it.
+        """
+        if self.moved or self.monitor.along:
+            return False
+        noise, rounds = self.noisy.noise, self.moves // (2 * self.layout.ndim)
+        expected = (
+            rounds
+            * (1 - noise.slip)
+            * ((1 - noise.miss) * (1 - noise.misplace)) ** 2
+            * self._singles
+        )
+        doubt = float(np.sqrt(np.trace(self.monitor.variance)))
+        enough = rounds >= 3 and expected > 8 * doubt + 2
+        return True if enough and np.trace(self.monitor.advance) < expected / 4 else None
+
+    @property
+    def _singles(self) -> int:
+        """Number of detections in the first scan without a detection beside it. In a round of all
+        directions, each must move.
+        """
+        seen = Board.of_cells(self.layout, self.observations[0])
+        beside = [seen.shifted(letter) for letter in letters_of(self.layout.ndim)]
+        crowded = beside[0]
+        for board in beside[1:]:
+            crowded = crowded | board
+        return max(1, len(seen - crowded))
+
+    def command_that_moves(self) -> str | None:
+        """Return the command that must move most particles, because the cells ahead of them are
+        known to be free, or None.
+
+        A command that was not seen to move particles comes first. If no particle has room for it,
+        other commands make room.
+        """
+        letters = letters_of(self.layout.ndim)
+        room = {
+            letter: (self.state.occupied.shifted(letter) & self.belief.open) - self.state.occupied
+            for letter in letters
+        }
+        for letter in self.unshown:
+            back = next(
+                other for other in letters if AXES[other] == (AXES[letter][0], -AXES[letter][1])
+            )
+            for choice in (letter, back, letters[self.moves % len(letters)]):
+                if room[choice]:
+                    return choice
+        return self._ahead(self.state.occupied, self.belief.open)
+
+    def predict(self, command: str, steps: int) -> list[Row]:
+        """Update the estimated positions of the particles after ``steps`` commands without a scan.
+        Do not classify any cell.
+        """
+        for _ in range(steps):
+            self.noisy.spread(command)
+        self._unseen += steps
+        self._take_over()
+        return [(0, self.noisy.remaining, 0)] * steps
+
+    def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
+        """Update the belief with a scan after the command was sent ``steps`` times. Report 0 as the
+        unknown travelled distance.
+        """
+        rows = self.predict(command, steps - 1)
+        alone, self._unseen = self._unseen == 0, 0
+        if alone:
+            inside = self.noisy.state.inside.reshape(padded_shape(self.layout.shape))
+            self.monitor.compare(
+                command, self.observations[-1], cells, inside, self._once_free.mask
+            )
+        classified = self.noisy.update(command, Board.of_cells(self.layout, cells))
+        self.observations.append(cells)
+        self._take_over()
+        shown = self.monitor.count(cells)
+        self._shown = self._shown or shown
+        self.moved = self.moved or (self._shown and self.monitor.along)
+        # a motion somewhere in a series of scans proves the cells classified before the series, but
+        # not those after the motion
+        self._classified[command] += classified
+        self._recent += classified
+        self.unproven = self._recent if shown else self.unproven + classified
+        self._recent = 0 if shown else self._recent
+        return [*rows, (classified, self.noisy.remaining, 0)]
+
+    def check(self) -> None:
+        """Raise an alarm if the scans so far contradict the commands."""
+        alarm = self.monitor.contradiction(self.moves)
+        if alarm is not None:
+            raise AlarmRaised(alarm)
+
+    def marks(self) -> list[Alarm]:
+        """Return the alarms that mark the result: rates far from the stated ones, drift, another
+        number of particles.
+        """
+        marks = self.monitor.marks(self.moves)
+        if not self.state.occupied:
+            text = (
+                "no particle is left that scans show: every cell that is still unclassified"
+                " stays so"
+            )
+            marks = [
+                Alarm("number", self.moves, text),
+                *(mark for mark in marks if mark.kind != "number"),
+            ]
+        return marks
+
+    def _take_over(self) -> None:
+        self.belief, self.state = self.noisy.belief, SwarmState(self.noisy.occupied)
+        self._once_free = self._once_free | self.belief.open

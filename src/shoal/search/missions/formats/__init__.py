@@ -1,1 +1,0 @@
-"""Formats of mission files. Each module of this folder writes and reads one format."""

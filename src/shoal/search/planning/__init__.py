@@ -1,0 +1,1 @@
+"""Planning of a search: orientation of the rows, viewpoints, allocation and routes."""

@@ -1,0 +1,544 @@
+"""Orientation: the choice of a tour, and of the angle and shift of its rows, so that one round of
+the tour takes the least time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import product
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.core.dataclass import dataclass
+from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
+from shoal.search.allocation.costs import Floats, TourCost
+from shoal.search.cells.grid import CellGrid, cells_of, rotated_shape
+from shoal.search.cells.layers import (
+    Grid,
+    LayeredGrid,
+    LayeredPaths,
+    Paths,
+    at_altitude,
+    with_climb_cost,
+)
+from shoal.search.cells.routing import RegionPaths, Route
+from shoal.search.cells.shortening.border_paths import along_border
+from shoal.search.cells.shortening.exchanging import MOST, exchanged
+from shoal.search.cells.visibility_graph import along_tour
+from shoal.search.flight.timing import turn_shares
+from shoal.search.regions.region import SearchRegion
+from shoal.search.tours import Tour, TourMaker, make_tour
+from shoal.search.tours.curves import TIE, joined
+from shoal.search.tours.rows import BoustrophedonTour, CombTour, SpanningTreeTour
+
+_COMPARED = 100_000  # cells times robots: above this, only the first allocation is evaluated
+_WIDE = 10_000  # the same limit for robots with wide footprints
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One possible plan that the planner compares with other plans: an angle, a tour, possibly an
+    allocation, and the search time.
+
+    Parameters
+    ----------
+    angle : float
+        Direction in which most of the tour's length runs, in degrees counter-clockwise from the x
+        axis.
+    tour : str
+        Name of the tour.
+    cells : float
+        Search time, in units of the time in which a robot of speed 1 searches one cell. With an
+        allocation, the search time is the time until all robots finish. Without an allocation, the
+        search time is the time in which one robot follows the whole tour, including turns.
+    allocation : str, optional
+        Name of the allocator.
+    seconds : float, optional
+        Time until the last vehicle is back, if the problem names a vehicle; ``cells`` is then this
+        time in cells.
+    """
+
+    angle: float
+    tour: str
+    cells: float
+    allocation: str | None = None
+    seconds: float | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return the candidate as a mapping that can be written as JSON."""
+        told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
+        told |= {} if self.allocation is None else {"allocation": self.allocation}
+        return told | ({} if self.seconds is None else {"seconds": self.seconds})
+
+
+def compared_allocations(
+    tour_cost: TourCost,
+    starts: Indices,
+    allocators: Sequence[str],
+    *,
+    rates: Floats,
+    places: Floats,
+    widths: Indices,
+    energy: float = inf,
+    recharge: float = 0.0,
+) -> list[tuple[Allocation, float]]:
+    """Return the allocations of all compared allocators, each with the time until all robots
+    finish, the fastest first.
+
+    The unit of all times is the time in which a robot of speed 1 searches one cell.
+
+    Parameters
+    ----------
+    tour_cost : TourCost
+    starts, rates, places, widths : ndarray
+        Start cells, speeds, positions and footprint widths of the robots, as in `allocate`.
+    allocators : sequence of str
+        Names of the allocators to compare. Of several equally fast allocations, the one whose
+        allocator comes first is first.
+    energy : float
+        Time after which the battery of a robot is empty. Each robot must be back at its start by
+        this time.
+    recharge : float
+        Time that a robot needs at its start to recharge its battery.
+
+    Examples
+    --------
+    >>> from shoal.search import make_tour
+    >>> tour_cost = TourCost(make_tour("moore", (8, 8)))
+    >>> team = {"rates": np.ones(2), "places": tour_cost.points[[0, 30]], "widths": np.ones(2, dtype=np.int64)}
+    >>> found = compared_allocations(tour_cost, np.array([0, 30]), ["hop", "stay"], **team)
+    >>> [(allocation.allocator, time) for allocation, time in found]
+    [('hop', 33.0), ('stay', 34.0)]
+    """
+    work = len(tour_cost) * len(starts)
+    reckoned = allocators if work <= (_COMPARED if widths.max() == 1 else _WIDE) else allocators[:1]
+    found = [
+        allocate(tour_cost, starts, allocator=name, rates=rates, places=places, widths=widths)
+        for name in reckoned
+    ]
+    times = [
+        time_with_sorties(one, tour_cost, places, energy=energy, recharge=recharge) for one in found
+    ]
+    order = np.argsort(times, kind="stable")
+    return [(found[k], times[k]) for k in order.tolist()]
+
+
+def time_with_sorties(
+    allocation: Allocation, tour_cost: TourCost, places: Floats, *, energy: float, recharge: float
+) -> float:
+    """Return the approximate time until all robots finish, including flights home to recharge; see
+    `compared_allocations`.
+    """
+    if energy == inf:
+        return allocation.makespan
+    latest = 0.0
+    for time, arcs, place in zip(allocation.times.tolist(), allocation.arcs, places, strict=True):
+        cells = numbers_of(arcs, len(tour_cost))
+        away = (
+            float(np.linalg.norm(tour_cost.points[cells] - place, axis=1).mean())
+            if len(cells)
+            else 0.0
+        )
+        sorties = np.ceil(time / max(energy - 2 * away, 1.0)) - 1 if time + away > energy else 0.0
+        latest = max(latest, time + float(sorties) * (2 * away + recharge))
+    return latest
+
+
+ON_ROWS = ("boustrophedon",)
+"""Names of tours along the rows of cells. For these tours, the viewpoints of border cells lie on a
+path with few bends.
+"""
+
+TURN = 0.85
+"""Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns
+in no time.
+"""
+
+_TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {
+    "spanning-tree": SpanningTreeTour,
+    "comb": CombTour,
+}
+"""Tours that can run along or across the rows of cells."""
+
+_STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
+_SIDES = 3
+_SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
+_TRIED = 4  # number of orientations that are planned in full
+_DRAFTED = 16  # number of orientations that get a draft, if exchanges shorten the tours
+# number of drafts of each kind of tour whose cells are exchanged again, before the best one is
+# completed
+_FINALISTS = 2
+_WORK = 200_000  # total number of cells that are planned in full, over all orientations
+_QUICK = {
+    "boustrophedon": BoustrophedonTour(disturbances=30)
+}  # tour makers that suffice before exchanges of cells
+_ROWS = 120  # maximum number of rows for an estimate
+
+
+@dataclass(frozen=True, eq=False)
+class GridTour:
+    """A region divided into cells, and a tour through these cells.
+
+    Parameters
+    ----------
+    grid : CellGrid or LayeredGrid
+    tour : Tour
+    paths : RegionPaths or LayeredPaths
+    compared : tuple of Candidate
+        The compared candidates, from the fastest to the slowest, or an empty tuple if the planner
+        compared nothing.
+    layers : tuple of GridTour
+        The cells and the tour of each layer, if the search has several layers. Equal layers are one
+        shared object.
+    """
+
+    grid: Grid
+    tour: Tour
+    paths: Paths
+    compared: tuple[Candidate, ...] = ()
+    layers: tuple[GridTour, ...] = ()
+
+    @cached_property
+    def route(self) -> Route:
+        """The closed path of one round of the tour, from the first cell back to the first cell."""
+        return self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
+
+    def once_round(self, turn_cost: float, reach: float = 0.0) -> float:
+        """Return the cost, in cells, of one round of the tour: the length of the path plus the cost
+        of its turns.
+
+        The argument ``reach`` is that of `turn_shares`, for vehicles that pass gentle bends without
+        a stop.
+        """
+        shares = turn_shares(self.route.points, reach=reach)
+        return self.route.length / self.grid.size + turn_cost * float(shares.sum())
+
+
+def grid_tour(
+    region: SearchRegion,
+    size: float,
+    tour: str,
+    *,
+    angle: float,
+    offset: float = 0.0,
+    turn_cost: float = 0.0,
+    stepwise: bool = False,
+    transit: bool = False,
+    exchange: bool = False,
+    along_rows: bool | None = None,
+) -> GridTour:
+    """Divide a region into cells whose rows have a given angle, and compute a tour through these
+    cells.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    size : float
+        Side of a cell in metres.
+    tour : str
+        Name of the tour for `make_tour`.
+    angle : float
+        Angle of the rows of cells in degrees, counter-clockwise from the x axis.
+    offset : float
+        Shift of the rows of cells across their direction, as a fraction of the row width.
+    turn_cost : float
+        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
+    stepwise : bool
+        Whether robots move only from a cell to a neighbouring cell. Such robots see each cell from
+        a viewpoint inside the cell.
+    transit : bool
+        Whether paths may lead outside the region from one of its parts to another, as in
+        `RegionPaths`.
+    exchange : bool
+        Whether exchanges of cells, and paths along the border, shorten the tour, as in `exchanged`
+        and `along_border`. If true, each robot must visit all viewpoints of its cells.
+    along_rows : bool, optional
+        Direction of a tour that can run along or across the rows: true for along, and false for
+        across. By default, the tour maker decides.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> grid_tour(open_region("rectangle:40x20"), 10, "boustrophedon", angle=90).grid
+    <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
+    """
+    turn = turn_cost or TURN
+    on_rows = (exchange or tour in ON_ROWS) and not stepwise
+    grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
+    made = make_tour(_maker(tour, along_rows), grid.mask)
+    if on_rows and exchange:
+        grid, made = _exchanged(grid, exchanged(grid, made, turn)[0], turn)
+        grid = along_border(grid, made.cells, turn)
+    elif on_rows:
+        grid = along_tour(grid, made.cells, turn)
+    return GridTour(grid, made, RegionPaths(grid, transit=transit))
+
+
+def _maker(name: str, along_rows: bool | None) -> str | TourMaker:
+    """Return a tour's name, or a tour maker for the direction ``along_rows`` if the tour can run
+    along or across the rows.
+    """
+    return name if along_rows is None or name not in _TURNABLE else _TURNABLE[name](along_rows)
+
+
+def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]:
+    """Return the grid with new viewpoints, and the tour shortened by exchanges."""
+    tour = exchanged(along_tour(grid, tour.cells, turn), tour, turn)[0]
+    return along_tour(grid, tour.cells, turn), tour
+
+
+def can_exchange(region: SearchRegion, size: float, footprints: ArrayLike) -> bool:
+    """Return whether exchanges may shorten a tour: the region has at most `MOST` cells, and all
+    footprints are equal.
+
+    After exchanges, some cells are visible only from their own viewpoints. A robot with a wide
+    footprint in a neighbouring cell does not see these cells.
+    """
+    return bool(np.unique(footprints).size == 1 and region.area_m2 <= MOST * size**2)
+
+
+def in_layers(
+    first: GridTour,
+    altitudes: Sequence[float],
+    passes: int,
+    sizes: Sequence[float],
+    tour: str,
+    *,
+    climb: float,
+    **given: Any,
+) -> GridTour:
+    """Divide a region into the cells of several layers, and compute one tour through all layers.
+
+    A search with one altitude and one pass keeps the cells and the tour of ``first``.
+
+    Parameters
+    ----------
+    first : GridTour
+        The cells and the tour of the first pass in the lowest layer. All layers take over the
+        region and the angle of ``first``.
+    altitudes : sequence of float
+        Altitudes of the search in metres, in increasing order.
+    passes : int
+        Number of passes at each altitude. In every second pass, the rows of cells are rotated by 90
+        degrees.
+    sizes : sequence of float
+        Side of the cells at each altitude, in metres.
+    tour : str
+        Name of the tour for `make_tour`.
+    climb : float
+        The parameter ``climb`` of `LayeredGrid`.
+    given
+        The arguments ``turn_cost``, ``stepwise`` and ``transit`` of `grid_tour`.
+    """
+    if len(altitudes) * passes == 1:
+        return first
+    size, angle, area = sizes[0], first.grid.angle, first.paths.grid.region
+    known = {(size, angle): first}
+    given |= (
+        {"along_rows": first.tour.runs_along_rows} if passes > 1 else {}
+    )  # so that the rows of the passes cross
+    layers: list[GridTour] = []
+    for side in sizes:
+        for number in range(passes):
+            key = side, (angle + 90.0 * (number % 2)) % 180.0
+            if key not in known:
+                known[key] = grid_tour(area, side, tour, angle=key[1], **given)
+            layers.append(known[key])
+    grids = tuple(one.grid for one in layers if not isinstance(one.grid, LayeredGrid))
+    grid = LayeredGrid(grids, np.repeat(np.asarray(altitudes, dtype=np.float64), passes), climb)
+    points = [
+        with_climb_cost(
+            grid,
+            at_altitude(one.viewpoints[one.viewpoint_starts[one.ordinals(laid.tour.cells)]], up),
+        )
+        / grid.size
+        for one, laid, up in zip(grids, layers, grid.altitudes.tolist(), strict=True)
+    ]
+    whole = joined([one.tour for one in layers], points, turn=max(given.get("turn_cost", 0.0), TIE))
+    paths = LayeredPaths(grid, [one.paths for one in layers if isinstance(one.paths, RegionPaths)])
+    return GridTour(grid, whole, paths, first.compared, tuple(layers))
+
+
+def best_grid_tour(
+    region: SearchRegion,
+    size: float,
+    tours: Sequence[str],
+    *,
+    turn_cost: float,
+    angle: float | None = None,
+    stepwise: bool = False,
+    transit: bool = False,
+    exchange: bool = False,
+    along_rows: bool | None = None,
+) -> GridTour:
+    """Return the cells and the tour with the lowest cost of one round, over all compared tours,
+    angles and shifts of the rows.
+
+    For each pair of an angle and a shift, the function estimates the cost of one round from the
+    number and the lengths of the rows. It computes complete tours only for the four pairs with the
+    lowest estimated cost, and in large regions for fewer pairs. If exchanges shorten the tours, the
+    function drafts tours for more pairs, and completes only the best drafts.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    size : float
+        Side of a cell in metres.
+    tours : sequence of str
+        Names of the tours to compare.
+    turn_cost : float
+        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
+    angle : float, optional
+        Angle of the rows of cells in degrees. If an angle is given, the shift is 0, and the
+        function compares only the tours.
+    stepwise, transit, exchange, along_rows
+        Arguments of `grid_tour`.
+    """
+    turn = turn_cost or TURN
+    exchange = exchange and not stepwise
+    tried = max(1, min(_DRAFTED if exchange else _TRIED, int(_WORK * size**2 / region.area_m2)))
+    estimated = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
+    if exchange:
+        makers = [_QUICK.get(name) or _maker(name, along_rows) for name in tours]
+        whole = _exchanged_tours(region, size, makers, estimated[:tried], turn, transit)
+    else:
+        given: dict[str, Any] = {
+            "stepwise": stepwise,
+            "transit": transit,
+            "turn_cost": turn,
+            "along_rows": along_rows,
+        }
+        chosen = product(estimated[:tried], tours)
+        whole = [
+            grid_tour(region, size, tour, angle=way, offset=offset, **given)
+            for (way, offset), tour in chosen
+        ]
+    found = sorted(
+        ((laid, laid.once_round(turn, turn_cost * size)) for laid in whole), key=lambda one: one[1]
+    )
+    best = found[0][0]
+    compared = {
+        laid.tour.name: Candidate(laid.tour.row_angle(laid.grid.angle), laid.tour.name, cost)
+        for laid, cost in reversed(found)
+    }
+    chosen_among = (
+        sorted(compared.values(), key=lambda one: one.cells)
+        if angle is None or len(tours) > 1
+        else ()
+    )
+    kept = replace(best, compared=tuple(chosen_among))
+    vars(kept)["route"] = best.route  # known already
+    return kept
+
+
+def _exchanged_tours(
+    region: SearchRegion,
+    size: float,
+    makers: Sequence[str | TourMaker],
+    orientations: Sequence[tuple[float, float]],
+    turn: float,
+    transit: bool,
+) -> list[GridTour]:
+    """Return the best of all tours with paths along the border, followed by the best tour of each
+    kind without such paths.
+    """
+    drafts: list[tuple[CellGrid, Tour, float]] = []
+    for angle, offset in orientations:
+        grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
+        drafts += [(grid, *exchanged(grid, make_tour(maker, grid.mask), turn)) for maker in makers]
+    drafts.sort(key=lambda draft: draft[2])
+    laid: list[tuple[float, CellGrid, GridTour]] = []
+    for kind in dict.fromkeys(tour.name for _, tour, _ in drafts):
+        for draft in [one for one in drafts if one[1].name == kind][:_FINALISTS]:
+            grid, tour = _exchanged(draft[0], draft[1], turn)
+            finalist = GridTour(grid, tour, RegionPaths(grid, transit=transit))
+            laid.append((finalist.once_round(turn), grid, finalist))
+    laid.sort(key=lambda one: one[0])
+    best = {one.tour.name: one for _, _, one in reversed(laid)}
+    tour = laid[0][2].tour
+    grid = along_border(laid[0][1], tour.cells, turn)
+    return [GridTour(grid, tour, RegionPaths(grid, transit=transit)), *best.values()]
+
+
+def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
+    """Return pairs (angle, shift) for the rows of cells, sorted by the estimated cost of one round
+    of a tour.
+    """
+    simple = area.simplify(size / 4)
+    angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
+    costs = []
+    for angle in sorted(angles):
+        flat = rotated_shape(simple, -angle)
+        costs += [(_cost_of_rows(flat, size, turn, shift), angle, shift) for shift in _SHIFTS]
+    return [(angle, shift) for _, angle, shift in sorted(costs)]
+
+
+def _long_sides(area: Any) -> list[float]:
+    """Return angles in degrees from 0 to below 180: the directions of an outline's longest sides,
+    and perpendicular directions.
+    """
+    import shapely
+
+    found: dict[float, float] = {}
+    for ring in shapely.get_rings(shapely.get_parts(area)):
+        sides = np.diff(shapely.get_coordinates(ring), axis=0)
+        ways = np.round(np.degrees(np.arctan2(sides[:, 1], sides[:, 0])) % 90.0, 1)
+        for way, length in zip(ways.tolist(), np.hypot(*sides.T).tolist(), strict=True):
+            found[way % 90.0] = found.get(way % 90.0, 0.0) + length
+    best = sorted(found, key=lambda way: -found[way])[:_SIDES]
+    return [way + quarter for way in best for quarter in (0.0, 90.0)]
+
+
+def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
+    """Return the estimated cost, in cells, of driving along all rows of cells.
+
+    The estimate is the sum of three terms: the lengths of all rows, the transfers between rows, and
+    two turns for each row. A transfer between two rows costs one row width, or more where the
+    border slants.
+    """
+    _, low, _, high = area.bounds
+    count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
+    first = (low + high - count * size) / 2 + ((shift - 0.5) * size if shift > 0 else 0.0)
+    looked_at = min(count, _ROWS)
+    chosen = ((np.arange(looked_at) + 0.5) * count / looked_at).astype(np.int64)
+    # A row counts if it contains any part of the region. This is tested along its centre line and
+    # near both of its sides.
+    y = first + (chosen[:, None] + np.array([0.5, 0.02, 0.98])) * size
+    runs, ends, far = (found.reshape(*y.shape, -1) for found in _chords(area, y.ravel()))
+    slants = np.nan_to_num(np.abs(ends[:, 1] - ends[:, 2])) / size
+    lengths = far.max(axis=(1, 2)) / size + slants.sum(axis=1) / 2
+    links = np.hypot(1.0, slants).mean(axis=1) - 1.0
+    return float(
+        (lengths + links + runs.max(axis=(1, 2)) * (1.0 + 2.0 * turn)).sum() * count / looked_at
+    )
+
+
+def _chords(
+    area: Any, y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return, for each horizontal line, the number of its sections in an area, their two outer ends
+    (or NaN) and total length.
+    """
+    import shapely
+
+    points, ring = shapely.get_coordinates(
+        shapely.get_rings(shapely.get_parts(area)), return_index=True
+    )
+    begins, ends = points[:-1][ring[1:] == ring[:-1]], points[1:][ring[1:] == ring[:-1]]
+    line, edge = np.nonzero((begins[:, 1] <= y[:, None]) != (ends[:, 1] <= y[:, None]))
+    (x, high), (far, low) = begins[edge].T, ends[edge].T
+    crossed = x + (y[line] - high) * (far - x) / (low - high)
+    crossed = crossed[np.lexsort((crossed, line))]
+    counts = np.bincount(line, minlength=len(y))
+    first = np.cumsum(counts) - counts
+    signs = np.where((np.arange(len(line)) - first[line]) % 2, 1.0, -1.0)
+    outer: NDArray[np.float64] = np.full((len(y), 2), np.nan)
+    outer[counts > 0] = np.stack(
+        [crossed[first[counts > 0]], crossed[(first + counts - 1)[counts > 0]]], axis=1
+    )
+    return counts / 2, outer, np.bincount(line, crossed * signs, len(y)).astype(np.float64)

@@ -1,0 +1,891 @@
+"""The plan of a search: cells, tour, allocation, routes and flights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.core.checks import check_integer
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
+from shoal.search.allocation.allocate import Allocation, Arc, in_passes, numbers_of
+from shoal.search.allocation.costs import TourCost
+from shoal.search.allocation.viewpoints import select_viewpoints
+from shoal.search.cells.distances import CellDistances, RegionDistances
+from shoal.search.cells.grid import CellGrid, RegionFootprint, cell_side, widths_of
+from shoal.search.cells.layers import (
+    Grid,
+    LayeredDistances,
+    LayeredFootprint,
+    LayeredPaths,
+    LayerNumbers,
+    Paths,
+    at_altitude,
+    cells_of_layers,
+    layers_of,
+    plane_of,
+    with_climb_cost,
+)
+from shoal.search.cells.routing import RegionPaths, Route, Transits, WaysOut
+from shoal.search.cells.visibility_graph import leg_lengths
+from shoal.search.flight.dubins import LINK, Costs
+from shoal.search.flight.flight import Flight
+from shoal.search.flight.sorties import Sorties as FlightSorties
+from shoal.search.flight.timing import Trajectory, merged, turn_cells, turn_shares, working_seconds
+from shoal.search.flight.vehicle import Vehicle
+from shoal.search.planning.orientation import (
+    Candidate,
+    GridTour,
+    best_grid_tour,
+    can_exchange,
+    compared_allocations,
+    in_layers,
+)
+from shoal.search.problem import SearchProblem
+from shoal.search.problem.fields import AUTO
+from shoal.search.regions.margin import grown, with_margin, without_margin
+from shoal.search.regions.places import places_of, read_points
+from shoal.search.regions.region import TOUCH, Image, SearchRegion, check_footprints, coverage_check
+from shoal.search.tours import Tour
+
+LAYOUTS = ("random", "clustered", "line")
+_CLUSTER = 0.05  # relative to the larger side: standard deviation of clustered starts
+
+
+def start_points(problem: SearchProblem, grid: CellGrid, rng: Generator) -> Points:
+    """Return the robots' start positions in metres; float64, shape (robots, 2).
+
+    Parameters
+    ----------
+    problem : SearchProblem
+        The problem, whose fields ``launch`` and ``starts`` define the start positions.
+    grid : CellGrid
+        The cells of the lowest layer.
+    rng : Generator
+        Generator of random numbers for the layouts ``random`` and ``clustered``.
+
+    Raises
+    ------
+    InvalidInputError
+        If a start position lies outside the region. Launch points may lie outside the region.
+    """
+    region, robots, starts = grid.region, problem.robots, problem.starts
+    if problem.launch is not None:
+        return places_of(problem.launch, region, robots, what="launch")
+    if not isinstance(starts, str):
+        return region.check_inside(starts, what="starts")
+    if starts not in LAYOUTS:
+        return region.check_inside(
+            read_points(Path(starts), region, what="starts", count=robots), what=starts
+        )
+    middles = grid.waypoints()
+    if starts == "random":
+        return np.asarray(middles[rng.integers(0, len(middles), size=robots)])
+    if starts == "clustered":
+        middle = middles[rng.integers(len(middles))]
+        spread = max(_CLUSTER * max(np.ptp(middles, axis=0)), grid.size)
+        wanted = middle + rng.normal(0, spread, size=(robots, 2))
+    else:
+        low, high = middles.min(axis=0), middles.max(axis=0)
+        wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
+    return np.asarray(
+        middles[shapely.STRtree(shapely.points(middles)).nearest(shapely.points(wanted))]
+    )
+
+
+Points = NDArray[np.float64]
+Sorties = tuple[tuple[float, float], ...]
+MERGED = 0.001
+"""Maximum distance in metres of an omitted point of a path from the straight leg that
+replaces it.
+"""
+
+NARROWER = (0.5, 0.25, 0.0)
+"""Margins that are tried for vehicles without room, as shares of the default margin."""
+
+NO_ROOM = ("turn_radius", "launch: expected a path ", "landing: expected a path ")
+"""Beginnings of the errors of a vehicle without room."""
+
+_MEMORY = 1990  # waypoints: those of the larger autopilot
+# cells times robots: above this, allocations and tours are compared by their costs in cells alone
+_FLOWN = 3_000
+_NARROWED = 6  # number of compared widths of the rows of a camera
+_UNSEEN = 1e-5  # share of a region that images may miss
+_LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
+_HOLLOW = 1e-9  # share of its area that a convex region may lack because of rounding
+
+
+@dataclass(frozen=True, eq=False)
+class SearchPlan:
+    """The plan of a search: cells, tour, allocation and start positions.
+
+    Parameters
+    ----------
+    grid : CellGrid or LayeredGrid
+    tour_cost : TourCost
+        The tour, and the cost of searching along the tour, in cells.
+    places : ndarray of float64, shape (m, 2)
+        Start positions of the robots in metres, inside or outside the region.
+    starts : ndarray of int64, shape (m,)
+        Tour index of each robot's start cell.
+    rates : ndarray of float64, shape (m,)
+        Speed of each robot, divided by the vehicle's speed.
+    allocation : Allocation
+    footprints : ndarray of float64, shape (m,)
+        Side of each robot's square footprint in the lowest layer, in metres.
+    transit : bool
+        Whether paths may lead outside the region from one of its parts to another.
+    landing : ndarray of float64, shape (m, 2), optional
+        Landing positions of the robots in metres. By default, robots land at their start positions.
+    vehicle : Vehicle
+        Description of the vehicle. All robots have equal vehicles.
+    delays : ndarray of float64, shape (m,)
+        Delay of each robot's departure in seconds. By default, all robots depart at the same time.
+    compared : tuple of Candidate
+        The compared tours from the fastest to the slowest, and then the compared allocations from
+        the fastest to the slowest. The tuple is empty if the planner compared nothing.
+    stay_inside : bool
+        Whether paths between the region and launch or landing points outside it cross the border of
+        the region only once, at the place nearest to the point.
+    flies : bool
+        Whether the problem names a vehicle. If so, times are those of the vehicles' flights, from
+        the start of the search until the last vehicle is back on the ground, and otherwise the
+        times of the search alone.
+    schedule : tuple of tuple of (float, float), optional
+        For each robot, the start time and the duration of each sortie in seconds, if missions with
+        altitude layers and staggered starts determine them. By default, each robot starts after its
+        delay, and again as soon as it is back and recharged.
+    image : Image, optional
+        Image of the vehicles' camera. By default, robots see squares along the rows of cells.
+    curves : dict
+        Cache of the curves of fixed wings, which all compared plans and the missions share.
+    flown : dict
+        Cache of the durations of flights, which all compared allocations of one tour share.
+    """
+
+    grid: Grid
+    tour_cost: TourCost
+    places: Points
+    starts: NDArray[np.int64]
+    rates: NDArray[np.float64]
+    allocation: Allocation
+    footprints: NDArray[np.float64]
+    transit: bool = False
+    landing: Points | None = None
+    vehicle: Vehicle = Vehicle(preset="ideal")
+    delays: NDArray[np.float64] = None  # type: ignore[assignment]  # settled below
+    compared: tuple[Candidate, ...] = ()
+    stay_inside: bool = False
+    flies: bool = False
+    schedule: tuple[Sorties, ...] | None = None
+    image: Image | None = None
+    curves: dict[Any, Costs] = field(default_factory=dict, repr=False)
+    flown: dict[Any, tuple[float, ...] | str] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.delays is None:
+            object.__setattr__(self, "delays", np.zeros(len(self.places)))
+
+    @property
+    def tour(self) -> Tour:
+        """The tour through all cells."""
+        return self.tour_cost.tour
+
+    @property
+    def row_angle(self) -> float:
+        """Direction in degrees in which most of the tour's length in the lowest layer runs; see
+        `Tour.row_angle`.
+        """
+        return self.tour.row_angle(self.grid.angle, 0)
+
+    @property
+    def cell_seconds(self) -> float:
+        """Time in seconds that a robot of speed 1 needs for one cell, as the mean over both
+        directions of a row.
+        """
+        return self.grid.size / self.vehicle.mean_speed(self.row_angle)
+
+    def seconds(self, cells: float) -> float:
+        """Convert a search time in cells to seconds, and add the time of the climb from the ground
+        to the lowest layer.
+        """
+        return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
+
+    def cells(self, seconds: float) -> float:
+        """Convert a time in seconds to a search time in cells, as the inverse of `seconds`."""
+        return (seconds - self.seconds(0.0)) / self.cell_seconds
+
+    @cached_property
+    def sorties(self) -> tuple[Sorties, ...]:
+        """For each robot, the start time and the duration of each of its sorties, in seconds."""
+        if self.schedule is not None:
+            return self.schedule
+        times = self.allocation.times - self.delays / self.cell_seconds
+        return tuple(
+            self.sorties_along(robot, self.stops(robot), cells=float(cells))
+            for robot, cells in enumerate(times.tolist())
+        )
+
+    @cached_property
+    def refusal(self) -> str:
+        """The reason why a vehicle cannot fly its path, or an empty text if all vehicles can.
+
+        A battery may be too small, or there may be no room for a turn.
+        """
+        if not self.flies or self.schedule is not None:
+            return ""
+        durations = (
+            self._durations(robot, stops)
+            for robot in range(len(self.places))
+            if len(stops := self.stops(robot))
+        )
+        return next((lasting for lasting in durations if isinstance(lasting, str)), "")
+
+    def _durations(
+        self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
+    ) -> tuple[float, ...] | str:
+        """Return the durations of a robot's flights in seconds or, if it cannot fly its path, the
+        reason.
+        """
+        landing = None if self.landing is None else self.landing[robot].tobytes()
+        own = (self.rates[robot], self.footprints[robot], self.places[robot].tobytes(), landing)
+        key = (robot, self.vehicle, own, np.asarray(stops).tobytes(), tuple(map(tuple, detours)))
+        if key not in self.flown:
+            try:
+                self.flown[key] = tuple(
+                    flight.duration for flight in self._flights(robot, stops, detours)
+                )
+            except InvalidInputError as error:
+                self.flown[key] = str(error)
+        return self.flown[key]
+
+    def sorties_along(
+        self,
+        robot: int,
+        stops: ArrayLike,
+        detours: Sequence[Sequence[int]] = (),
+        *,
+        cells: float = 0.0,
+    ) -> Sorties:
+        """Return the start time and the duration of each sortie in which robot ``robot`` (counted
+        from 0) makes the given stops.
+
+        If the vehicle cannot fly the path, because its battery is too small or it has no room for a
+        turn, the duration is that of ``cells`` cells.
+        """
+        since, found = float(self.delays[robot]), []
+        if not len(np.asarray(stops)):
+            return ()
+        durations = self._durations(robot, stops, detours)
+        for seconds in (self.seconds(cells),) if isinstance(durations, str) else durations:
+            found.append((since, seconds))
+            since += seconds + self.vehicle.recharge_seconds
+        return tuple(found)
+
+    def _flights(
+        self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]]
+    ) -> list[Trajectory]:
+        """Return the flights of a robot, as its missions contain them: out, along the stops, and
+        home, with turns and climbs.
+        """
+        region, vehicle = self.grid.region, self.vehicle
+        out, way = self.flown_route(robot, stops, detours)
+        ending = "land" if self.landing is not None else "loiter" if vehicle.radius else "return"
+        flight = Flight(
+            vehicle,
+            self.places[robot],
+            rate=float(self.rates[robot]),
+            link=float(self.footprints[robot]) * LINK,
+            blocked=grown(region.no_go, region.margin),
+            free=region.free,
+            landing=None if self.landing is None else self.landing[robot],
+            ending=ending,
+            curves=self.curves,
+        )
+        led, searched = merged(way[: out + 1], MERGED)[:-1], merged(way[out:], MERGED)
+        return FlightSorties(
+            np.vstack([led, searched]), flight, _MEMORY, self.leg, robot + 1, len(led)
+        ).trajectories()
+
+    def flown_route(
+        self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
+    ) -> tuple[int, Points]:
+        """Return the path that a robot flies along the given stops, without its home, and the
+        number of points on the way out.
+        """
+        route = self.route(robot, stops, detours)
+        begin = min(1, int(route.stops[1]))
+        return (
+            int(route.stops[1]) - begin,
+            route.points[begin:],
+        )  # without home, above which it climbs anyway
+
+    @property
+    def planned_seconds(self) -> float:
+        """Time of the whole search in seconds: until the last vehicle is back or, without a
+        vehicle, until all is searched.
+        """
+        if not self.flies:
+            return self.seconds(self.allocation.makespan)
+        return max((end_of(sorties) for sorties in self.sorties), default=0.0)
+
+    @cached_property
+    def paths(self) -> Paths:
+        """The object that computes paths inside the region."""
+        known = {layer: RegionPaths(layer, transit=self.transit) for layer in layers_of(self.grid)}
+        paths = [known[layer] for layer in layers_of(self.grid)]
+        return paths[0] if isinstance(self.grid, CellGrid) else LayeredPaths(self.grid, paths)
+
+    @cached_property
+    def widths(self) -> NDArray[np.int64]:
+        """Effective width of each robot's footprint in cells, as in `widths_of`; int64,
+        shape (m,).
+        """
+        return widths_of(self.footprints, layers_of(self.grid)[0].size)
+
+    def positions(self, numbers: ArrayLike) -> Points:
+        """Return the first viewpoint of each cell with the given tour indices, as (x, y) or (x, y,
+        altitude) in metres.
+        """
+        index = self.grid.ordinals(self.tour.cells[np.asarray(numbers, dtype=np.int64)])
+        return np.asarray(self.grid.viewpoints[self.grid.viewpoint_starts[index]])
+
+    def leg_lengths(self, way: Points) -> NDArray[np.float64]:
+        """Return the lengths of a path's legs in metres; float64, shape (k - 1,).
+
+        The length of a climb is the length of a horizontal path of the same duration.
+        """
+        return leg_lengths(with_climb_cost(self.grid, way))
+
+    @property
+    def altitudes(self) -> list[float]:
+        """Altitude of each layer in metres, from the lowest layer to the highest."""
+        return (
+            [self.vehicle.height]
+            if isinstance(self.grid, CellGrid)
+            else self.grid.altitudes.tolist()
+        )
+
+    def _home(self, robot: int) -> Points:
+        """Return a robot's start position, at the altitude of the lowest layer if the search has
+        several layers.
+        """
+        home = self.places[robot]
+        return np.asarray(
+            home
+            if isinstance(self.grid, CellGrid)
+            else at_altitude(home[None], self.altitudes[0])[0]
+        )
+
+    def numbers(self, arcs: Sequence[Arc]) -> NDArray[np.int64]:
+        """Return the cells of arcs in the order of the search, as tour indices; int64,
+        shape (k,).
+        """
+        return numbers_of(arcs, len(self.tour_cost))
+
+    def stops(self, robot: int) -> NDArray[np.int64]:
+        """Return the stops from which robot number ``robot`` (counted from 0) sees its part, as
+        tour indices; int64, shape (k,).
+        """
+        cells = self.numbers(self.allocation.work[robot])
+        width = int(self.widths[robot])
+        return (
+            cells
+            if width == 1 or not len(cells)
+            else select_viewpoints(self.tour_cost, width, cells)[0]
+        )
+
+    def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
+        """Return the cells that robot number ``robot`` (counted from 0) sees from each of its
+        stops, as tour indices.
+        """
+        width = int(self.widths[robot])
+        return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
+
+    def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
+        """Return the path of robot ``robot`` (counted from 0) from its start through the cells with
+        the given tour indices.
+
+        The argument ``detours`` lists, for each given cell, the cells that the robot crosses on its
+        way to the given cell.
+        """
+        if any(detours):
+            return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)
+        cells = self.tour.cells[np.asarray(numbers, dtype=np.int64)]
+        home = self._home(robot)
+        if not len(cells):
+            return Route(
+                home[None].copy(), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.bool_)
+            )
+        return self._after_way_out(home, self.paths.route(cells))
+
+    def _after_way_out(self, home: Points, searched: Route) -> Route:
+        """Return a route extended at its beginning by the path from a robot's start position."""
+        if self.grid.region.contains(home[None, :2])[0]:
+            first = self.paths.legs(np.stack([home, searched.points[0]]))
+        else:
+            way = self._way_in(home[:2], searched.points[0, :2])
+            if len(home) == 3:  # climb above home to the first cell's altitude, and then fly level
+                way = np.vstack([home, at_altitude(way, searched.points[0, 2])])
+            first = Route(way, np.array([0, len(way) - 1]), np.ones(len(way) - 1, dtype=np.bool_))
+        return Route(
+            np.concatenate([first.points[:-1], searched.points]),
+            np.concatenate([[0], searched.stops + len(first.points) - 1]),
+            np.concatenate([first.transit, searched.transit]),
+        )
+
+    @cached_property
+    def _transits(self) -> Transits:
+        return Transits(self.grid.region, self.places, self.landing)
+
+    @cached_property
+    def ways_out(self) -> WaysOut | None:
+        """Distances from launch points outside the region to the cells, or None if all robots start
+        inside the region.
+        """
+        outside = np.flatnonzero(~self.grid.region.contains(self.places)).tolist()
+        if not outside:
+            return None
+        launches = {robot + 1: self.places[robot] for robot in outside}
+        return WaysOut(
+            self._way_in, launches, self.tour_cost.points * self.grid.size, self.grid.size
+        )
+
+    def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
+        """Return the path between a launch or landing point and a point of a route, in either
+        direction; float64, shape (k, 2).
+
+        If both end points lie inside the region, the path stays inside the region.
+        """
+        both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[
+            :, :2
+        ]
+        inside = bool(self.grid.region.contains(both).all())
+        if inside:
+            return self.paths.legs(both).points[:, :2]
+        return (
+            self._way_in(*both)
+            if not self.grid.region.contains(both[:1])[0]
+            else self._way_in(*both[::-1])[::-1]
+        )
+
+    def _way_in(self, place: Points, stop: Points) -> Points:
+        """Return the path from a place outside the region to a point, in metres; float64, shape (k,
+        2).
+        """
+        if not (self.stay_inside and self.grid.region.contains(stop[None])[0]):
+            return self._transits.way(place, stop)
+        import shapely
+
+        part = min(
+            self.grid.region.parts, key=lambda one: float(one.distance(shapely.points(stop)))
+        )
+        entry = shapely.get_coordinates(shapely.shortest_line(part, shapely.points(place)))[0]
+        return np.vstack(
+            [self._transits.way(place, entry)[:-1], self._inner_paths.leg(entry, stop)]
+        )
+
+    @cached_property
+    def _inner_paths(self) -> RegionPaths:
+        return RegionPaths(layers_of(self.grid)[0])
+
+    def outside_lengths(self, robot: int) -> tuple[float, float]:
+        """Return the length of a robot's paths outside the region, in metres: from its launch
+        point, and to its landing point.
+
+        The landing point is the launch point, unless the plan has landing points.
+        """
+        import shapely
+
+        stops = self.stops(robot)
+        if not len(stops):
+            return 0.0, 0.0
+        end = self.places[robot] if self.landing is None else self.landing[robot]
+        first, last = self.positions(stops[[0, -1]])[:, :2]
+        ways = (self.leg(self.places[robot], first), self.leg(last, end))
+        allowed = self.grid.region.outline.buffer(TOUCH)
+        out, back = (float(shapely.linestrings(way).difference(allowed).length) for way in ways)
+        return out, back
+
+    def _route_round(
+        self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]
+    ) -> Route:
+        grid = self.grid
+        index = grid.ordinals(self.tour.cells)
+        begins, ends = grid.viewpoint_starts[index], grid.viewpoint_starts[index + 1]
+        stops = []
+        for cell, passed in zip(numbers.tolist(), detours, strict=True):
+            stops += [
+                grid.viewpoints[begins[list(passed)]],
+                grid.viewpoints[begins[cell] : ends[cell]],
+            ]
+        return self._after_way_out(self._home(robot), self.paths.legs(np.concatenate(stops)))
+
+
+def end_of(sorties: Sorties) -> float:
+    """Return the time in seconds at which a robot is back from its last sortie, or 0 for a robot
+    without sorties.
+    """
+    return max((start + lasting for start, lasting in sorties), default=0.0)
+
+
+def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
+    """Plan the search that a problem describes.
+
+    Parameters
+    ----------
+    problem : SearchProblem
+        The search problem. If the robots' footprints differ, `cell_side` chooses the cell size, and
+        `widths_of` gives the footprint widths in cells.
+    seed : int
+        Seed for random start positions.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        If the robots cannot search the region as the problem demands.
+
+    Examples
+    --------
+    >>> plan = plan_search(SearchProblem("square:100", robots=4, footprint=10), seed=1)
+    >>> len(plan.tour_cost), plan.allocation.lower_bound
+    (100, 25.0)
+    """
+    plan = plan_at_margin(problem, seed)
+    region: SearchRegion = problem.place
+    if problem.margin is not None or not region.margin:
+        return _said(plan)
+    for share in NARROWER if plan.refusal.startswith(NO_ROOM) else ():
+        margin = share * region.margin
+        place = with_margin(
+            without_margin(region), margin, barriers=region.barriers, pointed=region.pointed
+        )
+        try:
+            narrow = problem.replaced(margin=margin).at_place(place)
+            found = plan_at_margin(narrow, seed)
+        except InvalidInputError:
+            continue
+        if not found.refusal.startswith(NO_ROOM):
+            tell_once(narrower_margin_text(margin, region.margin))
+            return _said(found)
+    return _said(plan)
+
+
+def narrower_margin_text(margin: float, wanted: float) -> str:
+    """Return the notice about a margin that is narrower than the default because of a vehicle
+    without room.
+    """
+    return (
+        f"margin: {margin:.3g} m in place of {wanted:.3g} m, because with the wider margin a"
+        " vehicle has no room for its turns or its path; --margin sets another one"
+    )
+
+
+def _said(plan: SearchPlan) -> SearchPlan:
+    """Return a plan, with a notice if a vehicle cannot fly its path."""
+    if plan.refusal:
+        tell_once(
+            "plan: its times are estimates without the paths of vehicles, because a vehicle cannot"
+            f" fly its path: {plan.refusal}"
+        )
+    return plan
+
+
+def plan_at_margin(problem: SearchProblem, seed: int) -> SearchPlan:
+    """Return the plan of a search with the margin of the problem's region.
+
+    If a camera, which turns with its vehicle, misses some of the region, the cells become narrower.
+    """
+    seed = check_integer(seed, what="seed", least=0)
+    problem.check_at_place()
+    image = problem.image
+    narrowest = 1.0 if image is None else min(1.0, min(image.across, image.along) / 2**0.5)
+    for scale in np.linspace(1.0, narrowest, _NARROWED if narrowest < 1.0 else 1).tolist():
+        plan = _best_plan(problem, seed, scale)
+        if (
+            scale == narrowest
+            or not isinstance(plan.grid, CellGrid)
+            or plan.grid.n_cells > _LOOKED
+            or _is_seen(plan, plan.grid)
+        ):
+            break
+    return plan
+
+
+def _is_seen(plan: SearchPlan, grid: CellGrid) -> bool:
+    """Return whether the camera, which turns with the vehicle, sees the whole region along the
+    paths of a plan.
+    """
+    ways = [
+        plan.route(robot, stops)
+        for robot in range(len(plan.places))
+        if len(stops := plan.stops(robot))
+    ]
+    seen = [way.points[way.stops[1] :] for way in ways]
+    sides = [
+        float(plan.footprints[robot]) for robot in range(len(plan.places)) if len(plan.stops(robot))
+    ]
+    return (
+        coverage_check(
+            grid.region, seen, sides, angle=grid.angle, image=plan.image
+        ).covered_fraction
+        > 1 - _UNSEEN
+    )
+
+
+def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
+    """Return the fastest of the compared plans, with footprints ``scale`` times as wide as those of
+    the problem.
+
+    Cells are squares along the rows, but an image turns with its vehicle. On slanted legs, images
+    cover squares only if the squares are narrower. Squares of 1 / sqrt(2) of an image lie in the
+    image whatever its heading.
+    """
+    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
+    first = _grid_tour(problem, speeds, scale=scale)
+    landing = (
+        None
+        if problem.land is None
+        else places_of(problem.land, first.grid.region, problem.robots, what="land")
+    )
+    flies = problem.vehicle is not None
+    if not flies or first.grid.n_cells * problem.robots > _FLOWN:
+        return _team_plans(problem, first, speeds, landing, seed, scale)[0]
+    # What counts is when the last vehicle is back: its way out and home, curves, climbs and charges
+    # belong to that.
+    names = (
+        dict.fromkeys(problem.tours_to_compare(1.0))
+        if problem.tour == AUTO and problem.passes == 1
+        else {}
+    )
+    tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
+    every = [
+        plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)
+    ]
+    curves: dict[Any, Costs] = {}
+    every = [replace(plan, curves=curves) for plan in every]
+    plans = [
+        plan for plan in every if not plan.refusal
+    ] or every  # a plan that cannot be flown is not the fastest
+    best = min(plans, key=_without_delays)
+    return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
+
+
+def _without_delays(plan: SearchPlan) -> float:
+    """Return the longest time between the departure of a robot and its return, in seconds."""
+    return max(
+        (
+            end_of(sorties) - float(delay)
+            for sorties, delay in zip(plan.sorties, plan.delays, strict=True)
+        ),
+        default=0.0,
+    )
+
+
+def _compared_tours(plans: Sequence[SearchPlan]) -> list[Candidate]:
+    """Return the compared tours with the time of the best plan along each, the fastest first. A
+    single tour gives no candidates.
+    """
+    found: dict[str, Candidate] = {}
+    for plan in sorted(plans, key=_without_delays):
+        name, cells = plan.tour.name, plan.cells(plan.planned_seconds)
+        found.setdefault(name, Candidate(plan.row_angle, name, cells, seconds=plan.planned_seconds))
+    return list(found.values()) if len(found) > 1 else []
+
+
+def _compared_allocations(plans: Sequence[SearchPlan], best: SearchPlan) -> list[Candidate]:
+    """Return the compared allocations of the best plan's tour, the fastest first. A single
+    allocation gives no candidates.
+    """
+    alike = sorted((plan for plan in plans if plan.tour is best.tour), key=_without_delays)
+    found = [
+        Candidate(
+            plan.row_angle,
+            plan.tour.name,
+            plan.cells(plan.planned_seconds),
+            plan.allocation.allocator,
+            seconds=plan.planned_seconds,
+        )
+        for plan in alike
+    ]
+    return found if len(found) > 1 else []
+
+
+def _team_plans(
+    problem: SearchProblem,
+    laid: GridTour,
+    speeds: NDArray[np.float64],
+    landing: Points | None,
+    seed: int,
+    scale: float,
+) -> list[SearchPlan]:
+    """Return a plan for each compared allocation of a tour, the best by its cost in cells first."""
+    robots, grid, tour, vehicle = problem.robots, laid.grid, laid.tour, problem.chosen_vehicle
+    footprints = scale * check_footprints(problem.chosen_footprint, robots)
+    tour_cost = _tour_cost(laid, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
+    ground = layers_of(grid)[0]
+    places = start_points(problem, ground, np.random.default_rng(seed))
+    numbers = tour.position[tuple(grid.cell_of(places).T)]
+    widths = widths_of(footprints, ground.size)
+    # Messages contain cells, not positions. Therefore robots can agree only on parts that they
+    # compute from cells.
+    angle = tour.row_angle(grid.angle, 0)
+    middles, cell = tour_cost.points[numbers], grid.size / vehicle.mean_speed(angle)
+    compared = compared_allocations(
+        tour_cost,
+        numbers,
+        problem.allocations_to_compare,
+        rates=speeds,
+        places=middles,
+        widths=widths,
+        energy=working_seconds(vehicle) * float(speeds.min()) / cell,
+        recharge=vehicle.recharge_seconds / cell,
+    )
+    shared = [Candidate(angle, tour.name, time, given.allocator) for given, time in compared]
+    delays = np.zeros(robots) if problem.delays is None else np.array(problem.delays)
+    plans = []
+    flown: dict[Any, tuple[float, ...] | str] = {}
+    for allocation, _ in compared:
+        given = allocation
+        if problem.multiplicity > 1:
+            team = zip(
+                range(1, robots + 1),
+                numbers.tolist(),
+                speeds.tolist(),
+                widths.tolist(),
+                strict=True,
+            )
+            given = in_passes(tour_cost, allocation, tuple(team), middles, problem.multiplicity)
+        plan = SearchPlan(
+            grid,
+            tour_cost,
+            places,
+            numbers,
+            speeds,
+            given,
+            footprints,
+            problem.transit,
+            landing,
+            vehicle,
+            delays=delays,
+            compared=laid.compared + tuple(shared if len(shared) > 1 else ()),
+            flies=problem.vehicle is not None,
+            stay_inside=problem.stay_inside,
+            image=None if problem.image is None else problem.image.scaled(1 / scale),
+            flown=flown,
+        )
+        plans.append(replace(plan, allocation=replace(given, times=given.times + _late(plan))))
+    return plans
+
+
+def _late(plan: SearchPlan) -> NDArray[np.float64]:
+    """Return the time, in cells, that delays and paths from launch points outside the region add to
+    each completion time.
+    """
+    late = plan.delays / plan.cell_seconds
+    for robot, arcs in enumerate(plan.allocation.work):
+        if arcs and plan.ways_out is not None and robot + 1 in plan.ways_out:
+            first, start = int(plan.stops(robot)[0]), int(plan.starts[robot])
+            way = plan.ways_out.length(robot + 1, first) - plan.tour_cost.length(start, first)
+            late[robot] += way / plan.rates[robot]
+    return late
+
+
+def _grid_tour(
+    problem: SearchProblem, speeds: NDArray[np.float64], *, scale: float, tour: str | None = None
+) -> GridTour:
+    """Divide the region into cells at the given angle or at the best angle, and compute a tour
+    through all layers.
+
+    With ``tour``, the function compares no other tours.
+    """
+    vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
+    sizes = [
+        cell_side(scale * check_footprints(problem.footprint_at(up), problem.robots), speeds)
+        for up in altitudes
+    ]
+    turn_cost = turn_cells(vehicle, sizes[0])
+    given: dict[str, Any] = {
+        "transit": problem.transit,
+        "turn_cost": turn_cost,
+        "stepwise": problem.stepwise,
+    }
+    tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)
+    given["exchange"] = len(tours) > 1 and can_exchange(
+        problem.place, sizes[0], problem.chosen_footprint
+    )
+    given["along_rows"] = isinstance(problem.angle, float) or None
+    first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **given)
+    name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name
+    climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(
+        first.tour.row_angle(first.grid.angle)
+    )
+    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **given)
+
+
+def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:
+    """Return a tour with its costs, computed from the lengths of paths that stay inside
+    the region.
+    """
+    grid, tour, paths, whole = laid.grid, laid.tour, laid.paths, laid.route
+    index = grid.ordinals(tour.cells)
+    firsts = grid.viewpoints[grid.viewpoint_starts[index]]
+    far = np.concatenate([[0.0], np.cumsum(leg_lengths(with_climb_cost(grid, whole.points)))])[
+        whole.stops
+    ]
+    begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
+    steps = np.diff(far[begins]) / grid.size
+    around = np.concatenate(
+        [whole.points, whole.points[1:2]]
+    )  # the last entry of the turns belongs to the first point
+    bent = turn_shares(around, reach=turn_cost * grid.size)
+    turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
+    free = grid.region.free
+    straight = not stepwise and bool(free.convex_hull.area - free.area <= _HOLLOW * free.area)
+    given: dict[str, Any] = {"distances": None}
+    if isinstance(paths, LayeredPaths):
+        given |= _of_layers(laid, paths, straight=straight or stepwise)
+        if stepwise:
+            given["distances"] = cells_of_layers(paths.grid, tour, steps)
+    else:
+        given["footprint"] = RegionFootprint(paths.grid, tour)
+        if not straight:
+            cellwise = CellDistances(
+                tour, planes=[plane_of(paths.grid, tour.position)], steps=steps
+            )
+            given["distances"] = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
+    given |= {"turn_cost": turn_cost, "steps": steps, "turns": turns, "reckoned": True}
+    return TourCost(tour, with_climb_cost(grid, firsts) / grid.size, **given)
+
+
+def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
+    """Return the arguments of `TourCost` for a tour through several layers."""
+    numbers = LayerNumbers(laid.tour, tuple(layer.tour for layer in laid.layers))
+    own = {
+        layer: {} if straight else vars(_tour_cost(layer, 0.0))
+        for layer in dict.fromkeys(laid.layers)
+    }
+    seen = {
+        layer: RegionFootprint(grid, layer.tour)
+        for layer, grid in zip(laid.layers, layers_of(laid.grid), strict=True)
+    }
+    return {
+        "footprint": LayeredFootprint(numbers, [seen[layer] for layer in laid.layers]),
+        "least": (
+            sum(layer.grid.n_cells * layer.grid.size for layer in laid.layers) / laid.grid.size
+        ),
+        "distances": LayeredDistances(
+            paths,
+            numbers,
+            [own[layer]["distances"] for layer in laid.layers] if not straight else (),
+        ),
+    }

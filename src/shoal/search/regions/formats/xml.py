@@ -1,0 +1,646 @@
+"""Regions in KML and in the files of ground control stations."""
+
+from __future__ import annotations
+
+import codecs
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import numpy as np
+
+from shoal.core.checks import check_choice, check_file, decode_text, parse_json, read_text
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.search.regions.formats.reading import (
+    Reading,
+    is_no_go,
+    names_no_go,
+    only_lines_text,
+    points_of,
+)
+from shoal.search.regions.outline import (
+    DEEPEST,
+    LARGEST_FILE,
+    MOST_CORNERS,
+    MOST_ELEMENTS,
+    RegionOutline,
+    RegionOutlines,
+    Ring,
+    check_count,
+    opened_zip,
+)
+from shoal.search.regions.projection import REACH
+
+
+class XmlError(Exception):
+    """A mistake in an XML text, and the line number of the mistake."""
+
+    def __init__(self, message: str, line: int, *, readable: bool = False) -> None:
+        super().__init__(message)
+        self.line, self.readable = line, readable
+
+
+@dataclass
+class Element:
+    """An XML element: its name without the namespace, its line number, its attributes, the parts of
+    its text, and its children.
+    """
+
+    tag: str
+    line: int
+    attributes: dict[str, str]
+    parts: list[str] = field(default_factory=list)
+    children: list[Element] = field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        """The text inside the element, without the text of its children."""
+        return "".join(self.parts)
+
+    def walk(self) -> Iterator[Element]:
+        """Yield all elements inside this element, in the order of the file."""
+        waiting = list(reversed(self.children))
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting += reversed(element.children)
+
+    def all(self, tag: str) -> list[Element]:
+        """Return all elements with the name ``tag`` inside this element, in the order
+        of the file.
+        """
+        return [element for element in self.walk() if element.tag == tag]
+
+    def first(self, tag: str) -> Element | None:
+        """Return the first element with the name ``tag`` inside this element, or None if no element
+        has this name.
+        """
+        return next((element for element in self.walk() if element.tag == tag), None)
+
+
+_BOMS = (  # the longer ones first: the mark of UTF-16 is the beginning of that of UTF-32
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+    (b"<\0?\0", "utf-16-le"),
+    (b"\0<\0?", "utf-16-be"),
+)
+_DECLARED = re.compile(
+    rb"""<\?xml[^>]{0,200}?encoding\s*=\s*["']([A-Za-z][A-Za-z0-9._-]{0,40})["']"""
+)
+
+
+def decode_xml(raw: bytes, *, where: str) -> str:
+    """Decode an XML file by its byte order mark or by the encoding that it declares, such as UTF-16
+    or ISO-8859-1.
+
+    Without both, the encoding is UTF-8 (XML 1.0, appendix F). A file of ASCII characters is read
+    whatever it declares.
+
+    Raises
+    ------
+    InvalidInputError
+        If the encoding is unknown, or if the bytes are not text in this encoding.
+    """
+    encoding = next((name for mark, name in _BOMS if raw.startswith(mark)), None)
+    if encoding is None:
+        declared = _DECLARED.match(raw.lstrip()[:400])
+        encoding = declared[1].decode() if declared else "utf-8"
+        try:
+            known = codecs.lookup(encoding).name
+            "".encode(known)  # refuses codecs between bytes and bytes, such as zlib
+        except (LookupError, ValueError):
+            if not raw.isascii():
+                raise InvalidInputError(
+                    f"{where}: expected a known encoding of XML, got {encoding[:40]!r}"
+                ) from None
+            known = "ascii"
+        # A declaration that can be read in single bytes is wrong if it says UTF-16; programs that
+        # write it write UTF-8.
+        if known in ("utf-8", "ascii") or known.startswith(("utf-16", "utf-32")):
+            return decode_text(raw, where=where)
+    try:
+        text = raw.decode(encoding)
+    except UnicodeError as error:
+        said = getattr(error, "reason", error)
+        raise InvalidInputError(
+            f"{where}: expected text in {encoding}, as the file declares, got something else:"
+            f" {said}"
+        ) from None
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise InvalidInputError(f"{where}: expected text, got a zero byte in line {line}")
+    return text
+
+
+def parse_xml(text: str, *, root: str) -> Element:
+    """Parse an XML text, and return its root element, which must have the name ``root``.
+
+    Raises
+    ------
+    XmlError
+        If the text is not XML, is too large or too deeply nested, or has another root element. If
+        only the root element is wrong, the attribute ``readable`` of the error is true.
+    """
+    # Checked before parsing: the parser collects all attributes of an element before it reports the
+    # element.
+    if text.count('="') + text.count("='") > 2 * MOST_ELEMENTS:
+        raise XmlError(f"expected at most {MOST_ELEMENTS} elements and attributes, got more", 1)
+    parser = expat.ParserCreate(
+        "utf-8"
+    )  # the text is already decoded, so the parser ignores the encoding that the text declares
+    parser.buffer_text = True
+    top = Element("", 0, {})
+    open_elements = [top]
+    count = 0
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        if len(open_elements) > DEEPEST:
+            raise XmlError("expected XML, got tags nested too deeply", parser.CurrentLineNumber)
+        nonlocal count
+        count += 1 + len(attributes)
+        if count > MOST_ELEMENTS:
+            raise XmlError(
+                f"expected at most {MOST_ELEMENTS} elements and attributes, got more",
+                parser.CurrentLineNumber,
+            )
+        element = Element(name.rpartition(":")[2], parser.CurrentLineNumber, attributes)
+        open_elements[-1].children.append(element)
+        open_elements.append(element)
+
+    def add(data: str) -> None:
+        open_elements[-1].parts.append(data)
+
+    def refuse(*_: object) -> None:
+        raise XmlError(
+            "expected XML without a document type, got <!DOCTYPE", parser.CurrentLineNumber
+        )
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _name: open_elements.pop()
+    parser.CharacterDataHandler = add
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(text.encode(errors="replace"), True)
+    except expat.ExpatError as error:
+        said = expat.errors.messages[error.code]
+        raise XmlError(f"expected XML, got something else: {said}", error.lineno) from None
+    found = top.children[0]
+    if found.tag != root:
+        raise XmlError(f"expected <{root}>, got <{found.tag[:40]}>", found.line, readable=True)
+    return found
+
+
+_LINES = ("LineString", "LinearRing")
+_OTHER = ("Point", "Track")
+_CONTAINERS = ("Document", "Folder")
+_FEATURES = (*_CONTAINERS, "Placemark")
+
+
+def read_kml(path: Path, reading: Reading) -> RegionOutlines:
+    """Return the polygons in a KML file.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is invalid. The error message names the line of the mistake.
+    """
+    check_file(path, what="region file", most=LARGEST_FILE)
+    return _outlines(decode_xml(path.read_bytes(), where=str(path)), str(path), reading)
+
+
+def read_kmz(path: Path, reading: Reading) -> RegionOutlines:
+    """Return the polygons in the first KML file of a KMZ archive.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    with opened_zip(path, what="KMZ archive") as archive:
+        inside = [one for one in archive.infolist() if one.filename.lower().endswith(".kml")]
+        if not inside:
+            raise InvalidInputError(f"{path}: expected a .kml file in the archive, got none")
+        with archive.open(inside[0]) as file:
+            raw = file.read(LARGEST_FILE + 1)
+    where = f"{path}: {inside[0].filename[:80]}"
+    if len(raw) > LARGEST_FILE:
+        raise InvalidInputError(f"{where}: expected at most {LARGEST_FILE} bytes, got more")
+    return _outlines(decode_xml(raw, where=where), where, reading)
+
+
+def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
+    check_count(
+        text.count(","), 3 * MOST_CORNERS, where=where, what="commas"
+    )  # at most two in a vertex, some in descriptions
+    try:
+        root = parse_xml(text, root="kml")
+    except XmlError as error:
+        raise InvalidInputError(f"{where}: line {error.line}: {error}") from None
+    found: list[RegionOutline] = []
+    passed: set[str] = set()
+    skipped = 0
+    for number, (element, no_go, hidden) in enumerate(_shapes(root), start=1):
+        what = f"{where}: polygon {number} (line {element.line})"
+        if element.tag == "Polygon":
+            outline = _outline(element, what, where, no_go=no_go)
+        else:
+            ring = element.first("coordinates")
+            line = None if ring is None or not ring.text.strip() else _ring(ring, what, where)
+            if line is None or not reading.is_polygon(line.points):
+                passed.add(element.tag)
+                continue
+            outline = RegionOutline(line, (), no_go)
+        if hidden is not None:
+            if reading.hidden is None:
+                raise InvalidInputError(
+                    f"{what}: expected a visible polygon, got one that the file hides (visibility 0"
+                    f" in line {hidden}); choose with --hidden use or --hidden skip"
+                )
+            reading.effects.add("hidden")
+            if reading.hidden == "skip":
+                skipped += 1
+                continue
+        found.append(outline)
+    if not found:
+        passed |= {element.tag for element in root.walk() if element.tag in _OTHER}
+        got = (
+            f"{skipped} hidden ones"
+            if skipped
+            else only_lines_text(passed, closed_lines=reading.closed_lines)
+        )
+        raise InvalidInputError(f"{where}: expected a Polygon, got {got}")
+    return RegionOutlines(tuple(found), where, geographic=True)
+
+
+def _shapes(root: Element) -> Iterator[tuple[Element, bool, int | None]]:
+    """Yield each polygon and line, whether it is a no-go zone, and the line of a tag that hides it
+    (None if it is visible).
+
+    A shape is a no-go zone if its placemark or a folder around it says so, and it is hidden if one
+    of them is.
+    """
+    waiting: list[tuple[Element, bool, int | None]] = [(root, False, None)]
+    while waiting:
+        element, no_go, hidden = waiting.pop()
+        if element.tag in _CONTAINERS:
+            no_go = no_go or names_no_go(_child(element, "name"))
+        elif element.tag == "Placemark":
+            no_go = no_go or _is_no_go(element)
+        elif element.tag in ("Polygon", *_LINES):
+            yield element, no_go, hidden
+            continue
+        if element.tag in _FEATURES and (_child(element, "visibility") or "").strip().lower() in (
+            "0",
+            "false",
+        ):
+            hidden = element.line
+        waiting += [(child, no_go, hidden) for child in reversed(element.children)]
+
+
+def _is_no_go(placemark: Element) -> bool:
+    told = {child: _child(placemark, child) for child in ("name", "description", "styleUrl")}
+    extended = [
+        one for child in placemark.children if child.tag == "ExtendedData" for one in child.walk()
+    ]
+    for one in extended:
+        if one.tag in ("Data", "SimpleData"):
+            value = one.first("value") if one.tag == "Data" else one
+            told[one.attributes.get("name", "")] = "" if value is None else value.text
+    return is_no_go(
+        {key: value for key, value in told.items() if key != "styleUrl"}, told["styleUrl"]
+    )
+
+
+def _child(element: Element, tag: str) -> str | None:
+    return next((child.text for child in element.children if child.tag == tag), None)
+
+
+def _outline(polygon: Element, where: str, path: str, *, no_go: bool) -> RegionOutline:
+    shells: list[Ring] = []
+    holes: list[Ring] = []
+    inner = {
+        id(ring) for side in polygon.all("innerBoundaryIs") for ring in side.all("coordinates")
+    }
+    for element in polygon.all("coordinates"):
+        if id(element) in inner:
+            holes.append(_ring(element, f"{where}, hole {len(holes) + 1}", path))
+        else:
+            shells.append(_ring(element, f"{where}, outline", path))
+    if not shells:
+        raise InvalidInputError(
+            f"{path}: line {polygon.line}: expected a Polygon with coordinates, got none"
+        )
+    if len(shells) > 1:
+        raise InvalidInputError(f"{where}, outline: expected one outer boundary, got a second one")
+    return RegionOutline(shells[0], tuple(holes), no_go)
+
+
+def _ring(element: Element, where: str, path: str) -> Ring:
+    rows = enumerate(element.text.split("\n"))
+    words = [
+        *islice(
+            ((word, element.line + offset) for offset, row in rows for word in row.split()),
+            MOST_CORNERS + 1,
+        )
+    ]
+    check_count(len(words), MOST_CORNERS, where=where, what="vertices")
+    if not words:
+        raise InvalidInputError(f"{where}: expected coordinates, got none")
+    vertices = [_vertex(word, f"{path}: line {line}") for word, line in words]
+    return Ring(np.array(vertices), where, np.array([line for _, line in words]))
+
+
+def _vertex(word: str, where: str) -> tuple[float, float]:
+    """Parse a vertex of the form "longitude,latitude" or "longitude,latitude,altitude", and return
+    the first two numbers.
+    """
+    parts = word.split(",")
+    try:
+        if len(parts) not in (2, 3):
+            raise ValueError
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        hint = " (no blanks beside commas)" if word.startswith(",") or word.endswith(",") else ""
+        raise InvalidInputError(
+            f"{where}: expected longitude,latitude[,altitude]{hint}, got {word[:60]!r}"
+        ) from None
+    return numbers[0], numbers[1]
+
+
+LAYERS = ("survey", "fence")
+"""Parts of a plan of QGroundControl that can be a region."""
+
+_CORNERS = 72
+_WPL = "QGC WPL"
+_INSIDE, _OUTSIDE, _CIRCLE_INSIDE, _CIRCLE_OUTSIDE, _RETURN = (
+    5001,
+    5002,
+    5003,
+    5004,
+    5000,
+)  # MAV_CMD_NAV_FENCE_...
+_COLUMNS = 12
+
+
+def read_plan(path: Path, reading: Reading, *, zones: bool = False) -> RegionOutlines:
+    """Return the survey polygons or the fence of a plan of QGroundControl, and the exclusions of
+    its fence as no-go zones.
+
+    Raises
+    ------
+    InvalidInputError
+        If the plan has both surveys and an inclusion fence, and no layer is chosen, or if it has
+        neither.
+    """
+    where = str(path)
+    data = parse_json(read_text(path, what="region file", most=LARGEST_FILE), where=where)
+    if not isinstance(data, dict) or data.get("fileType") != "Plan":
+        raise InvalidInputError(
+            f'{where}: expected a plan of QGroundControl, with "fileType": "Plan", got another kind'
+            " of JSON"
+        )
+    fence = _fence(data.get("geoFence"), where)
+    kinds = {
+        "survey": _surveys(data.get("mission"), where),
+        "fence": [outline for outline in fence if not outline.no_go],
+    }
+    exclusions = [outline for outline in fence if outline.no_go]
+    if zones:
+        if not exclusions:
+            raise InvalidInputError(
+                f"{where}: expected an exclusion in the fence of the plan as a no-go zone, got none"
+            )
+        return RegionOutlines(tuple(exclusions), where, geographic=True, closed=False)
+    there = [kind for kind, outlines in kinds.items() if outlines]
+    if reading.layer is not None:
+        check_choice(reading.layer, what="--layer", choices=LAYERS)
+        reading.effects.add("layer")
+    elif len(there) > 1:
+        raise InvalidInputError(
+            f"{where}: expected one kind of region, got survey polygons and a fence; choose with"
+            " --layer survey or --layer fence"
+        )
+    chosen = reading.layer or (there[0] if there else "survey")
+    if not kinds[chosen]:
+        what = "a survey polygon" if chosen == "survey" else "an inclusion in the fence"
+        either = what if reading.layer else "a survey polygon or an inclusion in the fence"
+        raise InvalidInputError(
+            f"{where}: expected {either}, got {' and '.join(there) or 'neither'}"
+        )
+    return RegionOutlines((*kinds[chosen], *exclusions), where, geographic=True, closed=False)
+
+
+def _surveys(mission: Any, where: str) -> list[RegionOutline]:
+    """Return the polygons of the surveys in a mission."""
+    items = mission.get("items") if isinstance(mission, dict) else None
+    found = []
+    for number, item in enumerate(items if isinstance(items, list) else [], start=1):
+        if isinstance(item, dict) and item.get("complexItemType") == "survey":
+            place = f"{where}: item {number}, polygon"
+            found.append(RegionOutline(Ring(_positions(item.get("polygon"), place), place)))
+    return found
+
+
+def _fence(fence: Any, where: str) -> list[RegionOutline]:
+    """Return the polygons and circles of a fence. Exclusions are marked as no-go zones."""
+    found = []
+    for kind in ("polygons", "circles"):
+        entries = fence.get(kind) if isinstance(fence, dict) else None
+        for number, entry in enumerate(entries if isinstance(entries, list) else [], start=1):
+            place = f"{where}: geoFence.{kind}[{number - 1}]"
+            if not isinstance(entry, dict) or not isinstance(entry.get("inclusion"), bool):
+                raise InvalidInputError(f'{place}: expected "inclusion", true or false, got none')
+            no_go = not entry["inclusion"]
+            if kind == "polygons":
+                points = _positions(entry.get("polygon"), f"{place}.polygon")
+            else:
+                circle = entry.get("circle")
+                told = circle if isinstance(circle, dict) else {}
+                (centre,) = _positions([told.get("center")], f"{place}.circle.center")
+                points = _circle(centre, told.get("radius"), f"{place}.circle", around=no_go)
+            found.append(RegionOutline(Ring(points, place), no_go=no_go))
+    return found
+
+
+def _positions(given: Any, place: str) -> Any:
+    """Return positions (longitude, latitude) from a list of [latitude, longitude]."""
+    if not isinstance(given, list):
+        raise InvalidInputError(f"{place}: expected a list of [latitude, longitude], got none")
+    for number, position in enumerate(given, start=1):
+        good = isinstance(position, list) and len(position) in (2, 3)
+        if not good or not all(
+            isinstance(value, int | float) and not isinstance(value, bool) for value in position[:2]
+        ):
+            raise InvalidInputError(
+                f"{place}: vertex {number}: expected [latitude, longitude], got"
+                f" {str(position)[:60]}"
+            )
+    try:
+        return points_of((position[1], position[0]) for position in given)
+    except OverflowError:
+        raise InvalidInputError(
+            f"{place}: expected coordinates, got an integer that is too large"
+        ) from None
+
+
+def _circle(centre: Any, radius: Any, place: str, *, around: bool) -> Any:
+    """Return a polygon around a circle, or inside it. The centre is (longitude, latitude), and the
+    radius is in metres.
+    """
+    from pyproj import Geod
+
+    number = isinstance(radius, int | float) and not isinstance(radius, bool)
+    if not number or not 0 < radius <= REACH:
+        raise InvalidInputError(
+            f"{place}: expected a radius above 0 and at most {REACH:g} m, got {str(radius)[:60]}"
+        )
+    if not (np.isfinite(centre).all() and abs(centre[0]) <= 180 and abs(centre[1]) <= 90):
+        raise InvalidInputError(
+            f"{place}: expected a centre with a latitude and a longitude, got {centre[1]:g},"
+            f" {centre[0]:g}"
+        )
+    far = radius / math.cos(math.pi / _CORNERS) if around else radius
+    ways = np.linspace(0, 360, _CORNERS, endpoint=False)
+    longitude, latitude, _ = Geod(ellps="WGS84").fwd(
+        np.full(_CORNERS, centre[0]),
+        np.full(_CORNERS, centre[1]),
+        ways,
+        np.full(_CORNERS, float(far)),
+    )
+    return np.stack([longitude, latitude], axis=1)
+
+
+def read_polygon_file(path: Path, reading: Reading) -> RegionOutlines:
+    """Return the polygon in a file of Mission Planner: ``.poly`` (a polygon), ``.fen`` (a fence),
+    or items of a fence as WPL.
+
+    Each line of a ``.poly`` or ``.fen`` file holds a latitude and a longitude. The first line of a
+    ``.fen`` file is the point to which the vehicle returns.
+
+    Raises
+    ------
+    InvalidInputError
+        If a line is invalid. The error message names the line.
+    """
+    where = str(path)
+    lines = [
+        (number, line.strip())
+        for number, line in enumerate(_text_without_comments(path).splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if lines and lines[0][1].startswith(_WPL):
+        return RegionOutlines(
+            tuple(_wpl_fence(lines[1:], where)), where, geographic=True, closed=False
+        )
+    points = [_pair(line, f"{where}: line {number}") for number, line in lines]
+    if path.suffix.lower() == ".fen":
+        lines, points = lines[1:], points[1:]
+    if not points:
+        raise InvalidInputError(
+            f"{where}: expected lines with a latitude and a longitude, got none"
+        )
+    ring = Ring(points_of(points), where, np.array([number for number, _ in lines]))
+    return RegionOutlines((RegionOutline(ring),), where, geographic=True, closed=False)
+
+
+def _text_without_comments(path: Path) -> str:
+    """Return the text of a file with empty comments: Mission Planner writes them in the encoding of
+    its computer.
+    """
+    check_file(path, what="region file", most=LARGEST_FILE)
+    try:
+        lines = path.read_bytes().splitlines()
+    except OSError as error:
+        raise InvalidInputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    kept = [b"#" if line.lstrip().startswith(b"#") else line for line in lines]
+    return decode_text(b"\n".join(kept), where=str(path))
+
+
+def _pair(line: str, where: str) -> tuple[float, float]:
+    words = line.replace(",", " ").replace(";", " ").split()
+    try:
+        latitude, longitude = map(float, words)
+    except ValueError:
+        raise InvalidInputError(
+            f"{where}: expected a latitude and a longitude, got {line[:60]!r}"
+        ) from None
+    return longitude, latitude
+
+
+def _wpl_fence(lines: list[tuple[int, str]], where: str) -> list[RegionOutline]:
+    """Return the polygons and circles of a fence that Mission Planner or Shoal has written as items
+    of a mission.
+    """
+    found: list[RegionOutline] = []
+    vertices: list[tuple[float, float]] = []
+    numbers: list[int] = []
+    begun: tuple[int, int] | None = (
+        None  # kind and number of vertices of the polygon that is being read
+    )
+
+    def end(number: int) -> None:
+        nonlocal begun
+        if begun is not None and len(vertices) != begun[1]:
+            raise InvalidInputError(
+                f"{where}: line {number}: expected a polygon of {begun[1]} vertices, got"
+                f" {len(vertices)}"
+            )
+        if begun is not None:
+            ring = Ring(
+                points_of(vertices), f"{where}: polygon from line {numbers[0]}", np.array(numbers)
+            )
+            found.append(RegionOutline(ring, no_go=begun[0] == _OUTSIDE))
+        vertices.clear()
+        numbers.clear()
+        begun = None
+
+    last = 0
+    for number, line in lines:
+        place, last = f"{where}: line {number}", number
+        words = line.split()
+        if len(words) != _COLUMNS:
+            raise InvalidInputError(f"{place}: expected {_COLUMNS} columns, got {len(words)}")
+        try:
+            command, count = int(words[3]), float(words[4])
+            latitude, longitude = float(words[8]), float(words[9])
+        except ValueError:
+            raise InvalidInputError(f"{place}: expected numbers, got {line[:60]!r}") from None
+        if command in (_INSIDE, _OUTSIDE):
+            if begun is not None and (len(vertices) == begun[1] or command != begun[0]):
+                end(number)
+            if begun is None:
+                if not 3 <= count <= len(lines):
+                    raise InvalidInputError(
+                        f"{place}: expected a number of vertices from 3 to {len(lines)}, got"
+                        f" {count:g}"
+                    )
+                begun = command, int(count)
+            vertices.append((longitude, latitude))
+            numbers.append(number)
+        elif command in (_CIRCLE_INSIDE, _CIRCLE_OUTSIDE):
+            end(number)
+            points = _circle(
+                np.array([longitude, latitude]), count, place, around=command == _CIRCLE_OUTSIDE
+            )
+            found.append(RegionOutline(Ring(points, place), no_go=command == _CIRCLE_OUTSIDE))
+        elif (
+            command != _RETURN and words[0] != "0"
+        ):  # the first item of a file may be the home position
+            raise InvalidInputError(
+                f"{place}: expected the items of a fence (commands 5000 to 5004), got the command"
+                f" {command}"
+            )
+    end(last)
+    if not found:
+        raise InvalidInputError(
+            f"{where}: expected the items of a fence (commands 5001 to 5004), got none"
+        )
+    return found

@@ -1,0 +1,368 @@
+"""Improvement of chains of wall contacts: insert a cycle, remove a cycle or exchange a touching
+particle.
+
+Chains with more than three cycles have too many kinds (sequences of touching particles and walls)
+for an exhaustive search. The planner finds long chains by inserting cycles into shorter chains.
+Some of the shortest plans are long chains that alternate between the two walls of a corner, or that
+follow a wall in small steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import field
+from math import inf, pi
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.dataclass import dataclass
+from shoal.steering.planners.chain_search import antipodal_chain, chains_of
+from shoal.steering.planners.chains import (
+    ENOUGH,
+    MANY,
+    REFINING,
+    ROOM,
+    Chain,
+    ChainQuery,
+    refined,
+    slid,
+)
+from shoal.steering.workspaces.convex import Points
+
+_Item = TypeVar("_Item")
+
+CYCLES = (1, 2, 3)  # numbers of cycles of the chains of which all kinds are tried
+MOST_CYCLES = 8
+SLACK = 1.2  # relative to the shortest length: longer chains are dropped
+WIDTH = 8  # number of chains that are changed
+TRIES, ROUND_TRIES, FAR_TRIES = (
+    90,
+    90,
+    200,
+)  # number of chains tried: on flat walls, on a round wall, and for distant goals
+EARLY = 30  # of them before chains of three cycles
+SPIRALS = (
+    (1.0, -1.0),
+    (1.0, 1.0),
+    (-1.0, -1.0),
+)  # sides to which differences turn for distant goals
+_BACKWARD = 16  # cycles of a chain for distant goals
+REFINED = 3  # number of shortest rough chains that are used
+NEARLY = (
+    1.1  # relative to the shortest length: short chains up to this length are also starting points
+)
+EACH = 30  # number of candidates made from one chain
+_WORTH = 1e-4  # relative to the length: gain that justifies one more cycle
+# relative to the length: among chains that differ by less, the one with fewer cycles is kept
+_SAME = 2e-4
+_ROUGH = REFINING[:3]
+_ROUGH_ROUND = REFINING[:4]
+
+
+@dataclass
+class ChainPool:
+    """The shortest chains of wall contacts that a search has found so far."""
+
+    query: ChainQuery
+    chains: list[Chain] = field(default_factory=list)
+    _known: set[tuple[object, ...]] = field(default_factory=set)
+    _expanded: dict[int, Chain] = field(
+        default_factory=dict
+    )  # keep a reference, so that the id is not used again
+
+    @property
+    def best(self) -> Chain | None:
+        """The shortest chain of the pool, or None if the pool is empty.
+
+        Among chains of almost the same length, `best` is the chain with the fewest cycles.
+        """
+        return self.chains[0] if self.chains else None
+
+    @property
+    def bound(self) -> float:
+        """The chain length above which the pool accepts no chain."""
+        if not self.chains:
+            return inf
+        return min(
+            self.chains[-1].length if len(self.chains) >= WIDTH else inf,
+            SLACK * self.chains[0].length,
+        )
+
+    def add(self, chain: Chain) -> bool:
+        """Add a chain to the pool, and return whether the pool accepted the chain.
+
+        The pool refuses a chain that is longer than `bound`, and a chain that is about as long as a
+        chain of the pool but does not have fewer cycles.
+        """
+        alike = [
+            other
+            for other in self.chains
+            if abs(chain.length - other.length) < _SAME * other.length
+        ]
+        if not chain.length < self.bound or any(other.cycles <= chain.cycles for other in alike):
+            return False
+        self.chains = [
+            other for other in self.chains if other not in alike or other.length < chain.length
+        ] + [chain]
+        self.chains.sort(key=lambda one: one.length * (1 + _WORTH * one.cycles))
+        del self.chains[WIDTH:]
+        return True
+
+    def begin(self, chain: Chain) -> None:
+        """Make ``chain`` feasible and short, and add the resulting chain to the pool."""
+        along = chain.unknowns[: chain.cycles * (self.query.walls.dimensions - 1)].reshape(
+            chain.cycles, -1
+        )
+        deltas = list(chain.differences(self.query.before, self.query.after))
+        self.tried(
+            _Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas)
+        )
+
+    def tried(self, one: _Candidate) -> int:
+        """Make a candidate chain feasible and short, and add the resulting chain to the pool.
+
+        The method returns 0 if it has tried an equal candidate before, and 1 for a new candidate.
+        """
+        query, guess, round_ = self.query, one.guess, self.query.walls.round
+        kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
+        if kind in self._known:
+            return 0
+        self._known.add(kind)
+        touchers, walls = np.array(one.touchers), np.array(one.walls)
+        enough, rounds = (ROOM, _ROUGH_ROUND) if round_ else (ENOUGH, _ROUGH)
+        length = query.settle(
+            guess, touchers, walls, enough=enough, rounds=rounds, bound=self.bound
+        )
+        if length < inf:
+            self.add(slid(query, Chain(touchers, walls, guess, length)))
+        return 1
+
+    def improve(self, tries: int) -> None:
+        """Try at most ``tries`` changes of the pool's chains, beginning with the shortest chain."""
+        while tries > 0 and not self.query.late:
+            parent = next((chain for chain in self.chains if id(chain) not in self._expanded), None)
+            if parent is None:
+                return
+            left = min(EACH, tries)
+            for one, least in with_bounds(self.query, candidates(self.query, parent)):
+                if left <= 0 or self.query.late:
+                    break
+                if least < self.chains[0].length:
+                    done = self.tried(one)
+                    tries, left = tries - done, left - done
+            if tries > 0:
+                self._expanded[id(parent)] = parent
+
+
+class _Candidate(NamedTuple):
+    """A candidate chain, made from a known chain by adding a cycle, removing a cycle or exchanging
+    a touching particle.
+
+    Attributes
+    ----------
+    way : float
+        Distance from a particle to the wall of its new contact, or at most 0 if the candidate has
+        no new contact. The search tries candidates in ascending order of this distance.
+    touchers, walls : list of int
+    along : list of ndarray of float64, shape (d - 1,)
+        Initial positions of the contacts along their walls.
+    deltas : list of ndarray of float64, shape (d,)
+        Position differences of the particles at the start, between the cycles, and at the end.
+    """
+
+    way: float
+    touchers: list[int]
+    walls: list[int]
+    along: list[Points]
+    deltas: list[Points]
+
+    @property
+    def guess(self) -> NDArray[np.float64]:
+        """The unknowns with which the optimization starts."""
+        return np.concatenate([*self.along, *self.deltas[1:-1]])
+
+
+def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
+    """Return the candidate chains ``found``, each with a lower bound on its length."""
+    bounds = np.empty(len(found))
+    for cycles in {len(one.walls) for one in found}:
+        some = [k for k, one in enumerate(found) if len(one.walls) == cycles]
+        bounds[some] = query.bounds_of(
+            np.array([found[k].touchers for k in some]), np.array([found[k].walls for k in some])
+        )
+    return list(zip(found, bounds.tolist(), strict=True))
+
+
+def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
+    """Return chains that may be shorter than ``chain``, sorted by the distance of a particle from
+    the wall of its new contact.
+    """
+    d, circle, half = query.walls.dimensions, len(query.walls.normals), pi * query.walls.circle[2]
+    along = list(chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1))
+    deltas = list(chain.differences(query.before, query.after))
+    touchers, walls = chain.touchers.tolist(), chain.walls.tolist()
+    # every effect of one particle's contact can also be achieved by the other on the opposite side
+    opposite = [one + half * np.eye(d - 1)[0] for one in along]
+    found = []
+    for place in range(chain.cycles if chain.cycles > 1 else 0):
+        between = min(max(place, 1), chain.cycles - 1)
+        found.append(
+            _Candidate(
+                0.0,
+                _cut(touchers, place),
+                _cut(walls, place),
+                _cut(along, place),
+                _cut(deltas, between),
+            )
+        )
+    for place in (place for place, wall in enumerate(walls) if wall == circle):
+        other = _put(_cut(touchers, place), place, 1 - touchers[place])
+        found.append(
+            _Candidate(0.0, other, walls, _put(_cut(along, place), place, opposite[place]), deltas)
+        )
+    if all(wall == circle for wall in walls):
+        nearest = _nearest_touchers(query, chain, np.array(deltas))
+        places = [opposite[k] if one != touchers[k] else along[k] for k, one in enumerate(nearest)]
+        found.append(_Candidate(-1.0, nearest, walls, places, deltas))
+    states = states_of(query, chain, np.array(deltas))
+    for place in range(chain.cycles + 1 if chain.cycles < MOST_CYCLES else 0):
+        aside = deltas[place + 1 if place < chain.cycles else place - 1] - deltas[place]
+        after = min(place + 1, chain.cycles)
+        for toucher in (0, 1):
+            for wall, contact, share, way in _new_contacts(
+                query, chain, along, place, toucher, states[place][toucher]
+            ):
+                more = (
+                    _put(touchers, place, toucher),
+                    _put(walls, place, wall),
+                    _put(along, place, contact),
+                )
+                found.append(
+                    _Candidate(way, *more, _put(deltas, after, deltas[place] + share * aside))
+                )
+    found.sort(key=lambda one: one.way)
+    return found
+
+
+def _put(items: list[_Item], place: int, item: _Item) -> list[_Item]:
+    return [*items[:place], item, *items[place:]]
+
+
+def _cut(items: list[_Item], place: int) -> list[_Item]:
+    return [*items[:place], *items[place + 1 :]]
+
+
+def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[int]:
+    """Return, for each cycle of a chain on a round wall, which particle should touch the wall to
+    make the whole chain shortest.
+    """
+    signs = np.array([1.0, -1.0])
+    contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
+    contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored
+    here, total, choices = query.start[None], np.zeros(1), []
+    for contact, delta in zip(contacts, deltas[1:], strict=True):
+        spots = np.stack([np.concatenate([sign * contact[:2], contact[2:]]) for sign in signs])
+        lengths = total[:, None] + np.linalg.norm(here - spots, axis=2)  # before, toucher
+        choices.append(lengths.argmin(axis=0))
+        total = lengths.min(axis=0)
+        here = np.stack(
+            [np.stack([spots[0], spots[0] + delta]), np.stack([spots[1] - delta, spots[1]])]
+        )
+    total = total + np.linalg.norm(here[:, 0] - query.goal[0], axis=1)
+    touchers = [int(total.argmin())]
+    for choice in choices[:0:-1]:
+        touchers.append(int(choice[touchers[-1]]))
+    return touchers[::-1]
+
+
+def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
+    """Return the positions of both particles before each contact and after the last cycle; shape
+    (cycles + 1, 2, d).
+    """
+    states = np.empty((chain.cycles + 1, 2, query.walls.dimensions))
+    states[0] = query.start
+    for m, (toucher, contact) in enumerate(
+        zip(chain.touchers, chain.contacts(query.walls), strict=True)
+    ):
+        states[m + 1, toucher] = contact
+        states[m + 1, 1 - toucher] = contact + (deltas[m + 1] if toucher == 0 else -deltas[m + 1])
+    return states
+
+
+def _new_contacts(
+    query: ChainQuery, chain: Chain, along: list[Points], place: int, toucher: int, point: Points
+) -> Iterator[tuple[int, Points, float, float]]:
+    """Yield the wall, contact, fraction and path length of each possible new cycle of a particle at
+    ``point``.
+
+    Let u be the change of the position difference by the next cycle of the chain. The new cycle
+    changes the position difference by the fraction times u. The path length is the distance from
+    ``point`` to the wall.
+    """
+    walls = query.walls
+    flat = len(walls.normals)
+    ways = walls.normals @ point - walls.offsets
+    places = np.arange(flat)
+    if (
+        walls.sides > MANY
+    ):  # walls nearest to the point, and walls of the previous and next contacts
+        beside = chain.walls[[max(place - 1, 0), min(place, chain.cycles - 1)]]
+        places = np.unique([*np.argsort(ways)[:6], *beside, *range(walls.sides, flat)])
+    for wall in places.tolist():
+        middle, reach = walls.frames[wall, 0], walls.reaches[wall]
+        yield (
+            wall,
+            np.clip(walls.frames[wall, 1:] @ (point - middle), -reach, reach),
+            0.0,
+            ways[wall],
+        )
+    if not walls.round:
+        return
+    for other in {max(place - 1, 0), min(place, chain.cycles - 1)}:
+        if chain.walls[other] == flat:
+            contact = along[other].copy()
+            contact[0] += 0.0 if chain.touchers[other] == toucher else pi * walls.circle[2]
+            yield flat, contact, 0.5, 0.0
+    contact = np.concatenate([[walls.circle[2] * np.arctan2(point[1], point[0])], point[2:]])
+    yield flat, contact, 0.0, walls.circle[2] - float(np.hypot(point[0], point[1]))
+
+
+def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chain]:
+    """Return the shortest chains that the search finds, with any number of cycles, sorted by
+    length; the list may be empty.
+
+    Parameters
+    ----------
+    query : ChainQuery
+    seeds : iterable of Chain
+        Chains with which the search starts, in addition to the chains of one, two and three cycles
+        that it finds itself.
+    """
+    pool = ChainPool(query)
+    for chain in seeds:
+        pool.begin(chain)
+    for cycles in CYCLES:
+        for chain in chains_of(
+            query, cycles, inf if pool.best is None else NEARLY * pool.best.length
+        ):
+            pool.add(chain)
+        if cycles == 2:
+            pool.improve(EARLY)
+    tries = ROUND_TRIES if query.walls.round else TRIES
+    for sides in SPIRALS if query.walls.round and query.friction == inf else ():
+        far = antipodal_chain(query, cycles=_BACKWARD, sides=sides)
+        if far is not None:
+            tries = FAR_TRIES
+            pool.begin(far)
+    pool.improve(tries)
+    few: dict[int, Chain] = {}  # the shortest chain of each number of cycles
+    for chain in sorted(pool.chains, key=lambda chain: chain.length):
+        few.setdefault(chain.cycles, chain)
+    useful = [chain for chain in few.values() if chain.length < 1.01 * pool.chains[0].length]
+    kept = [
+        *pool.chains[:REFINED],
+        *(chain for chain in useful if chain not in pool.chains[:REFINED]),
+    ]
+    return sorted((refined(query, chain) for chain in kept), key=lambda chain: chain.length)

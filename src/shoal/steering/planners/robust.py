@@ -1,0 +1,659 @@
+"""Planner robust: a closed loop of moves and observations, for simulated worlds with noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.contact.friction import GainBelief
+from shoal.steering.contact.world import direction_away_from, touched_normals
+from shoal.steering.kernels import shortening as kernels
+from shoal.steering.kernels.contact import first_contact
+from shoal.steering.kernels.roadmap import step
+from shoal.steering.planners.chain_search import shortest_chain
+from shoal.steering.planners.chains import Chain, ChainQuery
+from shoal.steering.planners.greedy import any_chain, plan_with_clearance
+from shoal.steering.planners.sampling import MORE_ROUNDS, Sampling, Translations, Tree, world_of
+from shoal.steering.planners.shortest import (
+    MOST_STEPS,
+    Plan,
+    Shortening,
+    Shortest,
+    copy_of,
+    steps_of,
+)
+from shoal.steering.planners.task import PLANNERS, SteeringTask
+from shoal.steering.workspaces.convex import Points
+from shoal.steering.workspaces.region import Region
+
+SURE = 4.0  # number of standard deviations that counts as impossible
+LEAST = 1e-4  # relative to the size: minimum overshoot, limited to half of the tolerance
+CENTRAL = np.array([8.0, 40.0])  # sharpness that keeps chains far from all limits
+
+
+class Cycles:
+    """One run of the closed loop in a convex workspace, which makes one cycle (contact and
+    adjustment) at a time.
+
+    The move to a wall contact aims behind the wall, so that the touching particle reaches the wall
+    despite noise and an unknown gain. The loop computes each adjustment from the positions that the
+    camera observes. Each adjustment aims at the position difference that the planned chain has
+    after its first cycle, and pushes the touching particle into the wall. The loop estimates the
+    gain (displacement of a particle divided by the input) from the observed motion of the
+    particles.
+    """
+
+    def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
+        self.task, self.apparatus, self.noise = task, apparatus, noise
+        self.room = task.world.room
+        self.least = min(LEAST * self.room.size, max(task.tolerance / 2, 1e-8 * self.room.size))
+        self.field = GainBelief(self.room, self.noise)
+        self.seen = self._inside(apparatus.look())
+
+    @property
+    def sent(self) -> int:
+        """Number of moves sent so far."""
+        return len(self.apparatus.inputs)
+
+    def run(self) -> None:
+        """Run the closed loop until the camera observes all particles at their goals, or the
+        maximum number of moves is reached.
+        """
+        while self.sent < self.task.max_moves and not self._arrived():
+            apart = float(np.linalg.norm(self._wanted(self.seen) - (self.seen[1] - self.seen[0])))
+            if apart <= self._good_enough():
+                self._translate(self._to_goal(self.seen))
+                continue
+            if not self._cycle():
+                # No cycle is possible from this state. Move to the centre and observe again.
+                self._send((self.room.middle - self.seen.mean(axis=0)) * 0.5)
+
+    def _arrived(self) -> bool:
+        near: float = max(
+            self.task.tolerance - 2 * self.noise.measurement, 0.6 * self.task.tolerance
+        )
+        return self.task.error(self.seen) <= near
+
+    def _good_enough(self) -> float:
+        """Return the largest error of the position difference with which a translation to the goals
+        succeeds despite noise.
+        """
+        far: float = max(
+            1.2 * self.task.tolerance - 2 * self.noise.measurement, 0.8 * self.task.tolerance
+        )
+        return far
+
+    def _cycle(self) -> bool:
+        """Plan a chain to the goals and make its first contact and adjustment; return False if no
+        chain was found.
+        """
+        spread = SURE * float(np.hypot(self.noise.execution, self.noise.measurement))
+        found: Chain | None = None
+        for share in (1.0, 0.5, 0.2, 0.05, 0.0):
+            margin = max(share * 2 * spread, self.least)
+            query = self._chain_query(margin)
+            found = shortest_chain(query, cycles=(1, 2, 3), first_found=True)
+            if found is not None:
+                break
+        if found is None:
+            query = self._chain_query(1e-6 * self.room.size)
+            found = any_chain(query)
+            if found is None:
+                return False
+        walls = query.walls
+        toucher = int(found.touchers[0])
+        contact = walls.restored(found.contacts(walls)[0])
+        target = found.differences(query.before, query.after)[1] * walls.scale
+        last = found.cycles == 1
+        if not self._touch(toucher, contact, spread):
+            return True
+        self._adjust(toucher, target, last=last, spread=spread)
+        return True
+
+    def _chain_query(self, margin: float) -> ChainQuery:
+        """Return a query for a chain that keeps ``margin`` from the walls.
+
+        Each adjustment of the chain pushes the touching particle into its wall by at least 1.5
+        times ``margin``.
+        """
+        seen = self.seen
+        wanted = self._wanted(seen)
+        middle = self.task.goal.mean(axis=0)
+        aim = np.stack([middle - wanted / 2, middle + wanted / 2])
+        query = self.task.chain_query(start=seen, aim=aim)
+        part = margin / query.walls.scale
+        return ChainQuery(
+            query.walls,
+            query.start,
+            query.goal,
+            friction=query.friction * 0.9,
+            margin=part,
+            push=1.5 * part,
+            rounds=CENTRAL,
+        )
+
+    def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
+        """Move a particle against a wall with an overshoot; return whether the camera then observes
+        the particle at the wall.
+
+        If the gain is uncertain, the first move ends before the wall. A move from far away would
+        need a large overshoot, which might bring the other particle to the wall.
+        """
+        for attempt in range(4):
+            if self.sent >= self.task.max_moves:
+                return False
+            here = self.seen[toucher]
+            inward = self._normal(contact)
+            way = contact - here
+            unsure = 2 * self.field.deviation(here, contact) * float(np.linalg.norm(way))
+            apart = float(inward @ (self.seen[1 - toucher] - here))
+            if unsure > min(spread, 0.2 * apart) and attempt < 3:
+                way = way + inward * (unsure + spread)
+                self._translate(way / self.field.mean(here, contact))
+                continue
+            # Limit the overshoot so that the other particle does not reach the wall.
+            over = max(min(spread + unsure, 0.45 * apart), self.least)
+            self._translate(way / self.field.mean(here, contact) - inward * over)
+            if (
+                self._distance(self.seen[toucher])
+                <= 3 * self.noise.measurement + 2e-9 * self.room.size
+            ):
+                return True
+            contact = self._foot(self.seen[toucher])
+        return False
+
+    def _translate(self, move: Points) -> None:
+        """Send a translation that no wall blocks at its start.
+
+        If a particle may touch a wall, the method first sends a small move off the wall.
+        """
+        near = 3 * self.noise.measurement / self.room.size + 2e-9
+        normals = np.vstack([touched_normals(self.room, point, within=near) for point in self.seen])
+        least = SURE * self.noise.execution + 1e-8 * self.room.size
+        if len(normals) and float((normals @ move).min()) < least:
+            lift = direction_away_from(normals)
+            if lift is not None:
+                lift = lift * (2 * least + 3 * self.noise.measurement)
+                self._send(lift)
+                move = move - lift
+        self._send(move)
+
+    def _adjust(self, toucher: int, target: Points, *, last: bool, spread: float) -> None:
+        """Move the other particle towards the position difference ``target`` while a wall holds the
+        touching particle.
+
+        The method repeats the move, at most twice, if the observed position difference is still too
+        far from the target.
+        """
+        sign = 1.0 if toucher == 0 else -1.0
+        other = 1 - toucher
+        for attempt in range(3):
+            if self.sent >= self.task.max_moves:
+                return
+            inward = self._normal(self._foot(self.seen[toucher]))
+            if last:
+                target = self._wanted(self.seen)
+            # The toucher is on the wall, so its position is known better than observed.
+            here = self.seen.copy()
+            here[toucher] = self._foot(here[toucher])
+            change = sign * (target - (here[1] - here[0]))
+            move = change / self.field.mean(here[other], here[other] + change)
+            length = float(np.linalg.norm(move))
+            unsure = 2 * self.field.deviation(here[other], here[other] + change) * length
+            if unsure > 2 * spread and attempt < 2:
+                move = move * max(1 - (unsure + spread) / length, 0.3)
+            push = -float(inward @ move)
+            least = max(spread, self.least)
+            if self.task.world.friction < inf:
+                along = float(np.linalg.norm(move + push * inward))
+                least = max(least, 1.1 * along / float(self.task.world.friction))
+            if push < least:
+                # The wall may not hold the toucher. Push into the wall as well, and correct the
+                # resulting error later.
+                if push < -least:
+                    return
+                move = move - inward * (least - push)
+            room = self._room_along(here[other], move) - spread
+            length = float(np.linalg.norm(move))
+            if room < length:
+                if room < 0.2 * length:
+                    return  # no progress: another contact will be better
+                move = move * (room / length)
+            self._send(move)
+            left = float(np.linalg.norm(target - (self.seen[1] - self.seen[0])))
+            if left <= max(self._good_enough() / 2, spread if not last else 0.0):
+                return
+
+    def _room_along(self, point: Points, move: Points) -> float:
+        """Return how far a particle at ``point`` can move in the direction of ``move`` before it
+        meets a wall.
+        """
+        share, _ = first_contact(point, np.ascontiguousarray(move), self.task.world.walls, -1)
+        return float(share * np.linalg.norm(move))
+
+    def _wanted(self, seen: Points) -> Points:
+        """Return the position difference from which a translation, with the estimated gain, leads
+        both particles to their goals.
+        """
+        goal = self.task.goal
+        before = goal.copy()
+        move = (goal - seen).mean(axis=0)
+        for _round in range(3):
+            before = np.stack([self.field.behind(point, move) for point in goal])
+            move = goal[0] - seen[0]
+            gain = self.field.mean(seen[0], goal[0])
+            move = move / gain
+        return np.asarray(before[1] - before[0])
+
+    def _to_goal(self, seen: Points) -> Points:
+        """Return the translation that brings both particles as close to their goals as possible,
+        with the estimated gain.
+        """
+        move = (self.task.goal - seen).mean(axis=0)
+        for _round in range(4):
+            after = np.stack([self.field.ahead(point, move) for point in seen])
+            move = move + (self.task.goal - after).mean(axis=0)
+        return np.asarray(move)
+
+    def _send(self, move: Points) -> None:
+        """Send a move unless the maximum number of moves is reached, then observe the particles and
+        update the estimated gain.
+        """
+        if self.sent >= self.task.max_moves:
+            return
+        before = self.seen
+        self.apparatus.send(move)
+        self.seen = self._inside(self.apparatus.look())
+        for here, there in zip(before, self.seen, strict=True):
+            # A particle without wall contact gives information about the gain.
+            clear = 4 * self.noise.measurement + 1e-6 * self.room.size
+            if self._distance(here) > clear and self._distance(there) > clear:
+                self.field.learn(here, there, move)
+
+    def _distance(self, point: Points) -> float:
+        return float(self.room.depth(point))
+
+    def _inside(self, points: Points) -> Points:
+        """Return the given points, with points outside the workspace projected onto the wall."""
+        return np.stack(
+            [self._foot(point) if self._distance(point) < 0 else point for point in points]
+        )
+
+    def _foot(self, point: Points) -> Points:
+        """Return the wall point nearest to ``point``, corrected near corners so that it lies inside
+        the workspace.
+        """
+        room = self.room
+        for _round in range(4):
+            walls = room.wall_distances(point)
+            circle = float(room.circle_distance(point))
+            if len(walls) and walls.min() <= circle:
+                point = point - walls.min() * room.normals[int(np.argmin(walls))]
+            else:
+                outward = point[:2] - room.center
+                point = np.concatenate(
+                    [room.center + outward * (room.radius / float(np.hypot(*outward))), point[2:]]
+                )
+            if self._distance(point) >= -1e-12 * room.size:
+                break
+        return np.asarray(point)
+
+    def _normal(self, contact: Points) -> Points:
+        room = self.room
+        walls = room.wall_distances(contact)
+        if len(walls) and walls.min() <= float(room.circle_distance(contact)):
+            return np.asarray(room.normals[int(np.argmin(walls))])
+        inward = np.zeros(len(contact))
+        inward[:2] = room.center - contact[:2]
+        return inward / float(np.linalg.norm(inward))
+
+
+STATES = 256
+LIKELY = 16  # effective states: with fewer what is seen counts alone
+ARRIVED_SHARE, SATISFIED = (
+    0.95,
+    0.5,
+)  # share of the states that have arrived: of a run that has just begun, and of one at its end
+
+
+class PositionBelief:
+    """A particle filter: many possible positions of both particles, all equally likely.
+
+    Attributes
+    ----------
+    states : ndarray of float64, shape (states, 2, 2)
+        The possible states. A state holds one row of coordinates for each particle.
+    state : ndarray of float64, shape (2, 2)
+        The possible state that is nearest to the mean of all possible states.
+    """
+
+    def __init__(
+        self, room: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator
+    ) -> None:
+        self.room, self.world, self.noise, self.rng = room, world, noise, rng
+        self._settle(self._anew(seen))
+
+    def update(self, move: Points, seen: Points) -> None:
+        """Update the particle filter after the move ``move``, with the positions ``seen`` that the
+        camera then observed.
+        """
+        states = self._followed(move, seen) if self.noise.measurement else None
+        self._settle(self._anew(seen) if states is None else states)
+
+    def _followed(self, move: Points, seen: Points) -> NDArray[np.float64] | None:
+        """Return possible states after a move, or None if hardly any state agrees with the observed
+        positions ``seen``.
+
+        The method draws states at random. A state that agrees better with the observed positions
+        has a larger probability.
+        """
+        moves = move + self.rng.normal(scale=self.noise.execution, size=(STATES, 2))
+        states = self.states.copy()
+        kernels.step_all(states, moves, self.world)
+        unlikely = np.sum((states - seen) ** 2, axis=(1, 2)) / (2 * self.noise.measurement**2)
+        weights = np.exp(unlikely.min() - unlikely)
+        weights /= weights.sum()
+        return (
+            None
+            if 1 / np.sum(weights**2) < LIKELY
+            else states[self.rng.choice(STATES, STATES, p=weights)]
+        )
+
+    def arrived(self, goal: Points, tolerance: float, *, share: float) -> bool:
+        """Return whether enough possible states are within the tolerance of the goals.
+
+        ``share`` is the fraction of the maximum number of moves that the loop has used. The larger
+        this fraction is, the fewer states need to be within the tolerance.
+        """
+        near = np.mean(np.linalg.norm(self.states - goal, axis=2).max(axis=1) <= tolerance)
+        return bool(near >= ARRIVED_SHARE - (ARRIVED_SHARE - SATISFIED) * share)
+
+    def _anew(self, seen: Points) -> NDArray[np.float64]:
+        """Return new possible states, drawn around the observed positions ``seen``."""
+        if not self.noise.measurement:
+            return np.repeat(seen[None], STATES, axis=0)
+        states = seen + self.rng.normal(scale=self.noise.measurement, size=(STATES, 2, 2))
+        outside = ~self.room.contains(states)
+        states[outside] = _nearest(self.room, states[outside])
+        return states
+
+    def _settle(self, states: NDArray[np.float64]) -> None:
+        self.states = np.ascontiguousarray(states)
+        self.state = self.states[
+            int(np.argmin(np.sum((states - states.mean(axis=0)) ** 2, axis=(1, 2))))
+        ].copy()
+
+
+def _nearest(room: Any, points: Points) -> Points:
+    """Return, for each point outside a plane workspace, the nearest point of the workspace;
+    float64, shape (n, 2).
+    """
+    import shapely
+
+    if room.round:
+        away = points - room.center
+        return np.asarray(
+            room.center + room.radius * away / np.linalg.norm(away, axis=1, keepdims=True)
+        )
+    lines = shapely.shortest_line(room.shape, shapely.points(points))
+    return np.asarray(shapely.get_coordinates(shapely.get_point(lines, 0)))
+
+
+FIRST_TREES, TREES = (
+    4,
+    2,
+)  # grown at the start, and where the plan so far has become worse than it was
+SHORTENED = 5_000  # changes of a new plan in a world without noise
+OVERSHOOTS = (
+    0.0,
+    1.5,
+    3.0,
+)  # standard deviations of noise: how far behind walls contacts of new plans aim
+MARGINS = (3.0, 1.5, 0.5)  # of these: how far from walls ways around obstacles keep
+SCENARIOS, JUDGED = 32, 256  # in which plans are changed, and in which they are judged
+REFINED, CHANGES = 3, 400  # of the best plans, so many changes each
+WORSE = 0.5  # moves more than were expected: then new plans are looked for
+# growth of the cost of a wrong difference with each move, so that no loop waits for better luck
+IMPATIENCE = 1.15
+CYCLE = 3  # moves that mend a wrong difference, at the least
+
+
+class Replanning:
+    """One run of the closed loop in the plane.
+
+    A plan is a sequence of steps. Each step computes its move from the present positions of the
+    particles, so that it corrects the effects of noise. The loop compares plans by their mean
+    number of moves in simulations with noise. If a simulated plan ends before the particles reach
+    their goals, the loop adds an estimate of the remaining moves to the plan's number of moves.
+
+    Parameters
+    ----------
+    task : SteeringTask
+    apparatus : shoal.steering.simulation.Apparatus
+    noise : SteeringProblem
+        A problem whose fields ``execution`` and ``measurement`` hold the standard deviations of the
+        assumed noise.
+    """
+
+    def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
+        self.task, self.apparatus = task, apparatus
+        self.world, self.room = world_of(task.world), task.world.room
+        self.rng = np.random.default_rng([task.seed, 4])
+        self.belief = PositionBelief(self.room, self.world, noise, apparatus.look(), self.rng)
+        self.deviation = max(
+            float(np.hypot(noise.execution, noise.measurement)), 1e-9 * self.room.size
+        )
+        near, far = (
+            1 - np.exp(-0.5 * (share * task.tolerance / self.deviation) ** 2)
+            for share in (1.0, 1.2)
+        )
+        self.cycle = float(min(1 / near + CYCLE / far, 1e3))
+        margins = tuple(share * self.deviation / self.room.size for share in MARGINS)
+        self.translations = Translations(task, margins)
+        self.exact = Translations(task)
+
+    def run(self) -> None:
+        """Run the closed loop until the particles are probably at their goals, or until the maximum
+        number of moves is reached.
+        """
+        plan, move = None, np.zeros(2)
+        while (sent := len(self.apparatus.inputs)) < self.task.max_moves:
+            if self.belief.arrived(
+                self.task.goal, self.task.tolerance, share=sent / self.task.max_moves
+            ):
+                return
+            plan = self._plan(plan)
+            kernels.make_move(plan.steps, 0, self.belief.state, move)
+            self.apparatus.send(move.copy())
+            self.belief.update(move, self.apparatus.look())
+
+    def _plan(self, last: Plan | None) -> Plan:
+        """Return the best plan for the estimated positions of the particles."""
+        sent = len(self.apparatus.inputs)
+        left, cycle = (
+            min(self.task.max_moves - sent, MOST_STEPS),
+            min(self.cycle * IMPATIENCE**sent, 1e6),
+        )
+        task = replace(self.task, start=self.belief.state, max_moves=left)
+        errors = self.rng.normal(scale=self.deviation, size=(JUDGED, MOST_STEPS, 2))
+        judged = kernels.Noise(self.belief.states, errors, self.deviation, cycle)
+        few = kernels.Noise(
+            self.belief.states[:SCENARIOS], errors[:SCENARIOS].copy(), self.deviation, cycle
+        )
+        shortening = Shortening(task, self.world, self.rng)
+
+        def costs(plans: Iterable[Plan]) -> list[Plan]:
+            return [shortening.changed(plan, changes=0, noise=judged) for plan in plans]
+
+        found = costs(self._plans_at_hand(task, last))
+        useful = [plan for plan in found if self._moves_particles(plan, few)]
+        if last is None:
+            found += costs(self._new_plans(shortening, FIRST_TREES))
+        elif (
+            not task.late
+            and min((plan.cost for plan in useful), default=inf) > last.cost - 1 + WORSE
+        ):
+            found += costs(self._new_plans(shortening, TREES))
+        found.sort(key=lambda plan: plan.cost)
+        best = [plan for plan in found if self._moves_particles(plan, few)][:REFINED]
+        found += costs(
+            shortening.changed(plan, changes=CHANGES, noise=few) for plan in best if not task.late
+        )
+        useful = [plan for plan in found if self._moves_particles(plan, few)]
+        return min(useful or found, key=lambda plan: plan.cost)
+
+    def _moves_particles(self, plan: Plan, noise: kernels.Noise) -> bool:
+        """Return whether, in at least one noise scenario, the first move of a plan moves a particle
+        farther than the noise does.
+
+        The loop carries out a plan whose first move changes nothing only if it has no other plan.
+        After such a move, the loop would be in the same state, and would often choose the same move
+        again.
+        """
+        move, state = np.zeros(2), np.zeros((2, 2))
+        for start, errors in zip(noise.starts, noise.errors, strict=True):
+            kernels.make_move(plan.steps, 0, start, move)
+            state[:] = start
+            step(state, move + errors[0], self.world)
+            if np.abs(state - start).max() > self.deviation:
+                return True
+        return False
+
+    def _plans_at_hand(self, task: SteeringTask, last: Plan | None) -> Iterator[Plan]:
+        """Yield the last plan, the last plan without its first step, and translations straight to
+        the goals or around obstacles.
+        """
+        offset = (task.start - task.goal).mean(axis=0)
+        for moves in [-offset[None], *self.translations.around(offset)]:
+            if len(moves) <= task.max_moves:
+                yield steps_of(task, moves)
+        if last is not None:
+            yield from (
+                copy_of(last, first) for first in (0, 1) if 0 < last.count - first <= task.max_moves
+            )
+
+    def _new_plans(self, shortening: Shortening, trees: int) -> Iterator[Plan]:
+        """Yield new plans for a world without noise, and copies of these plans whose moves to
+        contacts aim behind the walls.
+        """
+        task = shortening.task
+        whole = None if isinstance(self.room, Region) else Shortest().plan(task)
+        plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]
+        for tree in range(trees if whole is None else 0):
+            if tree and task.late:
+                break
+            moves = Tree(task, self.world, self.rng, left=MORE_ROUNDS).search(self.exact)
+            if moves is not None:
+                plans.append(shortening.changed(steps_of(task, moves), changes=SHORTENED))
+        for plan in plans:
+            for share in OVERSHOOTS if plan.count <= task.max_moves else ():
+                steps = copy_of(plan).steps
+                outward = np.stack([-steps.along[:, 1], steps.along[:, 0]], axis=1)
+                steps.targets[:] += share * self.deviation * outward
+                yield Plan(steps, plan.count)
+
+
+ASSUMED = 1 / 16  # relative to the tolerance: assumed noise if the problem has none
+QUIET_MOVES = 12  # maximum number of moves with assumed noise
+SLIGHT = (
+    1 / 12
+)  # relative to the tolerance: with stronger noise, plans are evaluated in simulated noise
+STOOD, STOOD_RUNS = (
+    (0.25, 0.0625),
+    3,
+)  # relative to the tolerance: noise levels to test, and number of runs for each
+
+
+@PLANNERS.register("robust")
+class Robust:
+    """A planner for worlds with noise, which works in a closed loop: make one move, observe the
+    particles, and plan again.
+
+    In the plane, the planner compares plans by simulations with noise (class `Replanning`). In
+    three dimensions, and in a convex workspace with a nonuniform gain or slight noise, the planner
+    makes one cycle at a time (class `Cycles`).
+
+    Notes
+    -----
+    Source: an addition by Shoal, for apparatuses with a nonuniform field, such as the apparatus in
+    section VII.A of paper W.
+    """
+
+    name = "robust"
+    obstacles = True
+
+    def plan(self, task: SteeringTask) -> Points | None:
+        """Return a short plan for a world without noise, in which no closed loop is necessary."""
+        return (Sampling() if isinstance(task.world.room, Region) else Shortest()).plan(task)
+
+    def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
+        """Run the closed loop, and return the moves that were sent and the resulting positions of
+        the particles.
+
+        In a world without noise, the method first sends a short plan. If this plan fails, the
+        method puts the particles back at their starts and runs the closed loop with a small assumed
+        noise. Whether or not the short plan fails, the method stores in ``apparatus.remark`` how
+        much noise the closed loop would tolerate.
+        """
+        if apparatus.problem.noisy:
+            _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()
+        else:
+            short = replace(task, max_moves=min(task.max_moves, QUIET_MOVES))
+            for move in _moves_or_none(plan_with_clearance(task, self), task):
+                apparatus.send(move)
+            if task.error(apparatus.states[-1]) > task.tolerance:
+                apparatus.restart()
+                _loop(
+                    short, apparatus, apparatus.with_noise(ASSUMED * task.tolerance).problem
+                ).run()
+            apparatus.remark = _noise_stood(short, apparatus)
+        d = task.start.shape[1]
+        return np.array(apparatus.inputs).reshape(-1, d), np.array(apparatus.states)
+
+
+def _loop(
+    task: SteeringTask, apparatus: Any, noise: Any, *, slight: float = inf
+) -> Cycles | Replanning:
+    """Return the closed loop that suits the workspace and the noise.
+
+    Noise is slight if its standard deviation is at most ``slight`` times the tolerance of the
+    goals.
+    """
+    convex = not isinstance(task.world.room, Region)
+    known = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance
+    return (Cycles if convex and (known or task.world.room.dimensions == 3) else Replanning)(
+        task, apparatus, noise
+    )
+
+
+def _moves_or_none(moves: Points | None, task: SteeringTask) -> Points:
+    """Return the plan ``moves``, or an empty array if ``moves`` is None or has too many moves."""
+    return (
+        np.zeros((0, task.start.shape[1]))
+        if moves is None or len(moves) > task.max_moves
+        else moves
+    )
+
+
+def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
+    """Return a sentence about the largest tested execution noise with which all runs of the closed
+    loop succeed.
+    """
+    for share in STOOD:
+        noise = share * task.tolerance
+        for seed in range(STOOD_RUNS):
+            trial = apparatus.with_noise(noise, seed=seed)
+            _loop(task, trial, trial.problem).run()
+            if task.error(trial.states[-1]) > task.tolerance or task.late:
+                break
+        else:
+            return (
+                f"in {STOOD_RUNS} of {STOOD_RUNS} runs with execution noise {noise:.2g} the loop"
+                " also reaches the goals"
+            )
+    return f"execution noise of {STOOD[-1] * task.tolerance:.2g} is too much here"

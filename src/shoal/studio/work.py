@@ -1,0 +1,420 @@
+"""The work of a job: what its process runs, and what it stores."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+import time
+import warnings
+import zipfile
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import shoal
+from shoal.core.checks import check_choice, check_integer, check_text, shortened
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.files import atomic, write_json, write_text
+from shoal.lab.batches import SweepProgress
+from shoal.lab.coordinator import run_sweep
+from shoal.lab.exchange import SUFFIXES, export
+from shoal.lab.statistics import summarise
+from shoal.lab.store import Store
+from shoal.lab.versions import MixedVersionsWarning
+from shoal.search.problem import SearchProblem
+from shoal.search.problem.mission_options import MissionOptions
+from shoal.studio.folder import PAPERS, Folder
+from shoal.studio.forms import (
+    as_command,
+    checked_fields,
+    checked_problem,
+    checked_seed,
+    checked_sweep,
+    mission_words,
+)
+from shoal.studio.jobs import Say, named
+
+MOST_COMPARED = 4
+MOST_TRIALS = 1000
+FORMATS = ("png", "svg", "mp4", "gif", "html")
+
+
+def work(
+    connection: Connection, root: str, function: str, spec: dict[str, Any], processors: int
+) -> None:
+    """Run a job in the current process. Some jobs can use several processors.
+
+    The last message of the process is "done" with the result of the job, or "failed" with an error
+    message.
+    """
+    os.chdir(root)
+
+    def say(word: str, what: Any) -> None:
+        connection.send((word, what))
+
+    try:
+        say("done", storable(named(function)(Folder(root), spec | {"processors": processors}, say)))
+    except ShoalError as error:
+        say("failed", {"error": str(error)})
+    except MemoryError:
+        say(
+            "failed",
+            {
+                "error": (
+                    "the job needs more memory than the studio allows; the command has no such"
+                    " limit"
+                )
+            },
+        )
+    except OSError as error:
+        say(
+            "failed",
+            {
+                "error": (
+                    f"cannot read or write {error.filename or 'a file'}: {error.strerror or error}"
+                )
+            },
+        )
+    except Exception as error:  # as a last resort, the browser gets any exception as text
+        say("failed", {"error": f"{type(error).__name__}: {error}"[:300]})
+
+
+def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Run an episode, and report the moves of the episode during the run."""
+    problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
+    # a swarm's problem has it
+    if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]
+        episode: Any = play_live(problem, seed, say)
+    else:
+        say("progress", (0.0, "planning"))
+        episode = shoal.run(problem, seed=seed)
+    suffix = ".npz" if problem.part == "swarm" else ".episode.json"
+    what = str(
+        getattr(episode, "policy", getattr(episode, "planner", getattr(episode, "allocation", "")))
+    )
+    place = Path(str(spec["problem"].get(next(iter(problem.declarations())), ""))).name
+    name = folder.new_name(
+        "-".join(filter(None, (place[:30], what.partition(":")[0], f"seed{seed}"))), suffix
+    )
+    episode.save(folder.path(name))
+    return {"file": name, "sentence": episode.sentence, "report": episode.report()}
+
+
+def play_live(problem: Any, seed: int, say: Say) -> Any:
+    """Run an episode of a swarm. Report the start, each piece of moves, and the end of the episode
+    immediately.
+    """
+    from shoal.core.episode import Status
+    from shoal.swarm.episode import SwarmEpisode
+    from shoal.swarm.grid.board import decode, trial_rng
+    from shoal.swarm.grid.scans import Trace
+    from shoal.swarm.policies import shown_name
+    from shoal.swarm.run import run
+    from shoal.swarm.simulation.swarms import draw_start
+    from shoal.views.swarm.page import page_data
+
+    problem.check_at_place()
+    start, targets = draw_start(problem, trial_rng(seed, 0))
+    policy = shown_name(problem.chosen_policy, problem.policy)
+    begun = SwarmEpisode(problem, start, Trace.empty(0), Status.LIMIT, policy, 0, targets, seed)
+    every = problem.scanning.every_move
+    say("piece", {"begin": page_data(begun) | {"status": ""}})
+    goal = max(1, cells_to_classify(problem.place.free) if targets is None else int(targets.sum()))
+    told = {"moves": 0, "classified": len(start)}
+
+    def on_trace(trace: Trace) -> None:
+        scans = None if every else "".join("01"[scan] for scan in trace.scanned.tolist())
+        say("piece", {"commands": decode(trace.commands), "scans": scans})
+        told["moves"] += trace.moves
+        told["classified"] += int(trace.classified.sum())
+        say("progress", (min(0.99, told["classified"] / goal), f"{told['moves']} moves"))
+
+    episode = run(problem, seed=seed, on_trace=on_trace)
+    say("piece", {"end": str(episode.status), "unreachable": episode.unreachable})
+    return episode
+
+
+def cells_to_classify(free: Any) -> int:
+    """Return the maximum number of cells that a mapping can classify: all free cells, and the walls
+    beside free cells.
+    """
+    from scipy import ndimage
+
+    return int(ndimage.binary_dilation(np.pad(free, 1)).sum())
+
+
+def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Run trials of several policies with common start cells. Save the first episode of each
+    policy.
+    """
+    from shoal.swarm.run import run
+
+    policies, trials = (
+        spec["policies"],
+        check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS),
+    )
+    seed = checked_seed(spec)
+    if not isinstance(policies, list) or not 2 <= len(policies) <= MOST_COMPARED:
+        raise InvalidInputError(
+            f"policies: expected 2 to {MOST_COMPARED} policies, got {shortened(policies)}"
+        )
+    problems = [
+        checked_problem(spec["problem"] | {"policy": policy}, folder, part="swarm")
+        for policy in policies
+    ]
+    place = problems[0].place
+    problems = [problem.at_place(place) for problem in problems]
+    rows: list[list[Any]] = [[] for _ in policies]
+    files: list[str] = []
+    for trial in range(trials):
+        for row, problem in zip(rows, problems, strict=True):
+            # made of a swarm's fields
+            episode = run(problem, seed=seed, trial=trial)  # type: ignore[arg-type]
+            row.append((episode.moves, str(episode.status)))
+            if trial == 0:
+                files.append(folder.new_name(f"compared-{episode.policy}-seed{seed}", ".npz"))
+                episode.save(folder.path(files[-1]))
+            done = (trial * len(rows) + len([one for one in rows if len(one) > trial])) / (
+                trials * len(rows)
+            )
+            say("progress", (done, f"trial {trial + 1} of {trials}"))
+        if trial:
+            say("piece", {"compared": _compared(policies, rows)})
+    found = {"compared": _compared(policies, rows), "files": files, "trials": trials}
+    name = folder.new_name(f"compared-{Path(str(spec['problem']['map'])).name}", ".comparison.json")
+    write_json(folder.path(name), storable(found | {"problem": spec["problem"], "seed": seed}))
+    return found | {"file": name}
+
+
+def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
+    """Return each policy's mean number of moves with a confidence interval, and its paired
+    difference from the best policy.
+    """
+    from shoal.lab.statistics import compare as paired
+    from shoal.lab.statistics import estimate
+
+    whole = min(map(len, rows))
+    moves = [[one[0] for one in row[:whole]] for row in rows]
+    best = min(range(len(rows)), key=lambda k: float(np.mean(moves[k])))
+    told = []
+    for k, policy in enumerate(policies):
+        mean, against = estimate(moves[k]), paired(moves[best], moves[k])
+        told.append(
+            {
+                "policy": policy,
+                "mean": mean.mean,
+                "low": mean.low,
+                "high": mean.high,
+                "values": moves[k],
+                "unfinished": sum(status != "complete" for _, status in rows[k][:whole]),
+                "more": against.difference.mean,
+                "moreLow": against.difference.low,
+                "moreHigh": against.difference.high,
+                "p": against.p_value,
+            }
+        )
+    compared: dict[str, Any] = storable({"policies": told, "best": best, "trials": whole})
+    return compared
+
+
+def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Write a figure, a film or a player page of an episode, and return the name of the file."""
+    from shoal.views import figure, film, save_figure
+
+    suffix = check_choice(spec.get("format"), what="format", choices=FORMATS)
+    source = folder.path(str(spec.get("episode")))
+    say("progress", (0.0, f"reading {source.name}"))
+    episode = shoal.load(source)
+    stem = source.name.removesuffix(".json").removesuffix(".episode").removesuffix(".npz")
+    name = folder.new_name(f"{stem}-figure" if suffix in ("png", "svg") else stem, f".{suffix}")
+    if suffix in ("png", "svg"):
+        save_figure(figure(episode), folder.path(name))
+    else:
+        film(
+            episode,
+            folder.path(name),
+            on_frame=lambda done, total: say("progress", (done / total, f"frame {done}")),
+        )
+    return {"file": name}
+
+
+def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Reproduce one figure of the papers; or, without the name of a figure, reproduce all figures
+    and write a page of results.
+    """
+    from shoal.papers.reproduce import recipes, reproduce, reproduce_all
+
+    name, quick, out = spec.get("name"), spec.get("quick") is not False, folder.path(PAPERS)
+    if name is None:
+        done: list[str] = []
+
+        def on_result(result: Any) -> None:
+            done.append(result.recipe.name)
+            say(
+                "progress",
+                (len(done) / (len(list(recipes())) + 1), f"{result.recipe.name} is done"),
+            )
+
+        page = reproduce_all(out, quick=quick, workers=1, on_result=on_result)
+        return {"file": f"{PAPERS}/{page.name}"}
+    recipe = recipes().get(check_text(name, what="name"))
+    said = [0.0]
+
+    def on_progress(now: Any) -> None:
+        if time.monotonic() - said[0] > 0.2:
+            said[0] = time.monotonic()
+            say("progress", (now.done / max(1, now.total), f"{now.done} of {now.total} trials"))
+
+    result = reproduce(recipe.name, out, quick=quick, workers=1, on_progress=on_progress)
+    return {"file": f"{PAPERS}/{result.files[0].name}"}
+
+
+def storable(value: Any) -> Any:
+    """Convert a value to JSON data: infinities and NaN become None, and NumPy numbers become Python
+    numbers.
+    """
+    if isinstance(value, dict):
+        return {str(name): storable(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [storable(one) for one in value]
+    if isinstance(value, np.generic):
+        return storable(value.item())
+    if isinstance(value, np.ndarray):
+        return storable(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # so that equal missions give equal archives
+
+
+def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Plan a search, and write and check its missions. Return the names of the archive and the map,
+    and the linter's report.
+    """
+    from shoal.missions import check_missions
+    from shoal.views.search.mission_folder import MAP, MissionFolder, write_check
+
+    problem, seed = checked_problem(spec["problem"], folder, part="search"), checked_seed(spec)
+    assert isinstance(problem, SearchProblem)
+    if problem.vehicle is None:
+        problem = problem.replaced(vehicle="multirotor")
+    options = checked_fields(MissionOptions, spec.get("missions") or {}, folder)
+    problem.check_at_place()
+    with tempfile.TemporaryDirectory() as place:
+        inside, checked = Path(place, "missions"), Path(place, "check")
+        made = MissionFolder(inside, problem, options)
+        say("progress", (0.1, "planning"))
+        plan = made.planned(seed=seed)
+        say("progress", (0.4, "writing missions"))
+        made.write(plan)
+        say("progress", (0.7, "checking missions"))
+        seen = tuple(plan.footprints.tolist())
+        result = check_missions(
+            inside,
+            made.problem.place,
+            seen if len({*seen}) > 1 else seen[0],
+            angle=plan.grid.angle,
+            cap=options.cap,
+            separation=options.kept_apart,
+            vehicle=plan.vehicle,
+        )
+        write_check(result, checked, drawn=False)
+        stem = Path(str(problem.region)).name.partition(".")[0].replace(":", "-")
+        name = folder.new_name(stem, ".missions.zip")
+        with (
+            atomic(folder.path(name)) as temporary,
+            zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive,
+        ):
+            for path in sorted(file for file in Path(place).rglob("*") if file.is_file()):
+                archive.writestr(
+                    zipfile.ZipInfo(path.relative_to(place).as_posix(), _EPOCH), path.read_bytes()
+                )
+        picture = folder.new_name(f"{stem}-missions-figure", ".png")
+        with atomic(folder.path(picture)) as temporary:
+            temporary.write_bytes((inside / MAP).read_bytes())
+    command = " ".join(
+        [as_command(problem, seed=seed), "--missions=missions", *mission_words(options)]
+    )
+    return {
+        "file": name,
+        "map": picture,
+        "missions": made.report(plan),
+        "check": result.report(),
+        "command": command,
+    }
+
+
+FIGURES = ("png", "svg")
+"""File suffixes for the figures of a sweep."""
+
+
+def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Run the missing trials of a sweep.
+
+    The job first records the sweep in the store, and then writes the sweep file beside the store.
+    """
+    text = check_text(spec.get("toml"), what="toml")
+    sweep = checked_sweep(text, folder)
+    store = check_text(spec.get("store", f"{sweep.name}.sqlite"), what="store")
+    path = folder.path(store)
+    if path.suffix != ".sqlite":
+        raise InvalidInputError(f"store: expected a name that ends with .sqlite, got {store!r}")
+    begun = False
+
+    def tell(progress: SweepProgress) -> None:
+        nonlocal begun
+        if not begun:
+            begun = True
+            write_text(path.with_suffix(".toml"), text)
+        failed = f", {progress.failures} failed" * bool(progress.failures)
+        say(
+            "progress",
+            (progress.done / progress.total, f"{progress.done} of {progress.total} trials{failed}"),
+        )
+
+    processors = spec.get("processors", 1)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", MixedVersionsWarning)
+        status = run_sweep(
+            sweep, path, workers=0 if processors == 1 else processors, extend=True, on_progress=tell
+        )
+    mixed = next(
+        (str(one.message) for one in said if issubclass(one.category, MixedVersionsWarning)), None
+    )
+    return {
+        "file": store,
+        "sweep": sweep.name,
+        "done": status.done,
+        "failures": status.failures,
+        "warning": mixed,
+    }
+
+
+def write(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Write the table of a sweep, or a figure of one measure of the sweep."""
+    kind = check_choice(
+        spec.get("format"), what="format", choices=(*(suffix[1:] for suffix in SUFFIXES), *FIGURES)
+    )
+    path, measure = folder.path(str(spec.get("store"))), str(spec.get("measure"))
+    say("progress", (0.0, f"reading {path.name}"))
+    with Store(path) as store:
+        name = store.only(spec.get("sweep"))
+        if kind not in FIGURES:
+            file = folder.new_name(name, f".{kind}")
+            export(store, name, folder.path(file))
+            return {"file": file}
+        from shoal.views import save_figure
+        from shoal.views.drawing.curves import PointMean, means_figure
+
+        rows = summarise(store, name, measure)
+        means = [
+            PointMean(row.values, row.estimate.mean, row.estimate.low, row.estimate.high)
+            for row in rows
+            if row.estimate
+        ]
+        file = folder.new_name(f"{name}-{measure}-figure", f".{kind}")
+        save_figure(means_figure(means, title=name, measure=measure), folder.path(file))
+    return {"file": file}

@@ -1,0 +1,335 @@
+"""Many worlds at once: moves, measures and planes of observations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import in_place_kernel
+from shoal.swarm.kernels.moves import (
+    DOWN,
+    IN,
+    LEFT,
+    MERGE,
+    ONE,
+    OUT,
+    RIGHT,
+    TOP,
+    UP,
+    ZERO,
+    Field,
+    add_neighbours,
+    has,
+    lowest,
+    popcount,
+    put,
+    step,
+)
+from shoal.swarm.kernels.search import ahead, nearest
+
+PARTICLES, FREE, OBSTACLES, FRONTIER, UNKNOWN, MAP = 0, 1, 2, 3, 4, 5
+
+
+@in_place_kernel
+def word_of(worlds, world, word, plane):
+    """Return one word (64 cells) of the board that a plane shows."""
+    if plane == PARTICLES:
+        return worlds.occupied[world, word]
+    if plane == FREE:
+        return worlds.open[world, word]
+    if plane == OBSTACLES:
+        return (worlds.known[world, word] & ~worlds.open[world, word]) | ~worlds.inside[
+            worlds.map_of[world], word
+        ]
+    if plane == FRONTIER:
+        return worlds.frontier[world, word]
+    if plane == MAP:
+        return worlds.free[worlds.map_of[world], word]
+    return worlds.inside[worlds.map_of[world], word] & ~worlds.known[world, word]
+
+
+@in_place_kernel
+def write_planes(worlds, chosen, planes, out, first, last):
+    """Write planes of the worlds ``chosen[first:last]`` to ``out``, uint8, shape (worlds, planes,
+    layers x rows, columns).
+    """
+    rows, columns = out.shape[2], out.shape[3]
+    whole = columns // 64
+    for i in range(first, last):
+        for p in range(planes.shape[0]):
+            for row in range(rows):
+                line = out[i, p, row]
+                for k in range(whole):
+                    word = word_of(worlds, chosen[i], row * worlds.width + k, planes[p])
+                    cells = line[64 * k : 64 * k + 64]
+                    for bit in range(64):
+                        cells[bit] = (word >> np.uint64(bit)) & ONE
+                if 64 * whole < columns:
+                    word = word_of(worlds, chosen[i], row * worlds.width + whole, planes[p])
+                    cells = line[64 * whole :]
+                    for bit in range(cells.shape[0]):
+                        cells[bit] = (word >> np.uint64(bit)) & ONE
+            if planes[p] == PARTICLES and worlds.counts.shape[1] > 0:
+                count_particles(worlds.counts[chosen[i]], out[i, p])
+
+
+@in_place_kernel
+def count_particles(counts, cells):
+    """Write the number of particles in each cell to ``cells``, at most 255."""
+    for row in range(cells.shape[0]):
+        for column in range(cells.shape[1]):
+            cells[row, column] = min(counts[row, column], 255)
+
+
+@in_place_kernel
+def mark_commands(worlds, chosen, merge, masks, first, last):
+    """Mark in ``masks``, shape (worlds, commands), the commands for which the belief allows at
+    least one particle to move.
+
+    The belief allows a particle to move if the next cell is not a known obstacle and holds no
+    particle. Under the rule merge, the next cell may hold particles. No particle is in the rim, so
+    a shift never carries a particle into another row.
+    """
+    width, size = worlds.width, worlds.occupied.shape[1]
+    layer = width * worlds.rows
+    for i in range(first, last):
+        world = chosen[i]
+        here, open_cells, known = worlds.occupied[world], worlds.open[world], worlds.known[world]
+        masks[i, :] = 0
+        for k in range(size):
+            room = ~known[k] | open_cells[k]
+            if not merge:
+                room &= ~here[k]
+            entered = here[k] >> ONE
+            if k + 1 < size:
+                entered |= here[k + 1] << TOP
+            masks[i, LEFT] |= entered & room != ZERO
+            entered = here[k] << ONE
+            if k > 0:
+                entered |= here[k - 1] >> TOP
+            masks[i, RIGHT] |= entered & room != ZERO
+            masks[i, UP] |= k + width < size and here[k + width] & room != ZERO
+            masks[i, DOWN] |= k >= width and here[k - width] & room != ZERO
+            if worlds.layers > 1:
+                masks[i, IN] |= k + layer < size and here[k + layer] & room != ZERO
+                masks[i, OUT] |= k >= layer and here[k - layer] & room != ZERO
+
+
+class Worlds(NamedTuple):
+    """The boards of all worlds. Kernels change the boards in place."""
+
+    free: NDArray[np.uint64]  # (maps, words): the true free cells of each map
+    inside: NDArray[np.uint64]  # (maps, words): the cells of each map, including a rim of one cell
+    map_of: NDArray[np.int64]  # (worlds,): row of ``free`` and ``inside`` for each world
+    occupied: NDArray[np.uint64]  # (worlds, words), as for open, known and frontier; see Field
+    open: NDArray[np.uint64]
+    known: NDArray[np.uint64]
+    frontier: NDArray[np.uint64]
+    counts: NDArray[np.int32]  # (worlds, rows, 64 x width); (worlds, 0, 0) except for merge
+    layers: int
+    rows: int
+    width: int
+
+
+class Steps(NamedTuple):
+    """The effect of the last command and the state of the episode in each world. Kernels change the
+    arrays in place.
+    """
+
+    commands: NDArray[np.int8]
+    classified: NDArray[np.int32]
+    frontier: NDArray[np.int32]
+    travelled: NDArray[np.int64]
+    moves: NDArray[np.int64]
+    limits: NDArray[np.int64]  # maximum number of moves of each episode
+    complete: NDArray[np.bool_]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+
+@in_place_kernel
+def field_of_world(worlds, world, work):
+    """Return the boards of one world as a `Field`. ``work`` provides two rows of working memory."""
+    return Field(
+        worlds.free[worlds.map_of[world]],
+        worlds.occupied[world],
+        worlds.open[world],
+        worlds.known[world],
+        worlds.frontier[world],
+        work[0],
+        work[1],
+        worlds.counts[world],
+        worlds.layers,
+        worlds.rows,
+        worlds.width,
+    )
+
+
+@in_place_kernel
+def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last):
+    """Send the command of world ``chosen[i]`` to this world ``repeat[i]`` times, for each i from
+    ``first`` to ``last - 1``.
+    """
+    for i in range(first, last):
+        world = chosen[i]
+        steps.travelled[world] = 0
+        steps.classified[world] = 0
+        field = field_of_world(worlds, world, work)
+        for _ in range(repeat[i]):
+            travelled, done, change = step(field, steps.commands[world], rule, mapping)
+            steps.travelled[world] += travelled
+            steps.classified[world] += done
+            steps.frontier[world] += change
+        steps.moves[world] += repeat[i]
+        note_end(steps, world)
+
+
+@in_place_kernel
+def note_end(steps, world):
+    """Record whether the episode of a world has ended."""
+    steps.complete[world] = steps.terminated[world] = steps.frontier[world] == 0
+    steps.truncated[world] = steps.frontier[world] > 0 and steps.moves[world] >= steps.limits[world]
+
+
+@in_place_kernel
+def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mapping, first, last):
+    """Start episodes in the worlds ``chosen[first:last]``.
+
+    ``cells`` contains the start cells (row and column) of all worlds, one world after the other.
+    ``ends`` contains the index after the last start cell of each world. For coverage, ``targets``
+    contains the target cells of each world. For mapping, ``targets`` is empty.
+    """
+    for i in range(first, last):
+        world = chosen[i]
+        field = field_of_world(worlds, world, work)
+        field.occupied[:] = ZERO
+        field.counts[:] = 0
+        for k in range(ends[i - 1] if i > 0 else 0, ends[i]):
+            put(field.occupied, field.width, cells[k, 0], cells[k, 1])
+            if rule == MERGE:
+                field.counts[cells[k, 0], cells[k, 1]] += 1
+        remaining = 0
+        for k in range(field.occupied.shape[0]):
+            field.open[k] = field.occupied[k] if mapping else field.free[k]
+            field.known[k] = (
+                field.occupied[k] if mapping else worlds.inside[worlds.map_of[world], k]
+            )
+            field.frontier[k] = ZERO if mapping else targets[i, k] & ~field.occupied[k]
+            remaining += popcount(field.frontier[k])
+        for k in range(field.occupied.shape[0]):
+            if mapping and field.occupied[k] != ZERO:
+                remaining += add_neighbours(field, k, field.occupied[k])
+        steps.commands[world] = -1
+        steps.classified[world] = 0
+        steps.travelled[world] = 0
+        steps.moves[world] = 0
+        steps.frontier[world] = remaining
+        note_end(steps, world)
+
+
+PROBING, MOVING = 0, 1  # indices of the measures for each command
+SUM, SQUARES = 0, 1  # indices of the measures for each axis
+
+
+@in_place_kernel
+def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
+    """Write to ``out`` a window of cells around a centre cell of each world, with one plane for
+    each kind of cell.
+
+    The array ``out`` is uint8 and has the shape (worlds, planes, layers, rows, columns). A centre
+    cell is given as layer, row and column. Cells outside the boards appear as obstacles. The boards
+    have ``columns`` columns.
+    """
+    depth, height, side = out.shape[2], out.shape[3], out.shape[4]
+    for i in range(first, last):
+        world = chosen[i]
+        for p in range(planes.shape[0]):
+            counted = planes[p] == PARTICLES and worlds.counts.shape[1] > 0
+            for a in range(depth):
+                layer = centers[i, 0] + a - depth // 2
+                for b in range(height):
+                    row = centers[i, 1] + b - height // 2
+                    inside = 0 <= layer < worlds.layers and 0 <= row < worlds.rows
+                    line = layer * worlds.rows + row
+                    for c in range(side):
+                        column = centers[i, 2] + c - side // 2
+                        cell = 1 if planes[p] == OBSTACLES else 0
+                        if inside and 0 <= column < columns:
+                            if counted:
+                                cell = min(worlds.counts[world, line, column], 255)
+                            else:
+                                word = word_of(
+                                    worlds, world, line * worlds.width + (column >> 6), planes[p]
+                                )
+                                cell = 1 if (word >> np.uint64(column & 63)) & ONE != ZERO else 0
+                        out[i, p, a, b, c] = cell
+
+
+@in_place_kernel
+def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last):
+    """Compute sums over the particles of each world, and write the sums to three arrays.
+
+    All arrays are int64. The array ``commands`` of shape (worlds, commands, 2) counts two kinds of
+    particles for each command: particles that would enter a frontier cell, and particles whose next
+    cell is not a known obstacle and holds no particle. The array ``axes`` of shape (worlds, 3, 2)
+    contains the sums of the particles' layers, rows and columns, and the sums of the squares of
+    these indices. The array ``totals`` of shape (worlds, 3) contains the number of particles, the
+    number of frontier cells, and the number of cells that are known or in the frontier.
+    """
+    width, rows = worlds.width, worlds.rows
+    for i in range(first, last):
+        world = chosen[i]
+        occupied, known, free = worlds.occupied[world], worlds.known[world], worlds.open[world]
+        frontier, inside = worlds.frontier[world], worlds.inside[worlds.map_of[world]]
+        commands[i, :, :] = 0
+        axes[i, :, :] = 0
+        totals[i, :] = 0
+        for word in range(occupied.shape[0]):
+            totals[i, 1] += popcount(frontier[word])
+            totals[i, 2] += popcount((known[word] | frontier[word]) & inside[word])
+            left = occupied[word]
+            while left != ZERO:
+                row, column = word // width, 64 * (word % width) + lowest(left)
+                left &= left - ONE
+                weight = (
+                    min(worlds.counts[world, row, column], 255) if worlds.counts.shape[1] > 0 else 1
+                )
+                totals[i, 0] += weight
+                for axis in range(3):
+                    place = column if axis == 2 else (row % rows if axis == 1 else row // rows)
+                    axes[i, axis, SUM] += weight * place
+                    axes[i, axis, SQUARES] += weight * place * place
+                for command in range(commands.shape[1]):
+                    r, c = ahead(row, column, command, rows)
+                    if not (0 <= r < worlds.layers * rows and 0 <= c < columns):
+                        continue
+                    if has(frontier, width, r, c):
+                        commands[i, command, PROBING] += weight
+                    if not has(occupied, width, r, c) and (
+                        has(free, width, r, c) or not has(known, width, r, c)
+                    ):
+                        commands[i, command, MOVING] += weight
+
+
+@in_place_kernel
+def find_nearest(worlds, chosen, work, search, found, first, last):
+    """Find the shortest path from any particle to the frontier in each world, and write five
+    numbers about the path to ``found``.
+
+    The array ``found`` is int64 and has the shape (worlds, 5). The five numbers are the length of
+    the path, its first command, and the layer, row and column of its last cell. For a world without
+    a path, all five numbers are 0.
+    """
+    for i in range(first, last):
+        field = field_of_world(worlds, chosen[i], work)
+        found[i, :] = 0
+        length = nearest(field, search, field.occupied)
+        if length == 0:
+            continue
+        row, column = search.origin[0], search.origin[1]
+        for k in range(length):
+            row, column = ahead(row, column, search.plan[k], field.rows)
+        found[i, 0], found[i, 1] = length, search.plan[0]
+        found[i, 2], found[i, 3], found[i, 4] = row // field.rows, row % field.rows, column

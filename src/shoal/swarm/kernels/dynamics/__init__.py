@@ -1,1 +1,0 @@
-"""Kernels for one command: operations on words of cells, moves, and classified cells."""

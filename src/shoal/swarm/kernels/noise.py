@@ -1,0 +1,477 @@
+"""States and episodes under noise."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import in_place_kernel
+from shoal.swarm.kernels.moves import ONE, TOP, ZERO, popcount, put, record_type
+from shoal.swarm.kernels.search import ahead, nearest
+
+FAINT = 1e-5  # the belief sets lower probabilities of a particle to 0
+LOST = 1e-4  # probability that a particle appears in a cell where the belief expects no particle
+CLUTTER = 1e-6  # probability that a scan shows a particle in a cell without a particle
+SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
+LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
+RATES = record_type(
+    np.float64, "slip", "misplace", "miss", "bound"
+)  # bound: log-odds from which a cell counts as classified
+
+
+class NoisyState(NamedTuple):
+    """The true state of a simulation with noise, and the belief. Kernels change the arrays in
+    place.
+
+    All arrays except ``offsets`` are flat arrays over the workspace with a border of three cells.
+    """
+
+    truth: NDArray[np.bool_]  # free cells
+    there: NDArray[np.bool_]  # true cells of the particles
+    seen: NDArray[np.bool_]  # cells in which the last scan shows a particle
+    logit: NDArray[np.float64]  # log-odds that the cell is free
+    inside: NDArray[np.float64]  # probability that the cell holds a particle
+    staying: NDArray[np.float64]  # probability that a particle in the cell stays
+    moved: NDArray[
+        np.float64
+    ]  # probability that the cell holds a particle after the move, before the scan
+    offsets: NDArray[
+        np.int64
+    ]  # for each command, the index of the next cell minus the index of the cell
+    rates: Any  # a record of RATES
+    layers: int  # shape of the workspace with a rim of one cell: layers, rows, columns
+    rows: int
+    columns: int
+
+
+@in_place_kernel
+def chance(logit):
+    """Convert log-odds to a probability."""
+    return 1.0 / (1.0 + np.exp(-logit))
+
+
+@in_place_kernel
+def first_and_step(size, offset):
+    """Return (first cell, step) of a loop over all cells. The loop processes the cell ahead of a
+    cell before the cell itself.
+    """
+    if offset > 0:
+        return size - 1, -1
+    return 0, 1
+
+
+@in_place_kernel
+def move_noisy(noisy, command, rng):
+    """Move the particles under the rule block. Each particle may slip. Return the number of moved
+    particles.
+    """
+    offset = noisy.offsets[command]
+    at, step = first_and_step(noisy.there.shape[0], offset)
+    there, slip, travelled = noisy.there, noisy.rates.slip, 0
+    for _ in range(there.shape[0]):
+        if (
+            there[at]
+            and rng.random() >= slip
+            and noisy.truth[at + offset]
+            and not there[at + offset]
+        ):
+            there[at + offset] = True
+            there[at] = False
+            travelled += 1
+        at += step
+    return travelled
+
+
+@in_place_kernel
+def look(noisy, rng):
+    """Make a noisy scan. The scan misses a particle, shows it in a random neighbouring cell, or
+    shows it in its own cell.
+
+    Write the detections to ``seen``.
+    """
+    there, seen, misplace, miss = noisy.there, noisy.seen, noisy.rates.misplace, noisy.rates.miss
+    seen[:] = False
+    for at in range(there.shape[0]):
+        if not there[at]:
+            continue
+        luck = rng.random()
+        if luck < miss:
+            continue
+        if luck < miss + (1.0 - miss) * misplace:
+            seen[at + noisy.offsets[int(rng.random() * noisy.offsets.shape[0])]] = True
+        else:
+            seen[at] = True
+
+
+@in_place_kernel
+def first_belief(noisy):
+    """Initialize the belief from the first scan.
+
+    A detection in a cell means a particle in the cell or a misplaced particle of a neighbouring
+    cell.
+    """
+    misplace, miss = noisy.rates.misplace, noisy.rates.miss
+    hit = (1.0 - miss) * (1.0 - misplace)
+    odds = (hit + CLUTTER) / ((1.0 - miss) * misplace + CLUTTER)
+    held = odds / (1.0 + odds)
+    for at in range(noisy.seen.shape[0]):
+        if noisy.seen[at]:
+            noisy.inside[at] = held
+            free = held + (1.0 - held) * chance(noisy.logit[at])
+            noisy.logit[at] = min(SURE, np.log(free / (1.0 - free)))
+
+
+@in_place_kernel
+def foresee(noisy, command):
+    """Predict the cells of the particles after a command, before the scan.
+
+    Write the predicted probabilities to ``staying`` and ``moved``.
+    """
+    inside, staying, moved = noisy.inside, noisy.staying, noisy.moved
+    offset, slip = noisy.offsets[command], noisy.rates.slip
+    at, step = first_and_step(inside.shape[0], offset)
+    moved[:] = 0.0
+    for _ in range(inside.shape[0]):
+        held = inside[at]
+        if held > 0.0:
+            ahead = at + offset
+            taken = inside[ahead]
+            room = (
+                max(chance(noisy.logit[ahead]), taken) - taken * staying[ahead]
+                if taken > 0.0
+                else chance(noisy.logit[ahead])
+            )
+            staying[at] = 1.0 - (1.0 - slip) * room
+            moved[at] += held * staying[at]
+            going = held * (1.0 - staying[at])
+            moved[ahead] += going if going > FAINT * FAINT else 0.0
+        at += step
+
+
+@in_place_kernel
+def spread_noisy(noisy, command):
+    """Update the belief after a command without a scan: predict the probabilities of particles, and
+    keep the log-odds.
+    """
+    foresee(noisy, command)
+    for at in range(noisy.inside.shape[0]):
+        noisy.inside[at] = noisy.moved[at] if noisy.moved[at] > FAINT else 0.0
+
+
+@in_place_kernel
+def stray(noisy, at, but):
+    """Return the probability that a scan shows a particle in the cell ``at``, although the cell
+    holds no particle.
+
+    The detection may come from a particle in a neighbouring cell, or from no particle. The function
+    leaves out the neighbouring cell ``but``.
+    """
+    share = (1.0 - noisy.rates.miss) * noisy.rates.misplace / noisy.offsets.shape[0]
+    none = 1.0 - CLUTTER
+    for offset in noisy.offsets:
+        if at + offset != but:
+            none *= 1.0 - noisy.moved[at + offset] * share
+    return 1.0 - none
+
+
+@in_place_kernel
+def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, hit, share):
+    """Return the probability of the detections in a cell and in the cell behind it, given the
+    particles in the two cells.
+
+    ``seen_behind`` and ``seen_here`` tell whether the scan shows particles in the two cells.
+    ``behind`` and ``here`` tell whether the two cells hold particles after the move. The
+    probabilities ``stray_behind`` and ``stray_here`` come from `stray`. A scan shows a particle in
+    its own cell with the probability ``hit``, and in each neighbouring cell with the probability
+    ``share``.
+    """
+    neither = (1.0 - stray_behind) * (1.0 - stray_here)
+    not_behind, not_here = 1.0 - stray_behind, 1.0 - stray_here
+    if behind:
+        neither *= 1.0 - hit - share
+        not_behind *= 1.0 - hit
+        not_here *= 1.0 - share
+    if here:
+        neither *= 1.0 - hit - share
+        not_behind *= 1.0 - share
+        not_here *= 1.0 - hit
+    if seen_behind:
+        return 1.0 - not_behind - not_here + neither if seen_here else not_here - neither
+    return not_behind - neither if seen_here else neither
+
+
+@in_place_kernel
+def weigh(noisy, at, offset):
+    """Apply Bayes' rule to the cell ``at`` together with the cell behind it, from which a particle
+    may have tried to enter.
+
+    Return the change of the log-odds that the cell ``at`` is free, and the probability that the
+    cell ``at`` holds a particle.
+    """
+    inside, seen, slip = noisy.inside, noisy.seen, noisy.rates.slip
+    miss, misplace = noisy.rates.miss, noisy.rates.misplace
+    hit, share = (1.0 - miss) * (1.0 - misplace), (1.0 - miss) * misplace / noisy.offsets.shape[0]
+    behind = at - offset
+    free = chance(noisy.logit[at])
+    taken = min(inside[at], free)
+    coming = inside[behind]
+    next_coming = inside[behind - offset] * (1.0 - slip) if coming > 0.0 else 0.0
+    stay = noisy.staying[at] if taken > 0.0 else 0.0
+    if seen[at] and noisy.moved[at] < LOST * free:
+        coming = max(
+            coming, LOST
+        )  # a particle that the belief does not know may have come from behind
+    a, b = stray(noisy, behind, at), stray(noisy, at, behind)
+    held = (
+        coming + (1.0 - coming) * next_coming
+    )  # probability of a particle behind if no particle can enter the cell
+    gone = coming * (1.0 - slip)
+    none = likelihood(seen[behind], seen[at], False, False, a, b, hit, share)
+    only_behind = likelihood(seen[behind], seen[at], True, False, a, b, hit, share)
+    only_here = likelihood(seen[behind], seen[at], False, True, a, b, hit, share)
+    both = likelihood(seen[behind], seen[at], True, True, a, b, hit, share)
+    wall = held * only_behind + (1.0 - held) * none
+    entered = gone * (next_coming * both + (1.0 - next_coming) * only_here)
+    empty = (coming * slip + (1.0 - coming) * next_coming) * only_behind + (1.0 - coming) * (
+        1.0 - next_coming
+    ) * none
+    stayed = held * both + (1.0 - held) * only_here
+    share_taken = taken / free
+    particle = (1.0 - share_taken * stay) * entered + share_taken * stay * stayed
+    room = particle + (1.0 - share_taken * stay) * empty
+    tiny = 1e-300
+    gained = np.log((room + tiny) / (wall + tiny))
+    total = free * room + (1.0 - free) * wall
+    return gained, free * particle / (total + tiny)
+
+
+@in_place_kernel
+def learn_noisy(noisy, command):
+    """Update the belief after one command and the scan that followed the command."""
+    foresee(noisy, command)
+    offset = noisy.offsets[command]
+    size = noisy.inside.shape[0]
+    inside, moved, seen = noisy.inside, noisy.moved, noisy.seen
+    after = (
+        noisy.staying
+    )  # the loop reads each entry of ``staying`` once, before it overwrites the entry
+    first, last = max(2 * offset, -offset), min(size - offset, size + 2 * offset)
+    after[:first] = 0.0
+    after[last:] = 0.0
+    for at in range(first, last):
+        behind = at - offset
+        if noisy.logit[at] >= -SURE and (inside[behind] > 0.0 or moved[at] > 0.0 or seen[at]):
+            gained, held = weigh(noisy, at, offset)
+            noisy.logit[at] = max(-SURE, min(SURE, noisy.logit[at] + max(-LEAP, min(LEAP, gained))))
+            after[at] = held if held > FAINT else 0.0
+        else:
+            after[at] = 0.0
+    for at in range(after.shape[0]):
+        inside[at] = after[at]
+
+
+@in_place_kernel
+def classify(noisy, open_words, known_words, occupied_words, width):
+    """Write three boards of the belief: free cells, classified cells, and cells that probably hold
+    a particle.
+
+    Let x be the log-odds that a cell is free, and b the bound ``noisy.rates.bound``. The cell is
+    classified as free if x >= b, and as an obstacle if x <= -b. A cell probably holds a particle if
+    the probability of a particle in the cell exceeds 0.5.
+    """
+    rows, columns, bound = noisy.rows, noisy.columns, noisy.rates.bound
+    pad = 0 if noisy.layers == 1 else 2
+    for layer in range(noisy.layers):
+        for row in range(rows):
+            start = ((layer + pad) * (rows + 4) + row + 2) * (columns + 4) + 2
+            word = (layer * rows + row) * width
+            for k in range(width):
+                free, known, held = ZERO, ZERO, ZERO
+                for column in range(64 * k, min(columns, 64 * k + 64)):
+                    bit = ONE << np.uint64(column - 64 * k)
+                    logit = noisy.logit[start + column]
+                    if logit >= bound:
+                        free |= bit
+                    if logit >= bound or logit <= -bound:
+                        known |= bit
+                    if noisy.inside[start + column] > 0.5:
+                        held |= bit
+                open_words[word + k], known_words[word + k], occupied_words[word + k] = (
+                    free,
+                    known,
+                    held,
+                )
+
+
+RUNNING, COMPLETE, STALLED = 0, 1, 2
+MEMORY = record_type(
+    np.int64,
+    # number of moves that the guard still allows without progress, or -1 before the first plan
+    "budget",
+    "remaining",  # number of frontier cells
+    "undecided",  # number of cells that the guard has given up
+    "wakes",  # number of commands that `wake` has planned
+    "at",
+    "left",  # index of the next command in the plan; number of commands before the next scan
+)
+PATIENCE, TIMES = 50, 5  # the budget for a path of d moves is PATIENCE + TIMES * d moves
+
+
+class ProgressGuard(NamedTuple):
+    """The progress guard, which ensures that every episode with noise ends."""
+
+    classified: NDArray[np.uint64]  # cells that have ever been classified
+    given_up: NDArray[np.uint64]  # target cells that the guard has given up
+    memory: Any  # a record of MEMORY
+
+
+@in_place_kernel
+def find_frontier(field, given_up):
+    """Write the frontier: unclassified cells beside cells classified as free, without the cells
+    that the guard has given up.
+
+    Return the number of frontier cells.
+    """
+    cells, width, size = field.open, field.width, field.open.shape[0]
+    layer = width * field.rows
+    count = 0
+    for i in range(size):
+        beside = (cells[i] << ONE) | (cells[i] >> ONE)
+        if i > 0:
+            beside |= cells[i - 1] >> TOP
+        if i + 1 < size:
+            beside |= cells[i + 1] << TOP
+        if i >= width:
+            beside |= cells[i - width]
+        if i + width < size:
+            beside |= cells[i + width]
+        if field.layers > 1:
+            if i >= layer:
+                beside |= cells[i - layer]
+            if i + layer < size:
+                beside |= cells[i + layer]
+        field.frontier[i] = beside & ~field.known[i] & ~given_up[i]
+        count += popcount(field.frontier[i])
+    return count
+
+
+@in_place_kernel
+def refresh(noisy, field, guard):
+    """Write the belief to the boards of ``field``. Return the number of cells that are classified
+    for the first time.
+    """
+    classify(noisy, field.open, field.known, field.occupied, field.width)
+    fresh = 0
+    for i in range(field.known.shape[0]):
+        fresh += popcount(field.known[i] & ~guard.classified[i])
+        guard.classified[i] |= field.known[i]
+    guard.memory.remaining = find_frontier(field, guard.given_up)
+    return fresh
+
+
+@in_place_kernel
+def wake(field, search, guard):
+    """Plan one command if no cell is classified as free yet. Return the number of planned commands,
+    0 or 1.
+
+    With frequent errors, several scans may pass before the first cell is classified as free.
+    Successive calls of `wake` use all directions in turn, and plan at most PATIENCE commands in an
+    episode.
+    """
+    memory = guard.memory
+    if anybody(field.open) or memory.wakes >= PATIENCE:
+        return 0
+    search.plan[0] = memory.wakes % search.neighbours.shape[0]
+    memory.wakes += 1
+    return 1
+
+
+@in_place_kernel
+def anybody(board):
+    """Return whether a board contains at least one cell."""
+    some = ZERO
+    for word in board:
+        some |= word
+    return some != ZERO
+
+
+@in_place_kernel
+def choose(field, search, guard, most):
+    """Plan the path to the nearest frontier cell. Give up frontier cells whose budget of moves is
+    used up.
+
+    Return the number of commands to send before the next scan, at most ``most``, or 0 if no path
+    exists.
+    """
+    memory = guard.memory
+    if memory.remaining == 0:
+        return wake(field, search, guard)
+    while memory.remaining > 0:
+        length = nearest(field, search, field.occupied)
+        if length == 0:
+            return 0
+        if memory.budget < 0:
+            memory.budget = PATIENCE + TIMES * length
+        if memory.budget > 0:
+            steps = min(length, most)
+            memory.budget -= steps
+            return steps
+        row, column = search.origin[0], search.origin[1]
+        for i in range(length):
+            row, column = ahead(row, column, search.plan[i], field.rows)
+        put(guard.given_up, field.width, row, column)
+        memory.undecided += 1
+        memory.budget = -1
+        memory.remaining = find_frontier(field, guard.given_up)
+    return 0
+
+
+@in_place_kernel
+def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
+    """Continue an episode until the trace is full or the episode ends.
+
+    Return the number of moves played, and the status RUNNING, COMPLETE or STALLED. A scan follows
+    after at most ``every`` commands, and after command number ``limit``. The trace has space for at
+    most ``limit`` commands.
+    """
+    memory = guard.memory
+    for move in range(trace.commands.shape[0]):
+        if memory.left == 0:
+            memory.at, memory.left = 0, choose(field, search, guard, min(every, limit - move))
+            if memory.left == 0:
+                return move, COMPLETE if memory.undecided == 0 and anybody(field.open) and anybody(
+                    field.occupied
+                ) else STALLED
+        trace.commands[move] = search.plan[memory.at]
+        memory.at += 1
+        memory.left -= 1
+        trace.scanned[move] = memory.left == 0
+        step_noisy(noisy, field, guard, rng, trace, move)
+        if trace.classified[move] > 0:
+            memory.budget = -1
+    return trace.commands.shape[0], RUNNING
+
+
+@in_place_kernel
+def step_noisy(noisy, field, guard, rng, trace, move):
+    """Send command number ``move`` of the trace, scan if ``trace.scanned`` says so, and write the
+    results to the trace.
+    """
+    command = trace.commands[move]
+    trace.travelled[move] = move_noisy(noisy, command, rng)
+    if trace.scanned[move]:
+        look(noisy, rng)
+        learn_noisy(noisy, command)
+    else:
+        spread_noisy(noisy, command)
+    trace.classified[move] = refresh(noisy, field, guard)
+    trace.frontier[move] = guard.memory.remaining
+
+
+@in_place_kernel
+def follow_noisy(noisy, field, guard, rng, trace):
+    """Replay an episode: send the commands of the trace and repeat its scans, without planning."""
+    for move in range(trace.commands.shape[0]):
+        step_noisy(noisy, field, guard, rng, trace, move)

@@ -1,0 +1,148 @@
+"""Theory: costs of command sequences, and samples of the line."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import in_place_kernel
+from shoal.swarm.kernels.moves import ONE, ZERO, has, lowest, put
+
+FAR = 1 << 30
+
+
+@in_place_kernel
+def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
+    """Return the smallest i + j for which i commands ``back`` and j commands ``forth`` are enough
+    to reach every wanted cell.
+
+    Commands other than ``back`` and ``forth`` cost nothing. The function tries each number i in
+    turn. If the path to a wanted cell has at most i commands ``back``, the path needs a certain
+    number of commands ``forth``. The number j is the maximum of this number over all wanted cells.
+    """
+    best = FAR
+    for cell in range(costs.shape[0]):
+        costs[cell] = 0 if particles[cell] else FAR
+    a = 0
+    while a < best:
+        if a > 0:
+            for cell in range(costs.shape[0]):
+                before[cell] = costs[cell]
+            for cell in range(costs.shape[0]):
+                if free[cell] and before[cell] < costs[cell + offsets[back]]:
+                    costs[cell + offsets[back]] = before[cell]
+        fewest_paid(free, offsets, back, forth, costs, stack)
+        most = 0
+        for cell in range(costs.shape[0]):
+            if wanted[cell]:
+                most = max(most, costs[cell])
+        best = min(best, a + most)
+        a += 1
+    return best
+
+
+@in_place_kernel
+def fewest_paid(free, offsets, barred, paid, costs, stack):
+    """Reduce the entry of each cell in ``costs`` to the smallest cost of a path to the cell without
+    the command ``barred``.
+
+    The cost of a path is the initial cost of its first cell plus the number of commands ``paid`` on
+    the path. If ``paid`` is -1, all commands count. If ``barred`` is -1, a path may use all
+    commands. Before the call, the int64 array ``costs`` must contain the initial cost of each cell,
+    or FAR if a path cannot begin at the cell.
+    """
+    level = 0
+    while True:
+        size, higher = 0, False
+        for cell in range(costs.shape[0]):
+            if costs[cell] == level and free[cell]:
+                stack[size] = cell
+                size += 1
+            elif level < costs[cell] < FAR:
+                higher = True
+        if size == 0 and not higher:
+            return
+        while size > 0:
+            size -= 1
+            cell = stack[size]
+            for command in range(offsets.shape[0]):
+                if command == barred:
+                    continue
+                there = cell + offsets[command]
+                cost = level + (1 if command == paid or paid < 0 else 0)
+                if cost < costs[there]:
+                    costs[there] = cost
+                    if cost == level and free[there]:
+                        stack[size] = there
+                        size += 1
+        level += 1
+
+
+FIRST, LAST, GAP, SPREAD, BOUNDARY, COVERAGE, PRINTED = 0, 1, 2, 3, 4, 5, 6
+COLUMNS = 7
+
+
+@in_place_kernel
+def place(draws, cells, words, complement):
+    """Fill ``words`` with a random subset of the cells 0 .. cells-1 by Floyd's algorithm, or with
+    the complement of the subset.
+
+    The random number ``draws[i]`` must be uniform on 0 .. cells - draws.size + i. All subsets of
+    ``draws.size`` cells are then equally likely.
+    """
+    for i in range(words.shape[0]):
+        words[i] = ZERO
+    lowest_limit = cells - draws.shape[0]
+    for i in range(draws.shape[0]):
+        cell = np.int64(draws[i])
+        if has(words, 0, 0, cell):
+            cell = lowest_limit + i
+        put(words, 0, 0, cell)
+    if complement:
+        for i in range(words.shape[0]):
+            words[i] = ~words[i]
+        if cells & 63:
+            words[-1] &= (ONE << np.uint64(cells & 63)) - ONE
+
+
+@in_place_kernel
+def measure(words, cells, row):
+    """Write one table row with the numbers of moves and the gaps of a placement.
+
+    The formulas are in ``docs/concepts/line.md``.
+    """
+    before, last, widest, most, bent = 0, 0, 0, 0, False
+    for i in range(words.shape[0]):
+        word = words[i]
+        while word != ZERO:
+            position = 64 * i + lowest(word) + 1
+            word &= word - ONE
+            if last == 0:
+                before = position
+            else:
+                gap = position - last - 1
+                widest = max(widest, gap)
+                # The last move to the left also moves the particles to the right of the first gap,
+                # so this gap becomes one cell smaller.
+                if gap > 0 and not bent:
+                    bent = True
+                    gap -= 1
+                most = max(most, gap)
+            last = position
+    after = cells - last
+    back = before + after + (1 if bent else 0)
+    row[FIRST], row[LAST] = before, after + 1
+    row[GAP] = max(widest, before - 1, after)
+    row[SPREAD] = last - before
+    row[BOUNDARY] = before + back
+    row[COVERAGE] = before + max(back, most)
+    row[PRINTED] = before + 1 + max(before + after, widest)
+
+
+@in_place_kernel
+def trials(draws, cells, words, complement, table):
+    """For each row of ``draws``, place the particles and measure the placement. Write each result
+    to a row of ``table``.
+    """
+    for trial in range(draws.shape[0]):
+        place(draws[trial], cells, words, complement)
+        measure(words, cells, table[trial])

@@ -1,1 +1,0 @@
-"""Kernels for theory: random samples of particles on a line, and minimum numbers of commands for lower bounds."""
