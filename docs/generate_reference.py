@@ -159,7 +159,7 @@ def section(kind: str, problem: type[Problem]) -> str:
 
 def table(problem: type[Problem]) -> str:
     """Return what a problem is, and the table of its fields."""
-    summary = (problem.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
+    summary = " ".join((problem.__doc__ or "").partition("\n\n")[0].split())
     rows = "".join(row(declared) for declared in problem.declarations().values())
     return f"{summary}\n\n| field | type | default | meaning |\n|---|---|---|---|\n{rows}"
 

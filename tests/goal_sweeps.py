@@ -67,7 +67,6 @@ def sweep_goals(
         tolerance,
         interchangeable,
         planner=planner,
-        varied=varied,
     )
     half = (
         np.full(2, workspace.radius) if workspace.round else np.ptp(workspace.vertices, axis=0) / 2
@@ -81,7 +80,7 @@ def sweep_goals(
         place = np.array([x[column], y[row]])
         if not workspace.contains(place):
             continue
-        episode = run(problem.replaced(goal_x=x[column], goal_y=y[row]))
+        episode = run(problem.replaced(goal_x=x[column], goal_y=y[row], varied=varied))
         if episode:
             moves[row, column], lengths[row, column] = episode.moves, episode.length
         else:

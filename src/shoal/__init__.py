@@ -15,6 +15,8 @@ when it is used.
 
 # No import of a module of Python's: `python -m shoal` puts the current folder first on the search
 # path, where a file could replace it, until `shoal.__main__` runs.
+from shoal.core.display import register_display
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from shoal.core.episode import Episode, Status, Verification
@@ -109,6 +111,22 @@ __all__ = [
     "run_trials",
     "write_map",
 ]
+
+
+def _draw_page(episode: "Episode") -> object:
+    from shoal.views import notebook_page
+
+    return notebook_page(episode)
+
+
+def _draw_layers(workspace: "GridWorkspace") -> object:
+    from shoal.views.swarm.volume import notebook_picture
+
+    return notebook_picture(workspace)
+
+
+register_display("html", _draw_page)
+register_display("png", _draw_layers)
 
 
 def __getattr__(name: str) -> object:

@@ -4,7 +4,6 @@ episode.
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,10 +29,46 @@ def problem_type(part: str) -> type[Problem]:
     The function `problem_type` imports the part on its first call, because each part imports heavy
     libraries.
     """
-    found: type[Problem] = getattr(
-        importlib.import_module(f"shoal.{part}.problem"), f"{part.capitalize()}Problem"
-    )
-    return found
+    if part == "swarm":
+        from shoal.swarm.problem import SwarmProblem
+
+        return SwarmProblem
+    if part == "search":
+        from shoal.search.problem import SearchProblem
+
+        return SearchProblem
+    from shoal.steering.problem import SteeringProblem
+
+    return SteeringProblem
+
+
+def _run_module(part: str) -> Any:
+    """Return the module of a part with the functions ``run`` and ``check``."""
+    if part == "swarm":
+        from shoal.swarm import run as swarm_run
+
+        return swarm_run
+    if part == "search":
+        from shoal.search import run as search_run
+
+        return search_run
+    from shoal.steering import run as steering_run
+
+    return steering_run
+
+
+def _episode_type(part: str) -> type[Episode]:
+    if part == "swarm":
+        from shoal.swarm.episode import SwarmEpisode
+
+        return SwarmEpisode
+    if part == "search":
+        from shoal.search.episode import SearchEpisode
+
+        return SearchEpisode
+    from shoal.steering.episode import SteeringEpisode
+
+    return SteeringEpisode
 
 
 def problem_of(data: Mapping[str, Any], *, where: str = "problem") -> Problem:
@@ -166,9 +201,7 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
         problem = problem_for(problem, fields)
     elif fields:
         problem = problem.replaced(**fields)
-    found: Episode = importlib.import_module(f"shoal.{problem.part}.run").run(
-        problem, seed=seed, **options
-    )
+    found: Episode = _run_module(problem.part).run(problem, seed=seed, **options)
     return found
 
 
@@ -179,7 +212,7 @@ def check(problem: Problem) -> None:
     ------
     InvalidInputError, UnknownNameError
     """
-    importlib.import_module(f"shoal.{problem.part}.run").check(problem)
+    _run_module(problem.part).check(problem)
 
 
 def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
@@ -210,7 +243,4 @@ def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
                 f"{source}: expected an episode of swarm, steering or search, got JSON of another"
                 " kind"
             )
-    found: Episode = getattr(
-        importlib.import_module(f"shoal.{part}.episode"), f"{part.capitalize()}Episode"
-    ).load(source, trust=trust)
-    return found
+    return _episode_type(part).load(source, trust=trust)

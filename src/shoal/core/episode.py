@@ -6,10 +6,10 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from enum import StrEnum
-from importlib import import_module
 from typing import Any, ClassVar, Self
 
 from shoal.core.dataclass import dataclass
+from shoal.core.display import displayed
 
 
 class Status(StrEnum):
@@ -140,10 +140,9 @@ class Episode(ABC):
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.sentence}>"
 
-    def _repr_html_(self) -> str:
+    def _repr_html_(self) -> object:
         """Return the HTML code that a notebook shows for the episode."""
-        shown: str = import_module("shoal.views").notebook_page(self)
-        return shown
+        return displayed("html", self)
 
     @property
     def sentence(self) -> str:

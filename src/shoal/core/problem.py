@@ -9,7 +9,6 @@ import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, field, fields
 from functools import cache, cached_property
-from itertools import islice
 from math import inf
 from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
 
@@ -199,8 +198,7 @@ REQUIRED: Any = MISSING
 """A marker that stands for the missing default of a required field."""
 
 
-# noqa: A002 - the word that every reader expects
-def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:
+def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: A002
     """Declare a field of a problem. `Option` lists the keyword arguments.
 
     Examples
@@ -281,10 +279,19 @@ class Problem:
 
     def __new__(cls, *values: Any, **given: Any) -> Self:
         """Keep which fields the caller gives: a field at its default is also refused where it would
-        have no effect.
+        have no effect. Who gives all fields, as `dataclasses.replace` does, means those that differ
+        from their defaults.
         """
         problem = super().__new__(cls)
-        problem.__dict__["_given"] = frozenset([*islice(cls.declarations(), len(values)), *given])
+        names = cls.declarations()
+        values_of = dict(zip(names, values, strict=False)) | given
+        if len(values_of) == len(names):
+            values_of = {
+                name: value
+                for name, value in values_of.items()
+                if not _same(value, names[name].default)
+            }
+        problem.__dict__["_given"] = frozenset(values_of)
         return problem
 
     @property

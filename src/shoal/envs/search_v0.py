@@ -110,7 +110,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         "render_modes": MODES,
         "render_fps": 10,
         "is_parallelizable": True,
-    }  # noqa: RUF012 - as in its base
+    }
 
     def __init__(self, *, render_mode: str | None = None, **fields: Any) -> None:
         self.problem, self.options = split_fields(

@@ -26,7 +26,6 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
         Fields of the problem, and additional fields of the environment.
     """
 
-    # noqa: RUF012 - as in its base
     metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}
     worlds: ClassVar[type[SwarmWorlds | SteeringWorlds]]
     problem: Any

@@ -30,8 +30,8 @@ from shoal.swarm.theory.scan_schedules import (
 )
 
 __all__ = [
-    "FunctionProblem",
     "KINDS",
+    "FunctionProblem",
     "LineProblem",
     "ScheduleProblem",
     "check_trial",

@@ -12,12 +12,12 @@ from shoal.search.problem.mission_options import CAPS
 
 __all__ = [
     "CAPS",
-    "Diagnostic",
     "FORMATS",
+    "RULES",
+    "Diagnostic",
     "Mission",
     "MissionCheck",
     "MissionFormat",
-    "RULES",
     "Rule",
     "check_missions",
     "lint",

@@ -524,8 +524,8 @@ def missions_of(
             (x, y),
             robot,
             number,
-            kept.kind,
-            autopilot,  # type: ignore[arg-type]  # both were checked
+            kept.kind,  # type: ignore[arg-type]  # checked, as is the autopilot
+            autopilot,
             speed=speed,
             geographic=frame is not None,
             altitude_frame=altitude_frame,

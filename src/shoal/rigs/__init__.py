@@ -33,16 +33,16 @@ from shoal.rigs.transports import (
 )
 
 __all__ = [
+    "KINDS",
+    "PROTOCOL",
     "Alarm",
     "ConnectionCutError",
     "Drive",
     "DriveError",
     "DriveInterrupted",
     "DriveLog",
-    "KINDS",
     "LinkCounts",
     "NoisyRig",
-    "PROTOCOL",
     "ProcessTransport",
     "Rate",
     "RecordedRig",

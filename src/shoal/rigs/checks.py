@@ -86,8 +86,7 @@ class Alarm:
     text: str
 
 
-# noqa: N818 - no error for callers: it ends the loop, and becomes an alarm of the result
-class AlarmRaised(Exception):
+class AlarmRaised(Exception):  # noqa: N818
     """Ends a drive whose rig contradicts the commands. The function `drive` turns the exception
     into the status ``alarm``.
     """

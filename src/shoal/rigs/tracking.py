@@ -344,6 +344,8 @@ class NoisyRigSwarm(RigSwarm):
         Raised if the scans contradict the commands beyond what the stated noise explains.
     """
 
+    noisy: NoisyBelief
+
     def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
         super().__init__(rig)
         cells = self.observe()

@@ -297,15 +297,15 @@ MOST_QUEUED = 5000
 PAUSE = 5.0
 """Time after which a failed write to the store of jobs is repeated, in seconds."""
 
-_JOBS = "shoal.studio.jobs"
+_WORK = "shoal.studio.work"
 KINDS = {
-    "play": f"{_JOBS}.work:play",
-    "compare": f"{_JOBS}.work:compare_policies",
-    "export": f"{_JOBS}.work:export_episode",
-    "reproduce": f"{_JOBS}.work:reproduce_figures",
-    "sweep": f"{_JOBS}.sweeps:run",
-    "table": f"{_JOBS}.sweeps:write",
-    "missions": f"{_JOBS}.missions:missions_zip",
+    "play": f"{_WORK}:play",
+    "compare": f"{_WORK}:compare_policies",
+    "export": f"{_WORK}:export_episode",
+    "reproduce": f"{_WORK}:reproduce_figures",
+    "sweep": f"{_WORK}:run",
+    "table": f"{_WORK}:write",
+    "missions": f"{_WORK}:missions_zip",
 }
 """The name MODULE:FUNCTION of the function for each kind of job. The process of a job imports the
 function of the job.
@@ -425,7 +425,7 @@ class JobQueue:
         # The process for forking may still be loading, so its answer is awaited in a thread.
         worker = running.worker = await asyncio.to_thread(
             Worker,
-            f"{_JOBS}.work:work",
+            f"{_WORK}:work",
             str(self.folder.root),
             KINDS[job["kind"]],
             job["spec"],

@@ -30,7 +30,7 @@ from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import is_compiled
 from shoal.swarm.simulation.swarms import draw_start, swarm_of
 
-__all__ = ["Boards", "PLANES", "WorldBatch"]
+__all__ = ["PLANES", "Boards", "WorldBatch"]
 
 
 LARGEST = 2**62

@@ -75,8 +75,10 @@ def same(one, other):
 def pair(name, mode, count=3, **options):
     """Return a vector of our own and Gymnasium's of as many single environments."""
     ours = gymnasium.make_vec(f"shoal/{name}-v0", num_envs=count, autoreset_mode=mode, **options)
-    # noqa: E731 - one line, called n times
-    one = lambda: gymnasium.make(f"shoal/{name}-v0", disable_env_checker=True, **options).unwrapped
+
+    def one():
+        return gymnasium.make(f"shoal/{name}-v0", disable_env_checker=True, **options).unwrapped
+
     return ours, SyncVectorEnv([one] * count, autoreset_mode=mode)
 
 

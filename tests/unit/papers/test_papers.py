@@ -261,8 +261,10 @@ def test_one_figure_that_fails_takes_no_other_along(tmp_path, monkeypatch, capsy
 
     good = recipes().get("w-fig9")
     some: Registry[Recipe] = Registry("figure")
-    # noqa: E731 - as recipes have it
-    trials = lambda settings: [function_sweep("bad", failing, {"at": [1, 2]}, 1, settings)]
+
+    def trials(settings):
+        return [function_sweep("bad", failing, {"at": [1, 2]}, 1, settings)]
+
     some.add("bad", Recipe("bad", "paper W, Fig. 0", "Its trials fail", trials, broken))
     some.add("worse", Recipe("worse", "paper W, Fig. 0", "Its view fails", lambda s: [], broken))
     some.add("w-fig9", good)

@@ -100,8 +100,7 @@ def arm_moves(*, seed: int, k: int) -> dict[str, int]:
 
 
 @measuring("searches", "cells_looked_at", "free_cells", "moves")
-# noqa: A002 - the name of a problem's field
-def search_work(*, seed: int, map: str) -> dict[str, int]:
+def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002
     """Return how many breadth-first searches, expanded cells and moves the policy closest-frontier
     needs with one particle.
     """

@@ -6,7 +6,6 @@ import io
 from collections.abc import Mapping
 from dataclasses import field
 from functools import cached_property
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_text, shortened
 from shoal.core.dataclass import dataclass
+from shoal.core.display import displayed
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.reading import MAX_CELLS
 
@@ -327,11 +327,8 @@ class GridWorkspace:
         """
         return raster_of(np.where(self.free, FREE, OBSTACLE).astype(np.uint8))
 
-    def _repr_png_(self) -> bytes:
-        if self.ndim == 2:
-            return png_bytes(self.picture)
-        view: NDArray[np.uint8] = import_module("shoal.views.swarm.volume").workspace_sheet(self)
-        return png_bytes(view, side=max(view.shape))
+    def _repr_png_(self) -> object:
+        return png_bytes(self.picture) if self.ndim == 2 else displayed("png", self)
 
 
 _MILLIMETRES = {

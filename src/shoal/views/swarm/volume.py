@@ -381,19 +381,18 @@ def sheet(
     return whole
 
 
-def workspace_sheet(workspace: GridWorkspace, *, side: int = 640) -> NDArray[np.uint8]:
-    """Return the picture of `sheet` for a completely known 3-D workspace; uint8, shape (side, about
-    1.4 side, 3).
-    """
+def notebook_picture(workspace: GridWorkspace, *, side: int = 640) -> bytes:
+    """Return the picture of `sheet` for a completely known 3-D workspace, as the bytes of a PNG file."""
     codes = np.pad(
         np.where(workspace.free, raster.FREE, raster.OBSTACLE).astype(np.uint8),
         1,
         constant_values=raster.OBSTACLE,
     )
     fit = Fit.of(workspace)
-    return sheet(
+    view = sheet(
         codes, Slices.of(workspace), azimuth=CORNER, side=side, spacing=workspace.spacing, fit=fit
     )
+    return raster.png_bytes(view, side=max(view.shape))
 
 
 @lru_cache(maxsize=16)

@@ -190,8 +190,7 @@ class ProcessPool:
     def _start(self, stack: ExitStack) -> None:
         """Start the first process, which forks the robots' processes."""
         data = pickle.dumps(self._task)
-        # noqa: SIM115 - the stack closes it; without a name, it cannot be left behind
-        ground = tempfile.TemporaryFile()
+        ground = tempfile.TemporaryFile()  # noqa: SIM115 - closed by the stack
         stack.enter_context(ground)
         ground.write(data)
         ground.flush()

@@ -475,6 +475,6 @@ def takeovers_of(scenario: Scenario, logs: list[RobotLog]) -> int:
             next(part.robot for part in parts if part.bits >> cell & 1)
             for cell in log.cells.tolist()
         ]
-        for before, other, time in zip([number, *whose], whose, log.times.tolist(), strict=False):
-            count += other not in (before, number) and deaths[other - 1] < time
+        for before, other, moment in zip([number, *whose], whose, log.times.tolist(), strict=False):
+            count += other not in (before, number) and deaths[other - 1] < moment
     return count
