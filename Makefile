@@ -11,12 +11,13 @@ export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
 # Else every process would compile every module that it imports to byte code again, which takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo lint test test-wheel versions check bench soak docs clean
+.PHONY: help install demo kernels lint test test-wheel versions check bench soak docs clean
 
 help:
 	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write a film, a player and figures to ./demo'
 	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
+	@echo 'make kernels  after a change of kernels: lower them ahead of time, for the first commands of all users'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
 	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
@@ -60,6 +61,10 @@ $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
 	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.first_calls steering search jit; } >/dev/null & rest=$$!; \
 	  $(BIN)/python -m benchmarks.first_calls swarm && wait $$rest
 	@touch $@
+
+# What is committed of the kernels beside their sources, so that a first command has little to compile. Makes what is missing.
+kernels: $(VENV)/.dev-installed
+	@$(BIN)/python -m benchmarks.first_calls --archives
 
 # The browser tests need Debian's Chromium, and the program that drives it a small library.
 .PHONY: chromium

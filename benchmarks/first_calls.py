@@ -1,14 +1,18 @@
 """Compile what most kinds of runs need, before several processes would do it at once: play each
 kind of run once, each quick.
 
-python -m benchmarks.first_calls [swarm steering search jit]
+python -m benchmarks.first_calls [swarm steering search jit] [--archives]
+
+With ``--archives`` (``make kernels``), all kinds are played, and the archives of lowered kernels,
+``src/shoal/*/kernels/lowered.zip``, get what they miss and lose what no first call needs.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
-import sys
+import os
 
 import numpy as np
 
@@ -116,5 +120,31 @@ def play_steering_batch() -> None:
         batch.send(np.zeros((2, 2)))
 
 
+def write_archives() -> None:
+    """Play everything, and write the archives that do not fit it."""
+    for name in [name for name in os.environ if name.startswith("NUMBA_")]:
+        del os.environ[name]  # archives hold what Numba compiles without settings
+    from shoal.jit.lowered import record
+
+    with record() as changes:
+        play(list(COMMANDS))
+    for file, (added, removed) in sorted(changes.items()):
+        size = file.stat().st_size // 1024
+        print(f"{file}: {added} kernels added, {removed} removed, {size} KiB")
+    if not changes:
+        print("all archives fit")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("parts", nargs="*", metavar="part", help=", ".join(COMMANDS))
+    parser.add_argument("--archives", action="store_true")
+    options = parser.parse_args()
+    if options.archives:
+        write_archives()
+    else:
+        play(options.parts or list(COMMANDS))
+
+
 if __name__ == "__main__":
-    play(sys.argv[1:] or list(COMMANDS))
+    main()

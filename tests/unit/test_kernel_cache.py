@@ -7,12 +7,14 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import pkgutil
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +23,7 @@ import pytest
 from numba import typeof
 
 from shoal.core import notices
-from shoal.jit import COMPILING, cache, loader
+from shoal.jit import COMPILING, cache, loader, lowered
 from shoal.jit.cache import content_key, load_machine_code
 from shoal.jit.loader import compiled_form, kinds_of_arguments
 
@@ -238,9 +240,9 @@ def test_a_value_that_cannot_be_described_never_fits(key_of):
 def test_no_kernel_of_shoal_is_without_a_key():
     """A content key with random bytes would be compiled again in each process."""
     for module in (
-        "swarm.kernels.episodes.planner_episode",
+        "swarm.kernels.planning.anneal",
         "steering.kernels.contact",
-        "search.kernels.attaching",
+        "search.kernels.lanes",
     ):
         kernels = vars(importlib.import_module(f"shoal.{module}")).values()
         kernels = [each for each in kernels if hasattr(each, "function")]
@@ -346,6 +348,148 @@ def counted(outer):
         inner = outer.second
     return total
 """
+
+
+# Archives of lowered kernels
+
+
+@pytest.fixture
+def archived(script, told, tmp_path, monkeypatch):
+    """Return a function that plays first calls, with an empty cache each time, and returns which
+    members the archive gained and lost.
+    """
+    monkeypatch.setenv("SHOAL_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(lowered, "_IMPORTED", 2**63)  # the tests import what they write
+
+    def record(*names, values=(4, 4.0)):
+        forget()
+        before = members(script)
+        with lowered.record() as changes:
+            for name in names:
+                for value in values:
+                    getattr(imported_module(script), name)(np.arange(value))
+        after = members(script)
+        assert (
+            list(changes.values())
+            == [(len(after - before), len(before - after))][: before != after]
+        )
+        return sorted(each.split("-")[0].split(".")[-1] for each in after - before), sorted(
+            each.split("-")[0].split(".")[-1] for each in before - after
+        )
+
+    def forget():
+        shutil.rmtree(tmp_path / "cache", ignore_errors=True)
+        lowered._functions.cache_clear()
+        lowered._archive.cache_clear()
+
+    record.forget = forget
+    return record
+
+
+def members(script):
+    archive = script.parent / lowered.NAME
+    return set(zipfile.ZipFile(archive).namelist()) if archive.exists() else set()
+
+
+def test_a_lowered_kernel_is_not_compiled_from_its_source(script, archived):
+    assert archived("total") == (["total", "total"], [])
+    archived.forget()
+    assert imported(script) == (12, "loaded")
+    archived.forget()
+    (script.parent / lowered.NAME).unlink()
+    assert imported(script) == (12, "compiled")
+
+
+def test_comments_leave_an_archive_as_it_is_and_a_change_makes_only_its_kernels_again(
+    script, archived
+):
+    archived("total", "one_more", values=(4,))
+    archive, text = script.parent / lowered.NAME, script.read_text()
+    content = archive.read_bytes()
+    for changed in (
+        "# a comment\n" + text,
+        text.replace("Return twice each number.", "Double all."),
+        text.replace("    found = 0\n", "    found = (\n        0\n    )  # the sum so far\n"),
+        text.replace("number + 9", "number + 8"),  # called by neither
+    ):
+        assert changed != text
+        script.write_text(changed)
+        archived.forget()
+        assert imported(script) == (12, "loaded")
+        assert archived("total", "one_more", values=(4,)) == ([], [])
+        assert archive.read_bytes() == content
+    script.write_text(text.replace("2 * numbers", "10 * numbers"))
+    archived.forget()
+    assert imported(script) == (60, "compiled")
+    assert archived("total", "one_more", values=(4,)) == (["total"], ["total"])
+    archived.forget()
+    assert imported(script) == (60, "loaded")
+
+
+def test_an_archive_holds_what_first_calls_need(script, archived):
+    assert archived("total", "double") == (["double", "double", "total", "total"], [])
+    assert archived("total") == ([], ["double", "double"])
+    assert archived("total", "double", values=(4,)) == (["double"], ["total"])
+    with lowered.record() as changes:  # also of what is in the cache already
+        imported(script)
+        imported_module(script).double(np.arange(4))
+    assert not changes
+
+
+def test_archives_made_apart_have_equal_bytes(script, archived):
+    program = """if True:
+        import numpy as np
+        from shoal.jit.lowered import record
+        with record():
+            import small_kernels
+            small_kernels.total(np.arange(4))
+        """
+    contents = []
+    for _ in range(2):
+        subprocess.run([sys.executable, "-c", program], cwd=script.parent, check=True)
+        contents.append((script.parent / lowered.NAME).read_bytes())
+        (script.parent / lowered.NAME).unlink()
+        archived.forget()
+    assert contents[0] == contents[1]
+    assert str(script.parent).encode() not in contents[0]
+
+
+def test_a_damaged_archive_costs_time_only(script, archived, told):
+    archived("total")
+    archive = script.parent / lowered.NAME
+    whole, rng = archive.read_bytes(), np.random.default_rng(1)
+    damaged = [b"", b"PK", whole[:999], whole[-999:]]
+    damaged += [
+        whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :]
+        for place in rng.integers(len(whole), size=10)
+    ]
+    for content in damaged:
+        archive.write_bytes(content)
+        archived.forget()
+        assert imported(script)[0] == 12
+    assert not told
+
+
+def test_a_source_that_changed_after_its_import_does_not_choose_lowered_code(
+    script, archived, monkeypatch
+):
+    archived("total")
+    archived.forget()
+    monkeypatch.setattr(lowered, "_IMPORTED", script.stat().st_mtime_ns - 1)
+    assert imported(script) == (12, "compiled")
+
+
+def test_each_kernel_of_shoal_is_keyed_by_its_source():
+    """Bytecode as a key would make an archive useless in another version of Python."""
+    kernels = {}
+    for part in ("swarm", "steering", "search", "jit"):
+        package = importlib.import_module(f"shoal.{part}.kernels")
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            values = vars(importlib.import_module(found.name)).values()
+            kernels |= {id(each): each for each in values if hasattr(each, "function")}
+    assert len(kernels) > 200
+    for kernel in kernels.values():
+        assert isinstance(lowered._source(kernel.function.__code__), str), kernel
 
 
 @pytest.mark.skipif(

@@ -5,7 +5,8 @@ a kernel, a division by zero gives infinity or NaN, as in NumPy.
 
 The modules, in the order of a call: `entry` (what Python calls), `cache` (where machine code is
 stored, and what it was compiled from), `loader` (machine code is called without Numba), `compiler`
-(Numba compiles a kernel once, with all kernels that it calls).
+(Numba compiles a kernel once, with all kernels that it calls), `lowered` (archives of kernels that
+are compiled except for what depends on the processor).
 """
 
 from shoal.jit.entry import (

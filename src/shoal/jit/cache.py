@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
+from operator import itemgetter
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -163,9 +164,6 @@ def _maker() -> tuple[Any, ...]:
     """
     compiler = find_spec("shoal.jit.compiler")
     code = compiler.loader.get_code(compiler.name)  # type: ignore[union-attr]
-    settings = sorted(
-        (name, value) for name, value in os.environ.items() if name.startswith("NUMBA_")
-    )
     versions = version_of_numba(), llvmlite.__version__, sys.implementation.cache_tag
     processor = (
         binding.get_process_triple(),
@@ -174,25 +172,32 @@ def _maker() -> tuple[Any, ...]:
     )
     return (
         *versions,
-        hashlib.blake2b(repr(_described(code)).encode()).hexdigest(),
-        settings,
+        hashlib.blake2b(repr(described_code(code)).encode()).hexdigest(),
+        settings_of_numba(),
         *processor,
     )
+
+
+def settings_of_numba() -> list[tuple[str, str]]:
+    """Return the environment variables that change what Numba compiles."""
+    return sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
 
 
 # Content keys
 
 
-def content_key(kernel: Any) -> bytes:
+def content_key(kernel: Any, describe: Callable[[CodeType], Any] | None = None) -> bytes:
     """Return a digest of the code that is compiled with a kernel: its own, that of all kernels that
     it calls, and constants.
 
     Changes of docstrings, comments, layout and places in files leave the key as it is. So do
-    changes of kernels and constants that the kernel does not use.
+    changes of kernels and constants that the kernel does not use. ``describe`` turns the code of a
+    function into what the key is made of: by default its bytecode, which is at hand, but differs
+    between versions of Python.
     """
     digest, waiting, seen = hashlib.blake2b(digest_size=16), [kernel], {id(kernel)}
     while waiting:
-        described, called = _own_content(waiting.pop(0))
+        described, called = _own_content(waiting.pop(0), describe)
         digest.update(described)
         for one in called:
             if id(one) not in seen:
@@ -202,7 +207,9 @@ def content_key(kernel: Any) -> bytes:
 
 
 @cache
-def _own_content(kernel: Any) -> tuple[bytes, tuple[Any, ...]]:
+def _own_content(
+    kernel: Any, describe: Callable[[CodeType], Any] | None
+) -> tuple[bytes, tuple[Any, ...]]:
     """Return a description of a kernel without those that it calls, and the kernels and functions
     that it calls, in order.
     """
@@ -210,7 +217,7 @@ def _own_content(kernel: Any) -> tuple[bytes, tuple[Any, ...]]:
     called: list[Any] = []
     closure = [cell.cell_contents for cell in function.__closure__ or ()]
     used = [
-        *_globals_used(function.__code__, function.__globals__),
+        *sorted(_globals_used(function.__code__, function.__globals__), key=itemgetter(0)),
         *zip(function.__code__.co_freevars, closure, strict=True),
     ]
     values = [(name, _content(value, called)) for name, value in used]
@@ -218,7 +225,8 @@ def _own_content(kernel: Any) -> tuple[bytes, tuple[Any, ...]]:
         (function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items()))), called
     )
     options = sorted(getattr(kernel, "options", {}).items())
-    return repr((_described(function.__code__), values, defaults, options)).encode(), tuple(called)
+    code = (describe or described_code)(function.__code__)
+    return repr((code, values, defaults, options)).encode(), tuple(called)
 
 
 def _globals_used(code: CodeType, known: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -239,12 +247,12 @@ def _globals_used(code: CodeType, known: dict[str, Any]) -> Iterator[tuple[str, 
             yield from _globals_used(constant, known)
 
 
-def _described(code: Any) -> Any:
-    """Return what code does, without docstrings and places."""
+def described_code(code: Any) -> Any:
+    """Return what code does, without docstrings and places: bytecode and constants."""
     if isinstance(code, frozenset):
-        return "frozenset", *sorted(repr(_described(each)) for each in code)
+        return "frozenset", *sorted(repr(described_code(each)) for each in code)
     if isinstance(code, tuple):
-        return tuple(_described(each) for each in code)
+        return tuple(described_code(each) for each in code)
     if not isinstance(code, CodeType):
         return code
     constants, flags, has_docstring = (
@@ -262,7 +270,7 @@ def _described(code: Any) -> Any:
         constants = (None, *constants[1:])
     names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
     counts = code.co_argcount, code.co_kwonlyargcount, code.co_posonlyargcount, flags
-    return code.co_code, code.co_exceptiontable, names, counts, _described(constants)
+    return code.co_code, code.co_exceptiontable, names, counts, described_code(constants)
 
 
 _OF_FUNCTION, _HAS_DOCSTRING = (

@@ -19,15 +19,16 @@ import gc
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cached_property
+from dataclasses import replace
+from functools import cache, cached_property
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import binding, ir
 from llvmlite.binding import Linkage
 from llvmlite.ir.instructions import ExtractValue, GEPInstr, LoadInstr
 from numba import _dynfunc, njit, types  # type: ignore[attr-defined]
 from numba.core.cgutils import get_item_pointer2, unpack_tuple
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.datamodel.models import TupleModel
@@ -98,7 +99,7 @@ class CompiledForms:
         """
         return types.Dispatcher(self._part)
 
-    def compile(self, arguments: tuple[Any, ...]) -> tuple[Any, bytes | None]:
+    def compile(self, arguments: tuple[Any, ...]) -> tuple[Any, bytes | None, bytes]:
         """Compile the entry for some arguments.
 
         Returns
@@ -107,13 +108,34 @@ class CompiledForms:
             The compiled function.
         machine_code : bytes or None
             A pickled `MachineCode`, or None if the machine code is of no use in another process.
+        lowered : bytes
+            The same with lowered code in place of machine code, if `Entry.keep_lowered` is set.
         """
         kinds = tuple(_by_pointer(self.entry.typeof_pyval(one)) for one in arguments)
         with _garbage_collector_paused():
             entry = self.entry.compile(kinds)
             result = self.entry.overloads[kinds]
             bound = result.library.has_dynamic_globals or result.reload_init
-            return entry, None if bound else bytes(dumps(_machine_code(result)))
+            if bound:
+                return entry, None, b""
+            stored = _machine_code(result)
+            code = result.library.lowered
+            return entry, bytes(dumps(stored)), code and bytes(dumps(replace(stored, code=code)))
+
+
+@cache
+def _codegen() -> Any:
+    return JITCPUCodegen("shoal")
+
+
+def finish(lowered: MachineCode) -> MachineCode:
+    """Return the machine code that LLVM makes of lowered code for this processor."""
+    with _garbage_collector_paused():
+        library = Entry(_codegen(), lowered.name)
+        library.optimize(binding.parse_bitcode(lowered.code))
+        module = library._final_module
+        code = library._codegen._tm.emit_object(module)
+        return replace(lowered, code=code, required=_required(module))
 
 
 @contextmanager
@@ -134,10 +156,7 @@ def _machine_code(result: Any) -> MachineCode:
     """Return the machine code of a compiled kernel, with the data that a call of the
     kernel needs.
     """
-    description, module = result.fndesc, result.library._final_module
-    outside = [
-        one.name for one in (*module.functions, *module.global_variables) if one.is_declaration
-    ]
+    description = result.fndesc
     # Environments are Numba's objects for constants. Those without constants are useless, and would
     # take imports to load.
     environments = [each for each in result._find_referenced_environments() if each.consts]
@@ -149,8 +168,14 @@ def _machine_code(result: Any) -> MachineCode:
         constants={
             each.env_name: list(each.consts) for each in (result.environment, *environments)
         },
-        required=tuple(name for name in outside if not name.startswith("llvm.")),
+        required=_required(result.library._final_module),
     )
+
+
+def _required(module: Any) -> tuple[str, ...]:
+    """Return the names of what a module uses but does not define."""
+    outside = (one for one in (*module.functions, *module.global_variables) if one.is_declaration)
+    return tuple(one.name for one in outside if not one.name.startswith("llvm."))
 
 
 # Named tuples by pointer
@@ -289,10 +314,9 @@ class _Lower(Lower):
         )
         indices = []
         for kind, number, length in zip(kinds, numbers, shape, strict=True):
-            number = self.context.cast(
-                builder, number, kind, types.intp if kind.signed else types.uintp
-            )  # noqa: PLW2901
-            indices.append(fix_index(builder, number, length) if kind.signed else number)
+            wide = types.intp if kind.signed else types.uintp
+            cast = self.context.cast(builder, number, kind, wide)
+            indices.append(fix_index(builder, cast, length) if kind.signed else cast)
         data = model.get(builder, value, "data")
         return get_item_pointer2(self.context, builder, data, shape, strides, array.layout, indices)
 
@@ -317,7 +341,19 @@ class LinkedPart(JITCodeLibrary):
 class Entry(JITCodeLibrary):
     """The code of a kernel that Python calls. No other code links to an entry."""
 
+    keep_lowered = False
+    """Whether entries keep their lowered code, for the archives (see `shoal.jit.lowered`)."""
+    lowered = b""
+
+    def optimize(self, module: Any) -> None:
+        """Optimize lowered code for this processor."""
+        self._final_module = module
+        self._optimize_final_module()
+        self._final_module.verify()
+
     def _optimize_final_module(self) -> None:
+        if self.keep_lowered:
+            self.lowered = self._final_module.as_bitcode()
         _hide_parts(self._final_module)
         super()._optimize_final_module()
 

@@ -1,12 +1,14 @@
 """Kernels in the form that Python calls, and a stopwatch that does not count their compilation.
 
-Shoal loads the machine code of a kernel from the cache, without Numba. Shoal imports Numba and
-compiles a kernel only if the cache does not contain the kernel.
+Shoal loads the machine code of a kernel from the cache, without Numba. If the cache does not
+contain the kernel, LLVM makes machine code of the kernel's lowered code in an archive; if no archive
+contains the kernel either, Numba compiles it.
 """
 
 from __future__ import annotations
 
 import os
+import pickle
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +17,8 @@ from typing import Any
 
 from shoal.core.notices import tell_once
 from shoal.jit.cache import load_machine_code, save_machine_code
-from shoal.jit.loader import kinds_of_arguments, numba_is_tested
+from shoal.jit.loader import kinds_of_arguments, link, numba_is_tested
+from shoal.jit.lowered import is_lowered, is_recording, load_lowered, note_lowered
 
 COMPILING = "compiling kernels: once after an installation, some seconds for each kind of run ..."
 PLAIN = "SHOAL_PLAIN_KERNELS"
@@ -51,7 +54,8 @@ class Kernel:
         found = self._loaded.get(kinds)
         if found is None:
             with _lock, Compiling():
-                found = None if _is_plain() else load_machine_code(self, kinds)
+                stored = not _is_plain() and (not is_recording() or is_lowered(self, kinds))
+                found = load_machine_code(self, kinds) if stored else None
                 self._loaded[kinds] = found = found or self._compile(arguments, kinds)
         return found(*arguments)
 
@@ -63,9 +67,14 @@ class Kernel:
             tell_once(COMPILING)
             if _is_plain():
                 return self.entry
-            entry, machine_code = self._forms.compile(arguments)
+            lowered = None if kinds is None else load_lowered(self, kinds)
+            if lowered is not None:
+                save_machine_code(self, kinds, pickle.dumps(lowered))
+                return link(lowered, self.function)
+            entry, machine_code, lowered_code = self._forms.compile(arguments)
             if machine_code is not None and kinds is not None:
                 save_machine_code(self, kinds, machine_code)
+                note_lowered(self, kinds, lowered_code)
             return entry
 
     @cached_property
