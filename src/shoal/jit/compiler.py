@@ -314,9 +314,10 @@ class _Lower(Lower):
         )
         indices = []
         for kind, number, length in zip(kinds, numbers, shape, strict=True):
-            wide = types.intp if kind.signed else types.uintp
-            cast = self.context.cast(builder, number, kind, wide)
-            indices.append(fix_index(builder, cast, length) if kind.signed else cast)
+            number = self.context.cast(  # noqa: PLW2901
+                builder, number, kind, types.intp if kind.signed else types.uintp
+            )
+            indices.append(fix_index(builder, number, length) if kind.signed else number)
         data = model.get(builder, value, "data")
         return get_item_pointer2(self.context, builder, data, shape, strides, array.layout, indices)
 

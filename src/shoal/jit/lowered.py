@@ -98,11 +98,12 @@ def record() -> Iterator[dict[Path, tuple[int, int]]]:
     from shoal.jit.compiler import Entry
 
     global _recorded
-    begin = Loc.__init__
+    places: Any = Loc
+    begin = places.__init__
     changes: dict[Path, tuple[int, int]] = {}
     _recorded, Entry.keep_lowered = {}, True
     # Places in Numba's sources, for error messages, are to name no folder of this machine.
-    Loc.__init__ = lambda self, filename, *more, **others: begin(
+    places.__init__ = lambda self, filename, *more, **others: begin(
         self, Path(filename).name, *more, **others
     )
     try:
@@ -114,7 +115,7 @@ def record() -> Iterator[dict[Path, tuple[int, int]]]:
                 _write(folder / NAME, members)
                 changes[folder / NAME] = len(set(members) - before), len(before - set(members))
     finally:
-        _recorded, Entry.keep_lowered, Loc.__init__ = None, False, begin
+        _recorded, Entry.keep_lowered, places.__init__ = None, False, begin
         _archive.cache_clear()
 
 
