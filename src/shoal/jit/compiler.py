@@ -354,9 +354,19 @@ class Entry(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         if self.keep_lowered:
-            self.lowered = self._final_module.as_bitcode()
+            self.lowered = self._nameless()
         _hide_parts(self._final_module)
         super()._optimize_final_module()
+
+    def _nameless(self) -> bytes:
+        """Return the code without the names of values and parts, which take more than half of it."""
+        module = self._final_module.clone()
+        _hide_parts(module)
+        options = binding.create_pipeline_tuning_options()
+        passes = binding.create_new_module_pass_manager()
+        passes.add_strip_symbols_pass()
+        passes.run(module, binding.create_pass_builder(self._codegen._tm, options))
+        return bytes(module.as_bitcode())
 
 
 def _hide_parts(module: Any) -> None:
