@@ -192,7 +192,7 @@ def content_key(kernel: Any, describe: Callable[[CodeType], Any] | None = None) 
 
     Changes of docstrings, comments, layout and places in files leave the key as it is. So do
     changes of kernels and constants that the kernel does not use. ``describe`` turns the code of a
-    function into what the key is made of: by default its bytecode, which is at hand, but differs
+    function into what the key is made of: by default its byte code, which is at hand, but differs
     between versions of Python.
     """
     digest, waiting, seen = hashlib.blake2b(digest_size=16), [kernel], {id(kernel)}
@@ -248,7 +248,7 @@ def _globals_used(code: CodeType, known: dict[str, Any]) -> Iterator[tuple[str, 
 
 
 def described_code(code: Any) -> Any:
-    """Return what code does, without docstrings and places: bytecode and constants."""
+    """Return what code does, without docstrings and places: byte code and constants."""
     if isinstance(code, frozenset):
         return "frozenset", *sorted(repr(described_code(each)) for each in code)
     if isinstance(code, tuple):

@@ -163,7 +163,7 @@ def _maker() -> tuple[Any, ...]:
 
 def _source(code: CodeType) -> Any:
     """Return the source of a function without comments, docstrings, decorators and layout, which is
-    the same in all versions of Python, or else the bytecode.
+    the same in all versions of Python, or else the byte code.
     """
     state = Path(code.co_filename).stat()
     if state.st_mtime_ns < _IMPORTED:
