@@ -660,7 +660,7 @@ def test_a_flipped_bit_is_never_run(script):
         file.write_bytes(damaged)
         assert load_machine_code(kernel, kinds) is None, place
     assert [imported(script), imported(script)] == [(12, "compiled"), (12, "loaded")]
-    assert len(file.read_bytes()) == len(whole)
+    assert load_machine_code(kernel, kinds) is not None
 
 
 def test_the_file_of_one_kernel_is_not_taken_for_that_of_another(script):
