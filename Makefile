@@ -17,10 +17,10 @@ help:
 	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write a film, a player and figures to ./demo'
 	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
+	@echo 'make kernels  after a change of kernels: lower them ahead of time, for the first commands of all users'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
 	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
-	@echo 'make kernels  after a change of kernels: lower them ahead of time'
 	@echo 'make bench    measure speed against the plain reference, in one run'
 	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches, 100,000 hostile files, 50 kills, 20 full disks, 1000 plans deconflicted'
 	@echo 'make docs     build the documentation into ./site'
@@ -58,13 +58,13 @@ demo: $(VENV)/.run-installed
 
 # Kernels and the tests' byte code are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.lowered --compile --parts steering search jit; } >/dev/null & rest=$$!; \
-	  $(BIN)/python -m benchmarks.lowered --compile --parts swarm && wait $$rest
+	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.first_calls steering search jit; } >/dev/null & rest=$$!; \
+	  $(BIN)/python -m benchmarks.first_calls swarm && wait $$rest
 	@touch $@
 
-# What is committed of the kernels beside their sources, so that a first command has little to compile.
+# What is committed of the kernels beside their sources, so that a first command has little to compile. Makes what is missing.
 kernels: $(VENV)/.dev-installed
-	@$(BIN)/python -m benchmarks.lowered
+	@$(BIN)/python -m benchmarks.first_calls --archives
 
 # The browser tests need Debian's Chromium, and the program that drives it a small library.
 .PHONY: chromium

@@ -10,7 +10,7 @@ from numba.core import config
 
 from shoal import jit
 from shoal.core import notices
-from shoal.jit import watch
+from shoal.jit import entry
 from shoal.steering import SteeringProblem
 from shoal.steering.planners.task import SteeringTask
 
@@ -96,7 +96,7 @@ def test_a_time_limit_stands_still_while_kernels_compile(monkeypatch):
     its kernels.
     """
     seconds = [100.0]
-    monkeypatch.setattr(watch, "time", SimpleNamespace(perf_counter=lambda: seconds[0]))
+    monkeypatch.setattr(entry, "time", SimpleNamespace(perf_counter=lambda: seconds[0]))
     at = np.array([(0.2, 0.5), (0.4, 0.5)])
     task = SteeringTask(
         SteeringProblem("square", at, at).world(gain=0.0),
@@ -105,7 +105,7 @@ def test_a_time_limit_stands_still_while_kernels_compile(monkeypatch):
         1e-6,
         deadline=jit.working_time() + 2,
     )
-    with watch.Compiling():
+    with entry.Compiling():
         seconds[0] += 60
     assert not task.late
     seconds[0] += 3

@@ -7,6 +7,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import pkgutil
 import shutil
 import signal
 import subprocess
@@ -22,8 +23,9 @@ import pytest
 from numba import typeof
 
 from shoal.core import notices
-from shoal.jit import COMPILING, folders, lowered
-from shoal.jit.machine_code import compiled_form, kinds_of_arguments, load_machine_code
+from shoal.jit import COMPILING, cache, loader, lowered
+from shoal.jit.cache import content_key, load_machine_code
+from shoal.jit.loader import compiled_form, kinds_of_arguments
 
 SOURCE = Path(__file__).with_name("small_kernels.py")
 NOBODY = 65534
@@ -73,8 +75,7 @@ def played(script, *kinds, **more):
 
 def imported_module(script):
     """Return the module of the kernels, imported as if this process had begun anew."""
-    for function in (folders.stamp, lowered._opened, folders.folder_of):
-        function.cache_clear()
+    cache.folder_of.cache_clear()
     module = importlib.util.module_from_spec(
         importlib.util.spec_from_file_location(script.stem, script)
     )
@@ -86,9 +87,7 @@ def imported(script):
     """Return what the kernels give in this process, and whether they were compiled."""
     module = imported_module(script)
     result = module.total(np.arange(4))
-    return int(result), "compiled" if sum(
-        module.total.entry.stats.cache_misses.values()
-    ) else "loaded"
+    return int(result), "compiled" if module.total.entry.overloads else "loaded"
 
 
 def test_beside_the_sources_and_in_a_named_folder(script, told, tmp_path, monkeypatch):
@@ -104,19 +103,396 @@ def test_beside_the_sources_and_in_a_named_folder(script, told, tmp_path, monkey
     assert told[0].startswith("SHOAL_CACHE: expected a folder that can be written")
 
 
-def test_a_change_of_any_kernel_is_seen_and_leaves_nothing_behind(script):
-    kernels = script.parent / "kernels"
-    kernels.mkdir()
-    script.rename(kernels / "small.py")
-    (kernels / "other.py").write_text("factor = 1\n")
-    assert imported(kernels / "small.py") == (12, "compiled")
-    before = sorted(path.name for path in (kernels / "__pycache__").iterdir())
-    (kernels / "other.py").write_text("factor = 2\n")
-    (kernels / "small.py").write_text(
-        "\n" + (kernels / "small.py").read_text()
-    )  # each kernel one line further down
-    assert [imported(kernels / "small.py")[1] for _ in range(2)] == ["compiled", "loaded"]
-    assert sorted(path.name for path in (kernels / "__pycache__").iterdir()) == before
+KERNELS = '''
+"""Some kernels."""
+import numpy as np
+from shoal.jit import in_place_kernel, kernel
+import factors
+
+STEP = 3
+TABLE = np.array([1, 2])
+Pair = __import__("collections").namedtuple("Pair", ["first", "second"])
+
+@in_place_kernel
+def scaled(number, by=1):
+    """Scale a number."""
+    return STEP * number * by
+
+def plain(number):
+    """Return the number."""
+    return number + TABLE[0] * factors.FACTOR
+
+@kernel
+def total(numbers):
+    """Return a sum."""
+    found = 0
+    for number in numbers:
+        found += scaled(number)
+    return found + 0 * STEP
+
+@kernel
+def counted(numbers):
+    return Pair(len(numbers), 1).first
+
+@kernel
+def apart(numbers):
+    return len(numbers)
+'''
+UNCHANGED = {
+    "docstring of the kernel": ("Return a sum.", "Return the sum of all numbers."),
+    "docstring of a called kernel": ("Scale a number.", "Return a scaled number."),
+    "docstring of the module": ("Some kernels.", "A few kernels."),
+    "no docstring": ('    """Return a sum."""\n', ""),
+    "comment": ("    found = 0", "    found = 0  # the sum so far"),
+    "layout": ("found + 0 * STEP", "(\n        found\n        + 0 * STEP\n    )"),
+    "place": ("STEP = 3", "STEP = 3\n\n\n"),
+    "kernel that is not called": ("return len(numbers)\n", "return 2 * len(numbers)\n"),
+    "constant that is not used": ("[1, 2]", "[1, 5]"),
+}
+CHANGED = {
+    "the kernel": ("found = 0", "found = 1"),
+    "called kernel": ("number * by", "number * by + 1"),
+    "default of a called kernel": ("by=1", "by=2"),
+    "constant": ("STEP = 3", "STEP = 4"),
+    "type of a constant": ("STEP = 3", "STEP = 3.0"),
+    "name that stands for another": (
+        "from shoal.jit import in_place_kernel, kernel",
+        "from shoal.jit import in_place_kernel, kernel\nlen = sum",
+    ),
+    "reference counting": ("@in_place_kernel", "@kernel"),
+}
+
+
+@pytest.fixture
+def key_of(tmp_path, monkeypatch):
+    """Return a function that writes changed kernels and returns the content key of one of them."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "factors.py").write_text("FACTOR, OTHER = 2, 3\n")
+
+    def key(*change, kernel="total", text=KERNELS):
+        changed = text.replace(*change) if change else text
+        assert changed != text or not change
+        (tmp_path / "some_kernels.py").write_text(changed)
+        for name in ("some_kernels", "factors"):
+            sys.modules.pop(name, None)
+        return content_key(getattr(imported_module(tmp_path / "some_kernels.py"), kernel))
+
+    return key
+
+
+@pytest.mark.parametrize("change", UNCHANGED)
+def test_what_is_not_compiled_does_not_change_the_key(change, key_of):
+    assert key_of(*UNCHANGED[change]) == key_of()
+
+
+@pytest.mark.parametrize("change", CHANGED)
+def test_what_is_compiled_changes_the_key(change, key_of):
+    if change.startswith("name"):
+        assert key_of(*CHANGED[change], kernel="apart") != key_of(kernel="apart")
+    else:
+        assert key_of(*CHANGED[change]) != key_of()
+
+
+def test_functions_arrays_and_modules_that_a_kernel_uses_change_its_key(key_of, tmp_path):
+    text = KERNELS.replace("found += scaled(number)", "found += plain(number)")
+    before = key_of(text=text)
+    assert key_of(text=text) == before
+    assert key_of("[1, 2]", "[2, 2]", text=text) != before
+    assert key_of("return number + ", "return number - ", text=text) != before
+    assert key_of("Return the number.", "Return a number.", text=text) == before
+    (tmp_path / "factors.py").write_text("FACTOR, OTHER = 2, 4  # not used\n")
+    assert key_of(text=text) == before
+    (tmp_path / "factors.py").write_text("FACTOR, OTHER = 20, 4\n")
+    assert key_of(text=text) != before
+
+
+def test_the_order_of_fields_is_part_of_what_is_compiled(key_of):
+    assert key_of('["first", "second"]', '["second", "first"]', kernel="counted") != key_of(
+        kernel="counted"
+    )
+    forms = []
+    for fields in (["first", "second"], ["second", "first"]):
+        pair = NamedTuple("Pair", [(field, int) for field in fields])
+        forms.append(repr(compiled_form(kinds_of_arguments((pair(1, 2),)))))
+    assert forms[0] != forms[1]
+
+
+def test_a_kernel_that_calls_itself_has_a_key(key_of):
+    itself = (
+        "def scaled(number, by=1):\n    if number > 0:\n        return scaled(number - 1)\n   "
+        " return by\n"
+    )
+    itself += "\ndef unused(number, by=1):"
+    before = key_of("def scaled(number, by=1):", itself)
+    assert len(before) == 16
+    assert key_of("def scaled(number, by=1):", itself.replace("- 1", "- 2")) != before
+
+
+def test_a_value_that_cannot_be_described_never_fits(key_of):
+    text = KERNELS.replace("STEP = 3", "STEP = (3, open)").replace(
+        "STEP * number", "STEP[0] * number"
+    )
+    assert key_of(text=text) == key_of(text=text)
+    text = text.replace("(3, open)", "(3, iter([]), lambda: 0, (each for each in ()))")
+    assert key_of(text=text) != key_of(text=text)
+
+
+def test_no_kernel_of_shoal_is_without_a_key():
+    """A content key with random bytes would be compiled again in each process."""
+    for module in (
+        "swarm.kernels.planning.anneal",
+        "steering.kernels.contact",
+        "search.kernels.lanes",
+    ):
+        kernels = vars(importlib.import_module(f"shoal.{module}")).values()
+        kernels = [each for each in kernels if hasattr(each, "function")]
+        before = [content_key(each) for each in kernels]
+        cache._own_content.cache_clear()
+        assert kernels
+        assert [content_key(each) for each in kernels] == before
+
+
+def test_a_change_is_compiled_and_leaves_nothing_behind(script):
+    assert imported(script) == (12, "compiled")
+    before = sorted(path.name for path in (script.parent / "__pycache__").iterdir())
+    text = script.read_text()
+    script.write_text("# a comment\n" + text.replace("Return twice each number.", "Double all."))
+    assert imported(script) == (12, "loaded")
+    script.write_text(text.replace("2 * numbers", "10 * numbers"))
+    assert [imported(script) for _ in range(2)] == [(60, "compiled"), (60, "loaded")]
+    assert sorted(path.name for path in (script.parent / "__pycache__").iterdir()) == before
+
+
+@pytest.mark.parametrize("why", ["asked for", "unknown version"])
+def test_numba_alone_compiles_where_its_inside_is_not_known(why, script, monkeypatch):
+    if why == "asked for":
+        monkeypatch.setenv("SHOAL_PLAIN_KERNELS", "1")
+    else:
+        monkeypatch.setattr(loader, "version_of_numba", lambda: "9.99.0")
+    assert imported(script) == (12, "compiled")
+    assert not list((script.parent / "__pycache__").glob("*.kernel"))
+    module = imported_module(script)
+    assert type(module.double._numba_type_.dispatcher).__module__ == "numba.core.registry"
+
+
+def test_named_tuples_pass_by_pointer(tmp_path):
+    """Of named tuples in named tuples, chosen ones, and those that a kernel makes, each kernel sees
+    the values it was given.
+    """
+    (tmp_path / "tuples.py").write_text(TUPLES)
+    module = imported_module(tmp_path / "tuples.py")
+    inner, other = module.Inner(np.arange(3.0), 5), module.Inner(np.arange(3.0) + 10, 7)
+    outer = module.Outer(inner, other, 2)
+    for flip in (0, 1):
+        assert module.chosen(outer, flip) == module.chosen.__wrapped__(outer, flip)
+    assert module.swapped(outer, 4) == module.swapped.__wrapped__(outer, 4)
+    assert module.made(outer) == module.made.__wrapped__(outer)
+    assert module.counted(outer) == module.counted.__wrapped__(outer)
+    assert (outer.first.number, outer.second.number) == (
+        5,
+        7,
+    )  # nothing was written into the tuples
+
+
+TUPLES = """
+from typing import Any, NamedTuple
+import numpy as np
+from shoal.jit import in_place_kernel, kernel
+
+class Inner(NamedTuple):
+    values: Any
+    number: Any
+
+class Outer(NamedTuple):
+    first: Inner
+    second: Inner
+    size: Any
+
+@in_place_kernel
+def weigh(inner, outer):
+    total = inner.number * outer.size
+    for value in inner.values:
+        total += value
+    return total
+
+@in_place_kernel
+def chosen(outer, flip):
+    inner = outer.first
+    if flip == 1:
+        inner = outer.second
+    return weigh(inner, outer)
+
+@in_place_kernel
+def swapped(outer, times):
+    one, other = outer.first, outer.second
+    total = 0.0
+    for k in range(times):
+        kept = one
+        total = 2 * total + weigh(one, outer)
+        one = other
+        other = kept
+        total += weigh(kept, outer)
+    return total
+
+@in_place_kernel
+def made(outer):
+    inner = Inner(outer.first.values, 9)
+    return weigh(inner, outer) + weigh(outer.second, Outer(outer.second, inner, 3))
+
+@kernel
+def counted(outer):
+    inner = outer.first
+    total = 0.0
+    for k in range(outer.size):
+        total += weigh(inner, outer) + weigh(outer.second, outer) + inner.values.copy().sum()
+        inner = outer.second
+    return total
+"""
+
+
+# Archives of lowered kernels
+
+
+@pytest.fixture
+def archived(script, told, tmp_path, monkeypatch):
+    """Return a function that plays first calls, with an empty cache each time, and returns which
+    members the archive gained and lost.
+    """
+    monkeypatch.setenv("SHOAL_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(lowered, "_IMPORTED", 2**63)  # the tests import what they write
+
+    def record(*names, values=(4, 4.0)):
+        forget()
+        before = members(script)
+        with lowered.record() as changes:
+            for name in names:
+                for value in values:
+                    getattr(imported_module(script), name)(np.arange(value))
+        after = members(script)
+        assert (
+            list(changes.values())
+            == [(len(after - before), len(before - after))][: before != after]
+        )
+        return sorted(each.split("-")[0].split(".")[-1] for each in after - before), sorted(
+            each.split("-")[0].split(".")[-1] for each in before - after
+        )
+
+    def forget():
+        shutil.rmtree(tmp_path / "cache", ignore_errors=True)
+        lowered._functions.cache_clear()
+        lowered._archive.cache_clear()
+
+    record.forget = forget
+    return record
+
+
+def members(script):
+    archive = script.parent / lowered.NAME
+    return set(zipfile.ZipFile(archive).namelist()) if archive.exists() else set()
+
+
+def test_a_lowered_kernel_is_not_compiled_from_its_source(script, archived):
+    assert archived("total") == (["total", "total"], [])
+    archived.forget()
+    assert imported(script) == (12, "loaded")
+    archived.forget()
+    (script.parent / lowered.NAME).unlink()
+    assert imported(script) == (12, "compiled")
+
+
+def test_comments_leave_an_archive_as_it_is_and_a_change_makes_only_its_kernels_again(
+    script, archived
+):
+    archived("total", "one_more", values=(4,))
+    archive, text = script.parent / lowered.NAME, script.read_text()
+    content = archive.read_bytes()
+    for changed in (
+        "# a comment\n" + text,
+        text.replace("Return twice each number.", "Double all."),
+        text.replace("    found = 0\n", "    found = (\n        0\n    )  # the sum so far\n"),
+        text.replace("number + 9", "number + 8"),  # called by neither
+    ):
+        assert changed != text
+        script.write_text(changed)
+        archived.forget()
+        assert imported(script) == (12, "loaded")
+        assert archived("total", "one_more", values=(4,)) == ([], [])
+        assert archive.read_bytes() == content
+    script.write_text(text.replace("2 * numbers", "10 * numbers"))
+    archived.forget()
+    assert imported(script) == (60, "compiled")
+    assert archived("total", "one_more", values=(4,)) == (["total"], ["total"])
+    archived.forget()
+    assert imported(script) == (60, "loaded")
+
+
+def test_an_archive_holds_what_first_calls_need(script, archived):
+    assert archived("total", "double") == (["double", "double", "total", "total"], [])
+    assert archived("total") == ([], ["double", "double"])
+    assert archived("total", "double", values=(4,)) == (["double"], ["total"])
+    with lowered.record() as changes:  # also of what is in the cache already
+        imported(script)
+        imported_module(script).double(np.arange(4))
+    assert not changes
+
+
+def test_archives_made_apart_have_equal_bytes(script, archived):
+    program = """if True:
+        import numpy as np
+        from shoal.jit.lowered import record
+        with record():
+            import small_kernels
+            small_kernels.total(np.arange(4))
+        """
+    contents = []
+    for _ in range(2):
+        subprocess.run([sys.executable, "-c", program], cwd=script.parent, check=True)
+        with zipfile.ZipFile(script.parent / lowered.NAME) as archive:
+            (inside,) = (archive.read(name) for name in archive.namelist())
+        for folder in (script.parent, sys.prefix, sys.base_prefix):
+            assert str(folder).encode() not in inside
+        contents.append((script.parent / lowered.NAME).read_bytes())
+        (script.parent / lowered.NAME).unlink()
+        archived.forget()
+    assert contents[0] == contents[1]
+
+
+def test_a_damaged_archive_costs_time_only(script, archived, told):
+    archived("total")
+    archive = script.parent / lowered.NAME
+    whole, rng = archive.read_bytes(), np.random.default_rng(1)
+    damaged = [b"", b"PK", whole[:999], whole[-999:]]
+    damaged += [
+        whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :]
+        for place in rng.integers(len(whole), size=10)
+    ]
+    for content in damaged:
+        archive.write_bytes(content)
+        archived.forget()
+        assert imported(script)[0] == 12
+    assert not told
+
+
+def test_a_source_that_changed_after_its_import_does_not_choose_lowered_code(
+    script, archived, monkeypatch
+):
+    archived("total")
+    archived.forget()
+    monkeypatch.setattr(lowered, "_IMPORTED", script.stat().st_mtime_ns - 1)
+    assert imported(script) == (12, "compiled")
+
+
+def test_each_kernel_of_shoal_is_keyed_by_its_source():
+    """Bytecode as a key would make an archive useless in another version of Python."""
+    kernels = {}
+    for part in ("swarm", "steering", "search", "jit"):
+        package = importlib.import_module(f"shoal.{part}.kernels")
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            values = vars(importlib.import_module(found.name)).values()
+            kernels |= {id(each): each for each in values if hasattr(each, "function")}
+    assert len(kernels) > 200
+    for kernel in kernels.values():
+        assert isinstance(lowered._source(kernel.function.__code__), str), kernel
 
 
 @pytest.mark.skipif(
@@ -276,15 +652,15 @@ def test_a_flipped_bit_is_never_run(script):
     whole = file.read_bytes()
     kernel = imported_module(script).total
     kinds = kinds_of_arguments((np.arange(4),))
-    assert load_machine_code(kernel.__wrapped__, kinds) is not None
+    assert load_machine_code(kernel, kinds) is not None
     rng = np.random.default_rng(1)
     for place in rng.integers(len(whole) * 8, size=1000):
         damaged = bytearray(whole)
         damaged[place // 8] ^= 1 << place % 8
         file.write_bytes(damaged)
-        assert load_machine_code(kernel.__wrapped__, kinds) is None, place
+        assert load_machine_code(kernel, kinds) is None, place
     assert [imported(script), imported(script)] == [(12, "compiled"), (12, "loaded")]
-    assert len(file.read_bytes()) == len(whole)
+    assert load_machine_code(kernel, kinds) is not None
 
 
 def test_the_file_of_one_kernel_is_not_taken_for_that_of_another(script):
@@ -300,10 +676,10 @@ def test_the_file_of_one_kernel_is_not_taken_for_that_of_another(script):
     second.write_bytes(kept[0])
     again = imported_module(script).total
     for numbers in (np.arange(4), np.arange(4.0)):
-        assert load_machine_code(again.__wrapped__, kinds_of_arguments((numbers,))) is None
+        assert load_machine_code(again, kinds_of_arguments((numbers,))) is None
         assert again(numbers) == 12
     assert all(
-        load_machine_code(again.__wrapped__, kinds_of_arguments((numbers,)))
+        load_machine_code(again, kinds_of_arguments((numbers,)))
         for numbers in (np.arange(4), np.arange(4.0))
     )
 
@@ -325,7 +701,7 @@ def test_a_damaged_cache_of_a_whole_command(tmp_path):
         "--json",
     ]
     environment = {**os.environ, "SHOAL_CACHE": str(tmp_path)}
-    environment["PYTHONPATH"] = str(Path(folders.__file__).parents[2])
+    environment["PYTHONPATH"] = str(Path(cache.__file__).parents[2])
 
     def moves():
         ended = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
@@ -389,88 +765,3 @@ def test_a_kernel_from_the_cache_is_not_taken_for_another_that_was_made_alike(sc
     assert played(script, "made", "one", "nine")[0] == " ".join(
         alone
     )  # one is loaded, then nine compiled
-
-
-@pytest.fixture
-def archive(script, monkeypatch):
-    """The archive of the kernels, which are to be compiled; nothing is kept of them but that."""
-    monkeypatch.setattr(lowered, "noted", {})
-    assert imported(script) == (12, "compiled")
-    lowered.write(script.parent)
-    monkeypatch.setattr(lowered, "noted", None)
-    forget(script)
-    return script.parent / lowered.NAME
-
-
-def forget(script):
-    """Remove what is kept in the cache."""
-    for path in (script.parent / "__pycache__").glob("*.kernel"):
-        path.unlink()
-
-
-def test_what_was_lowered_ahead_is_only_optimized(archive, script, told, monkeypatch):
-    monkeypatch.setattr(notices, "_told", set())
-    assert imported(script) == (12, "loaded")
-    assert told == [COMPILING]
-    archive.unlink()
-    assert imported(script) == (12, "loaded")  # from the cache
-
-
-@pytest.mark.parametrize("change", ["kernel", "numba", "platform", "damage", "part of it"])
-def test_what_was_lowered_ahead_of_something_else_is_not_used(change, archive, script, monkeypatch):
-    if change == "kernel":
-        script.write_text(script.read_text().replace("2 * numbers", "10 * numbers"))
-    elif change == "numba":
-        monkeypatch.setattr(lowered.numba, "__version__", "0.0")
-    elif change == "platform":
-        monkeypatch.setattr(lowered.binding, "get_process_triple", lambda: "some-other-machine")
-    elif change == "damage":
-        archive.write_bytes(b"garbage" * 99)
-    else:
-        content = bytearray(archive.read_bytes())
-        content[200:900] = bytes(700)
-        archive.write_bytes(content)
-    assert imported(script) == (60 if change == "kernel" else 12, "compiled")
-
-
-def test_archives_fit_their_kernels():
-    """If a kernel was changed: make kernels."""
-    parts = {
-        path.parent for path in Path(lowered.__file__).parents[1].glob("*/kernels/lowered.zip")
-    }
-    assert {part.parent.name for part in parts} == {"swarm", "steering", "search", "jit"}
-    for part in parts:
-        with zipfile.ZipFile(part / lowered.NAME) as archive:
-            assert archive.comment.decode().startswith(lowered.stamp(part).hex()), (
-                f"{part.parent.name}: make kernels"
-            )
-            assert not [
-                kernel
-                for kernel in archive.namelist()
-                if str(Path.home()).encode() in archive.read(kernel)
-            ]
-
-
-def test_archives_hold_what_every_kind_of_command_calls():
-    """Offline plans, drives, noise, the line, friction, regions, reach and rows once compiled
-    theirs from the source.
-    """
-    held = set()
-    for path in Path(lowered.__file__).parents[1].glob("*/kernels/lowered.zip"):
-        with zipfile.ZipFile(path) as archive:
-            held |= {kernel.rpartition("-")[0] for kernel in archive.namelist()}
-    called = {
-        "plan_search.prepare",
-        "anneal.anneal",
-        "policy_episode.begin_run",
-        "noisy_state.learn_noisy",
-        "line_samples.trials",
-    }
-    called |= {
-        "cycles.is_kept_out",
-        "cycles.grow_extreme_nodes",
-        "shooting.search_guided",
-        "region_contact.advance",
-        "cycles.deepen",
-    }
-    assert called <= held

@@ -1,21 +1,33 @@
-"""Kernels in the form that Python calls. Shoal loads the machine code of a kernel from the cache,
-without Numba.
+"""Kernels in the form that Python calls, and a stopwatch that does not count their compilation.
 
-Shoal imports Numba and compiles a kernel only if the cache does not contain the kernel.
+Shoal loads the machine code of a kernel from the cache, without Numba. If the cache does not
+contain the kernel, LLVM makes machine code of the kernel's lowered code in an archive; if no archive
+contains the kernel either, Numba compiles it.
 """
 
 from __future__ import annotations
 
 import os
+import pickle
 import threading
+import time
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from typing import Any
 
-from shoal.jit.machine_code import kinds_of_arguments, load_machine_code
-from shoal.jit.watch import Compiling
+from shoal.core.notices import tell_once
+from shoal.jit.cache import load_machine_code, save_machine_code
+from shoal.jit.loader import kinds_of_arguments, link, numba_is_tested
+from shoal.jit.lowered import is_lowered, is_recording, load_lowered, note_lowered
+
+COMPILING = "compiling kernels: once after an installation, some seconds for each kind of run ..."
+PLAIN = "SHOAL_PLAIN_KERNELS"
+"""Name of the environment variable with which Numba alone compiles and calls kernels, in each
+process again.
+"""
 
 _lock = threading.RLock()
+_times = threading.local()
 
 
 class Kernel:
@@ -28,7 +40,7 @@ class Kernel:
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
         update_wrapper(self, function)
-        self._function, self._options = function, options
+        self.function, self.options = function, options
         self._loaded: dict[Any, Callable[..., Any]] = {}  # machine code, by the argument types
 
     def __call__(self, *arguments: Any) -> Any:
@@ -37,31 +49,45 @@ class Kernel:
         """
         try:
             kinds = kinds_of_arguments(arguments)
-        except TypeError:
-            return self.entry(*arguments)
+        except TypeError:  # only Numba can tell the types
+            return self._compile(arguments)(*arguments)
         found = self._loaded.get(kinds)
         if found is None:
             with _lock, Compiling():
-                found = self._loaded[kinds] = load_machine_code(
-                    self._function, kinds
-                ) or self._compile(kinds, arguments)
+                stored = not _is_plain() and (not is_recording() or is_lowered(self, kinds))
+                found = load_machine_code(self, kinds) if stored else None
+                self._loaded[kinds] = found = found or self._compile(arguments, kinds)
         return found(*arguments)
 
-    def _compile(self, kinds: Any, arguments: tuple[Any, ...]) -> Any:
-        self.entry._cache.kinds = kinds
-        return self.entry.compile(tuple(self.entry.typeof_pyval(one) for one in arguments))
+    def _compile(self, arguments: tuple[Any, ...], kinds: Any = None) -> Any:
+        """Compile the kernel for some arguments, store the machine code, and return the compiled
+        function.
+        """
+        with _lock, Compiling():
+            tell_once(COMPILING)
+            if _is_plain():
+                return self.entry
+            lowered = None if kinds is None else load_lowered(self, kinds)
+            if lowered is not None:
+                save_machine_code(self, kinds, pickle.dumps(lowered))
+                return link(lowered, self.function)
+            entry, machine_code, lowered_code = self._forms.compile(arguments)
+            if machine_code is not None and kinds is not None:
+                save_machine_code(self, kinds, machine_code)
+                note_lowered(self, kinds, lowered_code)
+            return entry
 
     @cached_property
     def _forms(self) -> Any:
-        from shoal.jit.compiler import (
-            CompiledForms,  # imported only here, because the import of Numba is slow
-        )
+        from shoal.jit import compiler  # imported only here, because the import of Numba is slow
 
-        return CompiledForms(self._function, **self._options)
+        return (compiler.PlainForms if _is_plain() else compiler.CompiledForms)(
+            self.function, **self.options
+        )
 
     @property
     def entry(self) -> Any:
-        """The compiled entry of the kernel: the form that Python calls."""
+        """Numba's compiled form of the kernel that Python calls."""
         return self._forms.entry
 
     @property
@@ -72,6 +98,10 @@ class Kernel:
     def __reduce__(self) -> str:
         # pickle adds the name of the module
         return self.__qualname__  # type: ignore[attr-defined, no-any-return]
+
+
+def _is_plain() -> bool:
+    return bool(os.environ.get(PLAIN)) or not numba_is_tested()
 
 
 def _named_apart(function: Callable[..., Any]) -> None:
@@ -105,3 +135,56 @@ def in_place_kernel(function: Callable[..., Any]) -> Any:
     arrays.
     """
     return _compiled(function, _nrt=False)
+
+
+class Compiling:
+    """A context manager that measures the time for loading or compiling kernels. The time of nested
+    blocks counts only once.
+    """
+
+    def __enter__(self) -> None:
+        _times.depth = getattr(_times, "depth", 0) + 1
+        if _times.depth == 1:
+            _times.began = time.perf_counter()
+
+    def __exit__(self, *error: object) -> None:
+        _times.depth -= 1
+        if _times.depth == 0:
+            _times.spent = seconds_compiling() + time.perf_counter() - _times.began
+
+
+def seconds_compiling() -> float:
+    """Return how many seconds the current thread has spent on loading and compiling kernels."""
+    return float(getattr(_times, "spent", 0.0))
+
+
+def working_time() -> float:
+    """Return seconds on a clock that stands still while the current thread loads or compiles
+    kernels; its zero has no meaning.
+
+    Time limits are compared with this clock. On any other clock, a limit of two seconds is over
+    before a first use has compiled its kernels.
+    """
+    return time.perf_counter() - seconds_compiling()
+
+
+class Stopwatch:
+    """Measure the time since the creation of the stopwatch, without the time for loading and
+    compiling kernels.
+
+    Examples
+    --------
+    >>> watch = Stopwatch()
+    >>> 0 <= watch.seconds < 1
+    True
+    """
+
+    def __init__(self) -> None:
+        self._began = working_time()
+
+    @property
+    def seconds(self) -> float:
+        """Return the seconds since the creation of the stopwatch, without the time for loading and
+        compiling kernels.
+        """
+        return working_time() - self._began

@@ -1,19 +1,23 @@
-"""Loading and calling of machine code from the cache without Numba. The import of Numba takes
-longer than most commands of Shoal.
+"""What Shoal takes from Numba's inside in order to call machine code without Numba.
 
-The machine code of kernels needs LLVM's loader and the modules of Numba that are written in C.
+The import of Numba takes longer than most commands of Shoal. The machine code of kernels needs only
+LLVM's loader, which is public (llvmlite), and three modules of Numba that are written in C:
+`_dynfunc` makes the function object and holds its constants, `_helperlib` and `_nrt_python` define
+the symbols that machine code calls. No other module of Shoal uses them. `compiler` subclasses
+Numba's compiler.
+
+Tested with the versions of Numba in `TESTED`. With any other version, and if the environment
+variable SHOAL_PLAIN_KERNELS is set, Shoal uses neither this module nor its own compiler:
+`numba.njit` compiles and calls kernels, in each process again.
 """
 
 from __future__ import annotations
 
 import builtins
 import ctypes
-import hashlib
-import os
-import pickle
+import re
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cache
 from importlib.machinery import PathFinder
 from importlib.util import find_spec, module_from_spec
@@ -22,14 +26,13 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-import llvmlite
 import numpy as np
 from llvmlite import binding
 
 from shoal.core.dataclass import dataclass
-from shoal.core.files import with_checksum, without_checksum
-from shoal.core.notices import tell_once
-from shoal.jit.folders import folder_of, kernel_name, part_of, stamp
+
+TESTED = ("0.68.",)
+"""Beginnings of the versions of Numba whose inside is as this module expects it."""
 
 _C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = (
     0x1,
@@ -97,79 +100,27 @@ def compiled_form(kinds: Any) -> Any:
     number with equal bits.
     """
     if not isinstance(kinds, tuple):
-        return _SAME.get(kinds, kinds)
+        return (
+            (kinds, fields)
+            if (fields := getattr(kinds, "_fields", None))
+            else _SAME.get(kinds, kinds)
+        )
     if kinds and isinstance(kinds[0], np.dtype):
         order = kinds[2] & _C_ORDER or kinds[2] & _FORTRAN_ORDER
         return *kinds[:2], order | kinds[2] & _ALIGNED_AND_WRITABLE
     return tuple(compiled_form(each) for each in kinds)
 
 
-def load_machine_code(function: Callable[..., Any], kinds: Any) -> Any:
-    """Load a kernel's machine code for given argument types from the cache, or return None if Numba
-    must compile the kernel.
-    """
-    with suppress(
-        Exception
-    ):  # no file, a damaged one, or one that this version of Python cannot read
-        file = _file_of(function, kinds)
-        if file is not None:
-            header, content = _header(file, function), without_checksum(file.read_bytes())
-            if content.startswith(header):
-                return _linker().link(pickle.loads(content[len(header) :]), function)
-    return None
-
-
-def save_machine_code(function: Callable[..., Any], kinds: Any, stored: bytes) -> None:
-    """Write a kernel's pickled machine code for given argument types to the cache."""
-    file = _file_of(function, kinds)
-    if file is None:
-        return
-    temporary = file.with_suffix(f".{os.getpid()}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(with_checksum(_header(file, function) + stored))
-        temporary.replace(file)
-    except OSError as error:
-        tell_once(f"compiled kernels cannot be kept in {file.parent}: {error.strerror or error}")
-        with suppress(OSError):
-            temporary.unlink()
-
-
-def _header(file: Path, function: Callable[..., Any]) -> bytes:
-    """Return the beginning of a cache file: what it was compiled from, and its name, so that no
-    file is taken for another one.
-    """
-    return stamp(part_of(function)) + file.name.encode() + b"\n"
-
-
-def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
-    folder = folder_of(Path(function.__code__.co_filename).parent)
-    digest = hashlib.blake2b(
-        repr((compiled_form(kinds), _maker())).encode(), digest_size=8
-    ).hexdigest()
-    return folder and folder / f"{kernel_name(function)}-{digest}.kernel"
-
-
 @cache
-def _maker() -> tuple[Any, ...]:
-    """Return the data that, with the source of a kernel, determine its machine code: versions,
-    settings and the processor.
-    """
-    versions = (
-        (_folder_of_numba() / "_version.py").read_bytes(),
-        llvmlite.__version__,
-        sys.implementation.cache_tag,
-    )
-    settings = sorted(
-        (name, value) for name, value in os.environ.items() if name.startswith("NUMBA_")
-    )
-    return (
-        *versions,
-        settings,
-        binding.get_process_triple(),
-        binding.get_host_cpu_name(),
-        binding.get_host_cpu_features().flatten(),
-    )
+def version_of_numba() -> str:
+    """Return the version of the installed Numba, without importing Numba."""
+    found = re.search(r'"version": "([^"]+)"', (_folder_of_numba() / "_version.py").read_text())
+    return found[1] if found else "unknown"
+
+
+def numba_is_tested() -> bool:
+    """Return whether Shoal knows the inside of the installed Numba."""
+    return version_of_numba().startswith(TESTED)
 
 
 def _folder_of_numba() -> Path:
@@ -243,3 +194,8 @@ class _Linker:
 @cache
 def _linker() -> _Linker:
     return _Linker()
+
+
+def link(stored: MachineCode, function: Callable[..., Any]) -> Any:
+    """Load machine code and return the kernel as a Python function."""
+    return _linker().link(stored, function)

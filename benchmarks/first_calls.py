@@ -1,10 +1,10 @@
-"""Write the archives of lowered kernels, ``src/shoal/*/kernels/lowered.zip``, that do not fit their
-kernels: ``make kernels``.
+"""Compile what most kinds of runs need, before several processes would do it at once: play each
+kind of run once, each quick.
 
-python -m benchmarks.lowered [--all | --compile] [--parts swarm steering search jit]
+python -m benchmarks.first_calls [swarm steering search jit] [--archives]
 
-Plays all kinds of runs once, each quick. With ``--compile`` nothing is written, but what they need
-is in the cache afterwards.
+With ``--archives`` (``make kernels``), all kinds are played, and the archives of lowered kernels,
+``src/shoal/*/kernels/lowered.zip``, get what they miss and lose what no first call needs.
 """
 
 from __future__ import annotations
@@ -13,12 +13,9 @@ import argparse
 import contextlib
 import io
 import os
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
-PARTS = Path(__file__).parent.parent / "src" / "shoal"
 RING = "POLYGON_((0_0,_4_0,_4_4,_0_4,_0_0),_(1_1,_2_1,_2_2,_1_2,_1_1))"
 SMALL = "map rectangle:9x9 --particles 3"
 COMMANDS = {
@@ -123,45 +120,30 @@ def play_steering_batch() -> None:
         batch.send(np.zeros((2, 2)))
 
 
-def write(parts: list[str]) -> None:
-    """Compile the kernels of some parts and write their archives."""
-    from numba.core.ir import Loc
+def write_archives() -> None:
+    """Play everything, and write the archives that do not fit it."""
+    for name in [name for name in os.environ if name.startswith("NUMBA_")]:
+        del os.environ[name]  # archives hold what Numba compiles without settings
+    from shoal.jit.lowered import record
 
-    from shoal.jit import lowered
-
-    # Some kernels hold places in Numba's sources for error messages: those are to name no folder of
-    # this machine.
-    begin = Loc.__init__
-    Loc.__init__ = lambda self, filename, *more, **others: begin(
-        self, os.path.basename(filename), *more, **others
-    )
-    lowered.noted = {}
-    play(parts)
-    for part in parts:
-        file = lowered.write(PARTS / part / "kernels")
-        print(f"{file.relative_to(PARTS)}: {file.stat().st_size // 1024} KiB")
+    with record() as changes:
+        play(list(COMMANDS))
+    for file, (added, removed) in sorted(changes.items()):
+        size = file.stat().st_size // 1024
+        print(f"{file}: {added} kernels added, {removed} removed, {size} KiB")
+    if not changes:
+        print("all archives fit")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--parts", nargs="+", choices=COMMANDS, default=list(COMMANDS))
-    parser.add_argument("--all", action="store_true")
-    parser.add_argument("--compile", action="store_true")
-    given = parser.parse_args()
-    if given.compile:
-        play(given.parts)
-        return
-    from shoal.jit import lowered
-
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["SHOAL_CACHE"] = folder
-        write(
-            [
-                part
-                for part in given.parts
-                if given.all or not lowered.fits(PARTS / part / "kernels")
-            ]
-        )
+    parser.add_argument("parts", nargs="*", metavar="part", help=", ".join(COMMANDS))
+    parser.add_argument("--archives", action="store_true")
+    options = parser.parse_args()
+    if options.archives:
+        write_archives()
+    else:
+        play(options.parts or list(COMMANDS))
 
 
 if __name__ == "__main__":
