@@ -124,9 +124,9 @@ def write_archives() -> None:
     """Play everything, and write the archives that do not fit it."""
     for name in [name for name in os.environ if name.startswith("NUMBA_")]:
         del os.environ[name]  # archives hold what Numba compiles without settings
-    from shoal.jit.lowered import record
+    from shoal.jit.lowered import record_kernels
 
-    with record() as changes:
+    with record_kernels() as changes:
         play(list(COMMANDS))
     for file, (added, removed) in sorted(changes.items()):
         size = file.stat().st_size // 1024

@@ -64,7 +64,7 @@ def test_whole_files_are_taken_and_every_format_is_among_them(every, tmp_path):
             assert not seen
     suffixes = [
         ("map ", MAPS),
-        ("region ", (*_READERS, _LAYERED)),
+        ("region ", (*_READERS, *_LAYERED)),
         ("mission ", MISSIONS),
         ("workspace ", SUFFIXES),
     ]

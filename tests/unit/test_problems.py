@@ -149,7 +149,6 @@ def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
             ["drive", "line:7", "--rig", "simulated", "--end-after", "60"],
             "end-after: expected a rig behind a connection",
         ),
-        (["drive", "--rig", "exec:true", "--rule", "block"], "rule: expected the rig simulated"),
         (["search", "square:60", "--detection", "1"], "detection: expected targets"),
         (
             ["search", "square:60", "--launch", "1,1", "--starts", "random"],

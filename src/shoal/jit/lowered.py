@@ -7,7 +7,7 @@ member contains a digest of all that was compiled. So a member either fits what 
 run does not find it and Numba compiles the kernel from its source: a changed docstring, comment or
 layout changes no name, and a changed kernel those of the kernels that call it.
 
-``make kernels`` (`record`) adds missing members and removes those that no first call needs. The
+``make kernels`` (`record_kernels`) adds missing members and removes those that no first call needs. The
 file docs/adr/0017-kernels-keyed-by-content.md contains the measurements.
 """
 
@@ -38,7 +38,9 @@ if TYPE_CHECKING:
 
 NAME = "lowered.zip"
 _IMPORTED = time.time_ns()  # sources that are newer may differ from what the process has imported
-_recorded: dict[Path, dict[str, bytes]] | None = None  # of the members in use, while `record` runs
+_recorded: dict[Path, dict[str, bytes]] | None = (
+    None  # of the members in use, while `record_kernels` runs
+)
 
 
 def load_lowered(kernel: Any, kinds: Any) -> MachineCode | None:
@@ -61,7 +63,7 @@ def load_lowered(kernel: Any, kinds: Any) -> MachineCode | None:
 
 
 def is_recording() -> bool:
-    """Return whether `record` runs."""
+    """Return whether `record_kernels` runs."""
     return _recorded is not None
 
 
@@ -77,14 +79,14 @@ def is_lowered(kernel: Any, kinds: Any) -> bool:
 
 
 def note_lowered(kernel: Any, kinds: Any, content: bytes) -> None:
-    """Record the lowered code of a kernel that was compiled, if `record` runs."""
+    """Record the lowered code of a kernel that was compiled, if `record_kernels` runs."""
     if _recorded is not None and Path(kernel.function.__code__.co_filename).is_file():
         folder, name = _member(kernel, kinds)
         _recorded.setdefault(folder, {})[name] = content
 
 
 @contextmanager
-def record() -> Iterator[dict[Path, tuple[int, int]]]:
+def record_kernels() -> Iterator[dict[Path, tuple[int, int]]]:
     """Write the archives anew with the kernels that the block calls.
 
     Yields

@@ -100,7 +100,9 @@ def _registered(find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]]) 
     return {
         "check": check,
         "dump": lambda given: name_of(given, find()[0]),
-        "names": lambda: find()[0],
+        "names": lambda: sorted(
+            find()[0], key=lambda name: name != "best"
+        ),  # the others as registered
     }
 
 
