@@ -725,6 +725,7 @@ def test_maps_says_what_it_reads(tmp_path, capsys):
         3,
         pytest.approx(36 / 59),
     )
+    assert told["free_share"] == pytest.approx(told["free_cells"] / 360)
     assert told["place"] == {"rows": [3, 5], "columns": [2, 13]}
     assert shoal(["maps", str(path), "--largest-component", "--scale", "2", "--json"]) == 0
     told = as_json(capsys)

@@ -100,7 +100,8 @@ def _show(
     if out is not None:
         write_map(workspace, out)
     of_file = problem.place_is_file()
-    parts = _parts(read, problem) if of_file or problem.largest_component else {}
+    described = of_file or problem.largest_component
+    parts = _parts(read, workspace.n_free, problem) if described else {}
     if json_:
         print_json(_told(workspace) | parts | {"file": None if out is None else str(out)})
     elif out is not None or workspace.ndim == 3 or of_file:
@@ -110,15 +111,15 @@ def _show(
         print(workspace)
 
 
-def _parts(read: GridWorkspace, problem: SwarmProblem) -> dict[str, Any]:
+def _parts(read: GridWorkspace, n_free: int, problem: SwarmProblem) -> dict[str, Any]:
     """Return the number of parts of a map, the share of the largest part, and its place in the
-    file, or with a width in the map.
+    file, or with a width in the map. ``n_free`` is the number of free cells that are kept.
     """
     from shoal.swarm.maps.resampling import parts_of
 
     found = parts_of(read.free)
     size = {
-        "free_share": read.n_free / read.free.size,
+        "free_share": n_free / read.free.size,
         "spacing": None if read.spacing is None else list(read.spacing),
     }
     if found is None:
