@@ -79,9 +79,8 @@ def play(parts: list[str]) -> None:
     from shoal.cli import run
 
     for command in (command for part in parts for command in COMMANDS[part]):
-        words = [
-            word.replace("_", " ") for word in command.split()
-        ]  # an underscore is a blank within a word
+        # an underscore is a blank within a word
+        words = [word.replace("_", " ") for word in command.split()]
         with contextlib.redirect_stdout(io.StringIO()):
             code = run([*words, "--json"])
         if code:

@@ -34,13 +34,8 @@ PLACES = (
     ("OR", "Hood River"),
     ("HI", "Kauai"),
 )
-LAKES = (
-    (0.15, 1.0),
-    (0.3, 1.0),
-    (0.25, 2.0),
-    (0.2, 3.0),
-    (0.4, 1.3),
-)  # how rough the shore is, and length over width
+# how rough the shore is, and length over width
+LAKES = (0.15, 1.0), (0.3, 1.0), (0.25, 2.0), (0.2, 3.0), (0.4, 1.3)
 
 
 def held_out_outlines() -> dict[str, Any]:

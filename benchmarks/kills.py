@@ -174,9 +174,8 @@ def kill(spec: Path, store: Path, kills: int) -> list[str]:
                 if coordinator.returncode not in (0, 130, -9)
                 else []
             )
-            if (
-                done_in(store) and coordinator.returncode == 0
-            ):  # begun anew: what is complete cannot be killed
+            # begun anew: what is complete cannot be killed
+            if done_in(store) and coordinator.returncode == 0:
                 store.unlink()
             coordinator = None
     if coordinator is not None:
@@ -290,9 +289,8 @@ def main() -> None:
         else (int(sys.argv[1]), 20)
     )
     random.seed(5)
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # a shell's background ignores it, and so would the sweeps
+    # a shell's background ignores it, and so would the sweeps
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "kills").mkdir()

@@ -43,19 +43,13 @@ FIRST_SEED, UNSEEN_SEED = 100_000, 910_000
 MAPS, STOPS, CELLS = 1120, 14, 220  # maps; states of each, at most; cells of each state, at most
 HIDDEN, SECOND, EPOCHS, BATCH, RATE = 64, 32, 25, 1024, 2e-3
 SIZES = {"first": (KINDS * SPAN * SPAN, HIDDEN), "second": (HIDDEN, SECOND), "last": (SECOND, 1)}
-SPREADS = {
-    "first": 1 / 80,
-    "second": 2 / HIDDEN,
-    "last": 1 / SECOND,
-}  # variances of the weights at first: 80 cells are known or so
+# variances of the weights at first: 80 cells are known or so
+SPREADS = {"first": 1 / 80, "second": 2 / HIDDEN, "last": 1 / SECOND}
 UNKNOWN, FREE, WALL = 0, 1, 2
 SIDES = ((0, 1), (1, 0), (0, -1), (-1, 0))  # where the way in is, for l, u, r, d
 HTREES = (300, 700, 1200, 2000, 3100, 4000, 7000, 9000)
-WIDTHS = {
-    "AREA_PER_CELL": (1.2, 2.4),
-    "TIP_WIDTH": (1.0, 1.9),
-    "TRUNK_WIDTH": (2.2, 6.5),
-}  # of odd vessels
+# of odd vessels
+WIDTHS = {"AREA_PER_CELL": (1.2, 2.4), "TIP_WIDTH": (1.0, 1.9), "TRUNK_WIDTH": (2.2, 6.5)}
 
 
 def draw_odd_vessels(rng, seed, share=1.0):

@@ -280,9 +280,8 @@ def draw(curves: dict[str, tuple[NDArray[np.float64], NDArray[np.bool_]]], image
             n, free = int(inside.sum()), int(true[inside].sum())
             if n < 20:
                 continue
-            centre = (free + 2) / (
-                n + 4
-            )  # Agresti and Coull: an interval that is right for shares near 0 and 1, too
+            # Agresti and Coull: an interval that is right for shares near 0 and 1, too
+            centre = (free + 2) / (n + 4)
             spread = 2 * np.sqrt(centre * (1 - centre) / (n + 4))
             xs.append(logit(stated[inside].mean()))
             ys.append(logit(np.clip(free / n, 0.5 / n, 1 - 0.5 / n)))

@@ -105,9 +105,8 @@ def measure(kind: str, command: str, source: Path, unit: float) -> float:
     first time.
     """
     copy_sources(source)
-    words = tuple(
-        word.replace("_", " ") for word in command.split()
-    )  # an underscore is a blank within a word
+    # an underscore is a blank within a word
+    words = tuple(word.replace("_", " ") for word in command.split())
     run = ("-c", "from shoal.cli import main; main()", *words)
     cpu_seconds("-c", BYTE_CODE, source=source)  # which is no part of it
     first = cpu_seconds(*run, source=source)

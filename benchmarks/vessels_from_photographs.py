@@ -87,9 +87,8 @@ class Eye:
         self.fovea = self.centre + np.array([rng.normal(0, 12), -self.side * rng.uniform(20, 50)])
         self.truth: Mask = np.zeros((HEIGHT, WIDTH), dtype=bool)
         self.depth = np.zeros((HEIGHT, WIDTH))
-        for kind in range(
-            2
-        ):  # veins, then arteries: thinner, fainter, with a reflex along the middle
+        # veins, then arteries: thinner, fainter, with a reflex along the middle
+        for kind in range(2):
             self._grow(kind)
         self.truth &= self.view
         self.picture = self._photograph(rows, columns)
@@ -185,9 +184,8 @@ class Eye:
                 rows - self.disc[0], (columns - self.disc[1]) * rng.uniform(1.0, 1.15)
             )
             ground += bright / (1 + np.exp((from_disc - radius) / 1.5))
-        for _ in range(
-            rng.poisson(6) if rng.random() < 0.4 else 0
-        ):  # lesions: bright ones and dark ones
+        # lesions: bright ones and dark ones
+        for _ in range(rng.poisson(6) if rng.random() < 0.4 else 0):
             turn, far = rng.uniform(0, 2 * np.pi), rng.uniform(40, 230)
             place, size = (
                 self.centre + far * np.array([np.sin(turn), np.cos(turn)]),

@@ -43,10 +43,8 @@ version of Shoal.
 | command | what it does |
 |---|---|
 """
-ARGUMENTS, OPTIONS = (
-    "Arguments",
-    "Options",
-)  # headings of tables; other options have the heading of their fields
+# headings of tables; other options have the heading of their fields
+ARGUMENTS, OPTIONS = "Arguments", "Options"
 
 
 def commands() -> str:

@@ -71,9 +71,8 @@ def _piece(corners: Vector, i: int, s: Vector, *, line3: bool, line11: bool) -> 
     heights[[i, following]] = 0.0
     sign, ends = 1.0, [s[0] + s[1] - a, s[0] + s[1] - b]
     if line3:
-        near = int(
-            _across(along, s[1] - a) < _across(along, s[0] - a)
-        )  # 1: particle 2 is nearer, as the printed signs have it
+        # 1: particle 2 is nearer, as the printed signs have it
+        near = int(_across(along, s[1] - a) < _across(along, s[0] - a))
         sign, shift = (1.0, s[0] - s[1]) if near else (-1.0, s[1] - s[0])
         ends = [a + shift, b + shift]
     level = _across(along, ends[0] - a)

@@ -161,9 +161,8 @@ def _outline() -> tuple[str, bool]:
     off = [0.0, 0.0]
     for ahead in _unit((np.arange(45) + 0.5) * 2 * pi / 45):
         low, high = 0.0, 2 * r
-        for _ in range(
-            24
-        ):  # the reachable set contains 0, and each point between 0 and a reachable difference
+        # the reachable set contains 0, and each point between 0 and a reachable difference
+        for _ in range(24):
             middle = (low + high) / 2
             low, high = (
                 (low, middle)
@@ -207,9 +206,8 @@ def _inequalities() -> tuple[str, bool]:
         state = world.step(np.stack([r * e, other]), push)
         delta, centre = state[1] - state[0], -r * e
         inside = float((delta - centre) @ (delta - centre)) <= r * r + 1e-9
-        above = (
-            float((delta - centre) @ e) >= (r - depth) - 1e-9
-        )  # r cos γ, γ the half angle of the chord at that depth
+        # r cos γ, γ the half angle of the chord at that depth
+        above = float((delta - centre) @ e) >= (r - depth) - 1e-9
         corrected += inside and above
         reversed_ += not inside and not above
         count += 1

@@ -121,10 +121,8 @@ def _published_coverage() -> tuple[str, bool]:
         int(n): (float(mean), float(std))
         for n, mean, std in zip(curve.x, curve.mean, curve.std, strict=True)
     }
-    mean, error = (
-        there[1000][0],
-        there[1000][1] / 2000**0.5,
-    )  # 2000 trials for each point of the curve
+    # 2000 trials for each point of the curve
+    mean, error = there[1000][0], there[1000][1] / 2000**0.5
     other = Line(5000, 1000)
     exact, theirs = float(other.coverage.exact), float(other.published_coverage)
     found = (

@@ -214,12 +214,8 @@ def _replayed(places: list[Vector], moves: list[Vector]) -> list[Vector]:
     for x, y in moves:
         after = []
         for px, py in places:
-            gaps = [
-                (px, x),
-                (1 - px, -x),
-                (py, y),
-                (1 - py, -y),
-            ]  # distance from each wall, and motion away from the wall
+            # distance from each wall, and motion away from the wall
+            gaps = [(px, x), (1 - px, -x), (py, y), (1 - py, -y)]
             length = (x * x + y * y) ** 0.5
             held = any(gap <= 1e-9 and away <= 1e-9 * length for gap, away in gaps)
             share = (

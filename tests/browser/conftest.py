@@ -58,9 +58,8 @@ class Visitor:
         self.requests: list[str] = []
         self.messages: list[str] = []
         self.contexts: list[BrowserContext] = []
-        self.plain = (
-            self.page()
-        )  # serves every test that needs no special context: a new one costs 0.4 s
+        # serves every test that needs no special context: a new one costs 0.4 s
+        self.plain = self.page()
 
     def page(self, **options: Any) -> Page:
         context = self.browser.new_context(

@@ -580,9 +580,8 @@ def test_it_says_what_is_out_of_reach_and_how_long_a_cell_is(open_player):
     bar = page.locator("#scaleBar").bounding_box()["width"]
     picture = page.locator("#picture").bounding_box()
     assert 20 < bar < 140
-    assert (
-        bar / millimetres * 0.5 * 11 <= picture["width"]
-    )  # eleven columns of half a millimetre fit the stage
+    # eleven columns of half a millimetre fit the stage
+    assert bar / millimetres * 0.5 * 11 <= picture["width"]
     page.mouse.move(picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2)
     page.mouse.wheel(0, -600)
     until(
@@ -596,9 +595,8 @@ def test_it_says_what_is_out_of_reach_and_how_long_a_cell_is(open_player):
 def test_thousands_of_particles_are_in_the_picture(open_player):
     side = 72
     free = {(r, c) for r in range(side) for c in range(side)}
-    start = [
-        (r, c) for r, c in sorted(free) if c < side - 1
-    ]  # all but the last column: more than are drawn one by one
+    # all but the last column: more than are drawn one by one
+    start = [(r, c) for r, c in sorted(free) if c < side - 1]
     page = open_player(episode(free, (side, side), start, "r") | {"playing": False})
     orange = """() => {
       const canvas = document.getElementById("picture"), { width, height } = canvas;

@@ -132,9 +132,8 @@ def test_a_region_a_zone_and_a_launch_point_are_drawn(page: Page, studio: Studio
     page.locator(".plane").scroll_into_view_if_needed()
     box = page.locator(".plane").bounding_box()
     assert box is not None
-    scale = min(
-        (box["width"] - 72) / 500, (box["height"] - 72) / 300
-    )  # an empty canvas shows 500 by 300 m
+    # an empty canvas shows 500 by 300 m
+    scale = min((box["width"] - 72) / 500, (box["height"] - 72) / 300)
 
     def click(some: list[tuple[float, float]]) -> None:
         for point in some:
@@ -283,10 +282,8 @@ def test_a_picture_lies_where_two_points_of_it_are_known(page: Page, studio: Stu
     page.get_by_text("A picture below").click()
     page.get_by_label("Picture below the canvas").select_option("above.png")
     words = ("column of the picture", "row of the picture", "first coordinate", "second coordinate")
-    for point, values in (
-        (1, (20, 80, 0, 0)),
-        (2, (120, 80, 0, 50)),
-    ):  # 100 pixels to the right are 50 m north
+    # 100 pixels to the right are 50 m north
+    for point, values in ((1, (20, 80, 0, 0)), (2, (120, 80, 0, 50))):
         for what, value in zip(words, values, strict=True):
             page.get_by_label(f"Point {point}, {what}").fill(str(value))
     page.get_by_role("button", name="Place the picture").click()

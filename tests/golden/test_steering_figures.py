@@ -116,9 +116,8 @@ def test_four_moves_of_the_square_miss_one_corner() -> None:
 def test_four_moves_of_a_triangle_may_miss_much() -> None:
     missing = 1 - polygon_fractions(regular_polygon(3), (0.43, 0.36), moves=4).fractions[1]
     assert 0.03 < missing < 0.10
-    assert (
-        polygon_fractions(polygon([(0, 0), (1, 0), (0.3, 0.25)]), (0.4, 0.1)).moves == 6
-    )  # obtuse: six, as the paper has it
+    # obtuse: six, as the paper has it
+    assert polygon_fractions(polygon([(0, 0), (1, 0), (0.3, 0.25)]), (0.4, 0.1)).moves == 6
 
 
 def test_areas_of_polygons_agree_with_sampled_sets() -> None:
@@ -127,17 +126,15 @@ def test_areas_of_polygons_agree_with_sampled_sets() -> None:
     steps = (np.arange(60) + 0.5) / 30 - 1
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     sampled = [reach.contains(grid[space.depth(grid) > 0]).mean() for reach in filling.sets]
-    assert (
-        round(100 * filling.fractions[0], 2) == 15.54
-    )  # as the command, its figure and the union of all pieces have it
+    # as the command, its figure and the union of all pieces have it
+    assert round(100 * filling.fractions[0], 2) == 15.54
     np.testing.assert_allclose(filling.fractions, sampled, atol=1e-2)
     reach = polygon_reach(regular_polygon(5), (0.2, 0.1), moves=4)[1]
     ahead = np.array([(np.cos(angle), np.sin(angle)) for angle in np.linspace(0, 6, 200)])
     radii = polygon_radii(reach, ahead)[:, None]
     assert reach.contains(0.995 * radii * ahead).all()
-    assert (
-        reach.contains((1.01 * radii + 1e-3) * ahead).mean() < 0.1
-    )  # at some contacts it steps down a little later
+    # at some contacts it steps down a little later
+    assert reach.contains((1.01 * radii + 1e-3) * ahead).mean() < 0.1
 
 
 def test_the_printed_error_law_is_that_of_particle_2_always_touching() -> None:

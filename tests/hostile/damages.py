@@ -257,9 +257,8 @@ def _in_zip(content: bytes, chance: random.Random) -> bytes:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     name = chance.choice([*members])
-    ahead = (
-        128 if name.endswith(".npy") and chance.random() < 0.7 else 0
-    )  # the header of an array stays what it is
+    # the header of an array stays what it is
+    ahead = 128 if name.endswith(".npy") and chance.random() < 0.7 else 0
     if name.startswith("header"):  # of an episode: JSON as an array of bytes
         body = damaged("a.json", members[name][128:], chance)
         array = io.BytesIO()

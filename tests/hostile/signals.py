@@ -42,10 +42,8 @@ STEER = (
     '{"kind": "steering", "workspace": "hexagon", "start": [[0.1, 0.1], [0.2, 0.1]], "goal": [[0.1,'
     " 0.2], [0.2, 0.2]]}"
 )
-_BEFORE_OURS = (
-    "init_import_site",
-    "Could not import runpy",
-)  # what Python says that a signal meets before any of our code
+# what Python says that a signal meets before any of our code
+_BEFORE_OURS = "init_import_site", "Could not import runpy"
 SHOAL = [sys.executable, "-m", "shoal"]
 
 
@@ -79,12 +77,8 @@ def interrupted(words: list[str], out: Path, after: float, number: int) -> list[
     ]
     most = 5 if words[0] in {"map", "cover"} else 1  # these write the unfinished episode
     wrong = [f"{took:.1f} s"] if process.returncode not in (0, 1) and took > most else []
-    if process.returncode not in (
-        130,
-        0,
-        1,
-        -number,
-    ):  # the last while Python itself begins or ends: shells tell it as 130, too
+    # the last while Python itself begins or ends: shells tell it as 130, too
+    if process.returncode not in (130, 0, 1, -number):
         wrong.append(f"exit code {process.returncode}: {said[-1500:]}")
     if (len(ours) > 1 and process.returncode == 130) or "Traceback" in said or "Exception" in said:
         wrong.append(said)
@@ -113,9 +107,8 @@ def main() -> int:
     parser.add_argument("--signal", default="SIGINT")
     parser.add_argument("--only", default="", help="commands that begin so")
     options = parser.parse_args()
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # a shell's background ignores it, and so would the commands
+    # a shell's background ignores it, and so would the commands
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     chance = random.Random(1)
     failures = 0
     with tempfile.TemporaryDirectory() as name:

@@ -29,11 +29,8 @@ from shoal.swarm.maps.files import FORMATS as MAPS
 
 ROOT = Path(__file__).parents[2]
 FILES = 10  # of each format
-FOUND = {
-    "saved steering.json": 2108,
-    "saved search.json": 105,
-    "studio jobs": 500086,
-}  # seeds that were taken wrongly once
+# seeds that were taken wrongly once
+FOUND = {"saved steering.json": 2108, "saved search.json": 105, "studio jobs": 500086}
 LEAST = 20  # kinds of hostile files, for each reader
 CONFINED = """
 import os, socket, sys

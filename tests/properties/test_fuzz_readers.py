@@ -201,9 +201,8 @@ ANYTHING = st.one_of(
             "subset-coverage:fraction=2",
         ]
     ),
-    st.text(
-        alphabet=st.characters(blacklist_characters=":"), max_size=5
-    ),  # a colon would import a module of that name
+    # a colon would import a module of that name
+    st.text(alphabet=st.characters(blacklist_characters=":"), max_size=5),
     st.lists(st.integers(-1, 9), max_size=4),
 )
 
@@ -229,9 +228,8 @@ def test_episodes_with_other_contents(arrays, fields, missing):
 
 # What users type
 
-NUMBERS = st.text(
-    alphabet="0123459xX:+-. ²٣", max_size=4
-)  # few digits: a large map takes long, which is no fault
+# few digits: a large map takes long, which is no fault
+NUMBERS = st.text(alphabet="0123459xX:+-. ²٣", max_size=4)
 LARGE = st.sampled_from(
     ["9" * 12, "1" * 300, "99999999x99999999", "1x" + "9" * 500, "-" + "9" * 99, "5:" + "9" * 300]
 )
@@ -251,9 +249,8 @@ def test_names_of_maps(name, colon, size):
 @settings(max_examples=100)
 @given(st.one_of(st.text(max_size=30), st.text(alphabet="mazelin:x./\\\x00\t9", max_size=12)))
 def test_names_of_maps_of_any_text(text):
-    text = text.replace(
-        "\n", " "
-    )  # the command line makes one line of a file name that has several
+    # the command line makes one line of a file name that has several
+    text = text.replace("\n", " ")
     free = answer(generators.generate, text)
     assert free is None or free.any()
     assert_is_workspace(answer(open_map, text))

@@ -58,9 +58,8 @@ def test_every_format_keeps_a_mission(tmp_path_factory, mission):
         assert (ours.speed, ours.altitude) == pytest.approx(
             (mission.speed, mission.altitude), abs=1e-8
         )
-        assert (
-            ours.autopilot == mission.autopilot or path.suffix == ".waypoints"
-        )  # which does not say
+        # which does not say
+        assert ours.autopilot == mission.autopilot or path.suffix == ".waypoints"
     assert not {diagnostic.rule for diagnostic in lint(folder) if diagnostic.severity == "error"}
 
 
@@ -144,13 +143,11 @@ def test_splitting_keeps_the_way_and_its_limits(way, cap, limit, fly):
 def test_missions_on_earth_lie_where_the_route_does(way, longitude, latitude):
     frame = LocalFrame(longitude, latitude)
     (mission,) = missions_of(way, frame)
-    half = (
-        0.5e-8 * 111_700 * 2**0.5
-    )  # metres: the last decimal of a file's degrees, rounded in both directions
+    # metres: the last decimal of a file's degrees, rounded in both directions
+    half = 0.5e-8 * 111_700 * 2**0.5
     assert distance_to_way(frame.to_metres(mission.waypoints), way) <= half
-    assert (
-        np.abs(mission.waypoints - np.round(mission.waypoints, 8)).max() <= 1e-11
-    )  # a file loses nothing more
+    # a file loses nothing more
+    assert np.abs(mission.waypoints - np.round(mission.waypoints, 8)).max() <= 1e-11
     assert (
         shapely.hausdorff_distance(*map(line_of, (way, frame.to_metres(mission.waypoints))))
         <= 0.0011

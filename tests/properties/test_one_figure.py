@@ -220,9 +220,8 @@ def test_an_image_turns_with_its_vehicle():
     for angle in (0.0, 30.0, 77.0):
         way = 30 * np.array([(0.0, 0.0), (np.cos(np.radians(angle)), np.sin(np.radians(angle)))])
         seen = coverage_check(square, [way], 20.0, image=wide)
-        assert 40_000 - seen.uncovered_m2 == pytest.approx(
-            30 * (30 + 20), rel=1e-6
-        )  # as wide as 1.5, as long as the leg and 1
+        # as wide as 1.5, as long as the leg and 1
+        assert 40_000 - seen.uncovered_m2 == pytest.approx(30 * (30 + 20), rel=1e-6)
     north = coverage_check(
         square, [[(0.0, 0.0), (30.0, 0.0)]], 20.0, image=Image(1.5, 1.0, yaw=0.0)
     )

@@ -10,9 +10,8 @@ from tests.swarm_runs import run
 
 from shoal.swarm import Board, GridLayout, GridWorkspace, GridWorld, Mapping, SwarmEpisode
 
-TURNED = dict(
-    zip("lurd", "dlur", strict=True)
-)  # a quarter turn to the left takes left to down, up to left, ...
+# a quarter turn to the left takes left to down, up to left, ...
+TURNED = dict(zip("lurd", "dlur", strict=True))
 
 
 @given(swarms(), st.sampled_from(RULES), st.data())

@@ -30,9 +30,8 @@ def way_of_plan(path):
     last = mission["items"][-1]
     assert last["command"] in (20, 21)
     end = (west, south) if last["command"] == 20 else (last["params"][5], last["params"][4])
-    up = (
-        [(west, south, points[0][2])] if mission["vehicleType"] == 2 else []
-    )  # a fixed wing climbs on its way to the first one
+    # a fixed wing climbs on its way to the first one
+    up = [(west, south, points[0][2])] if mission["vehicleType"] == 2 else []
     down = [] if mission["vehicleType"] == 10 else [(*end, points[-1][2])]
     return [(west, south, 0.0), *up, *points, *down, (*end, 0.0)]
 
@@ -142,11 +141,8 @@ def narrow_turns(way, radius):
             "no bend is a corner"
         )
     needs = [0.0, *(radius * math.tan(math.radians(bend) / 2) for bend in bends), 0.0]
-    turned = [
-        0.0,
-        *(radius * ROUNDING / length for _, _, length in legs),
-        0.0,
-    ]  # what rounding may turn each leg by, as a need
+    # what rounding may turn each leg by, as a need
+    turned = [0.0, *(radius * ROUNDING / length for _, _, length in legs), 0.0]
     return [
         (bearing, length, one + two)
         for number, ((bearing, _, length), one, two) in enumerate(

@@ -465,9 +465,8 @@ def elect_particle_episode(
     while left > 0 and moves < max_moves:
         put(sources, 0, elected)
         path, _ = find_path(sources, state, frontier, False, ties)
-        if (
-            len(path) == 0
-        ):  # its part of the free space is done: elect the particle nearest to the frontier
+        # its part of the free space is done: elect the particle nearest to the frontier
+        if len(path) == 0:
             path, elected = find_path(occupied_cells(counts, ties), state, frontier, False, ties)
         if len(path) == 0:
             return STALLED, finish(log, moves)

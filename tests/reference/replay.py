@@ -125,9 +125,8 @@ class Scene:
         for k in range(count):
             before, after = first + (k - 1) % count, first + k
             (ux, uy), (vx, vy) = self.segments[before][1], self.segments[after][1]
-            if (
-                ux * vy - uy * vx < 0
-            ):  # more than half a turn of free space at the beginning of ``after``
+            # more than half a turn of free space at the beginning of ``after``
+            if ux * vy - uy * vx < 0:
                 self.reflex[after] = before
 
     def touching(self, place, near):

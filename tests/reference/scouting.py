@@ -27,14 +27,8 @@ LEFT, UP, RIGHT, DOWN, IN, OUT = range(6)
 STEPS = tuple(zip(plain.D_LAYER.tolist(), plain.D_ROW.tolist(), plain.D_COL.tolist(), strict=True))
 BACK = plain.REVERSE.tolist()
 AXIS = (2, 1, 2, 1, 0, 0)
-ACROSS = (
-    (UP, DOWN),
-    (LEFT, RIGHT),
-    (UP, DOWN),
-    (LEFT, RIGHT),
-    (LEFT, RIGHT),
-    (LEFT, RIGHT),
-)  # the sides of a way
+# the sides of a way
+ACROSS = (UP, DOWN), (LEFT, RIGHT), (UP, DOWN), (LEFT, RIGHT), (LEFT, RIGHT), (LEFT, RIGHT)
 
 LONGEST_RUN = 500
 FIRST_STEPS, SECOND_STEPS = 12, 8
@@ -327,18 +321,16 @@ class Scout:
             length, reached = best_length(expected_gains(view, self.tallies, direction), prices, 1)
             if reached > rate:
                 plan, steps, rate = [direction], length, reached
-        if (
-            rate * (prices.scan + 2 * prices.move) < 1
-        ):  # a path of one step is a run that was looked at; one of two may be better
+        # a path of one step is a run that was looked at; one of two may be better
+        if rate * (prices.scan + 2 * prices.move) < 1:
             path = self.path()
             if not path:
                 return [], 0
             if rate * (prices.scan + len(path) * prices.move) < 1:
                 plan, steps, rate = path, 0, 1 / (prices.scan + len(path) * prices.move)
         walk, found = explore(view, self.rule, prices, rate)
-        return (
-            (walk, 0) if found > rate else (plan, steps)
-        )  # a walk as good as the plan may have been found by rounding
+        # a walk as good as the plan may have been found by rounding
+        return (walk, 0) if found > rate else (plan, steps)
 
     def last_run(self, command: int, planned: int) -> int:
         """Return how often to send the last command of a plan."""

@@ -29,9 +29,8 @@ def instances(seed, count):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         shape = [(2, 4), (2, 3), (2, 5), (4, 2)][rng.integers(4)]
-        tour_cost = TourCost(
-            make_tour("hilbert-rectangle", shape)
-        )  # every step is one cell, the closing one, too
+        # every step is one cell, the closing one, too
+        tour_cost = TourCost(make_tour("hilbert-rectangle", shape))
         m = int(rng.integers(1, 4))
         starts = np.sort(rng.integers(0, len(tour_cost), size=m))
         yield tour_cost, starts, m

@@ -198,9 +198,8 @@ def test_two_contacts_of_one_particle_with_one_wall_are_not_always_one():
     """A wall of length 1: the other particle goes from far right of the toucher to far
     left of it.
     """
-    low = [
-        max(0.0, -delta) for delta in (0.9, 0.0, -0.9)
-    ]  # of the contacts on the floor, for which the other particle is inside
+    # of the contacts on the floor, for which the other particle is inside
+    low = [max(0.0, -delta) for delta in (0.9, 0.0, -0.9)]
     high = [min(1.0, 1 - delta) for delta in (0.9, 0.0, -0.9)]
     assert max(low[0], low[2]) > min(high[0], high[2])  # no contact suits the start and the goals
     assert max(low[:2]) <= min(high[:2])

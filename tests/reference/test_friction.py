@@ -142,9 +142,8 @@ def test_no_pushing_crosses_a_barrier(friction):
         points = [tuple(random_point(rng, space).tolist()) for _ in range(2)]
         first = np.subtract(points[1], points[0])
         for count in range(16):
-            if (
-                rng.random() < 0.6
-            ):  # the outermost reactions: the walls' normals, turned by the angle of friction
+            # the outermost reactions: the walls' normals, turned by the angle of friction
+            if rng.random() < 0.6:
                 who, wall = rng.integers(2), walls[rng.integers(len(walls))]
                 nx, ny = contact.normal(wall, points[who])
                 turn = float(rng.choice([-1, 1])) * np.arctan(friction) * 0.999
@@ -177,9 +176,8 @@ def test_the_barrier_of_the_square_is_as_near_as_can_be():
         x, y = rng.random(2) + 0.01
         top, right = b + friction * a, a + friction * b
         same = min(top / (y + friction * x), right / (x + friction * y))
-        after = (
-            friction * max(top, friction**2 * right) / (x + friction * y)
-        )  # or the other way around, through three quadrants
+        # or the other way around, through three quadrants
+        after = friction * max(top, friction**2 * right) / (x + friction * y)
         for goal, reach in (((x, y), same), ((-x, y), after)):
             for share, possible in ((0.98, True), (1.02, False)):
                 wanted = np.array(goal) * (reach * share)

@@ -453,9 +453,8 @@ def test_a_plan_is_completed_and_valued(end):
             plan = planner.trial[:length].copy()
             for move, command in enumerate(plan):
                 forward_model.immediate_gains(planner.scene, state, planner.gains)
-                if (
-                    move > 0 and planner.gains.max() > 0 and classified[-1] > 0
-                ):  # no path is being followed
+                # no path is being followed
+                if move > 0 and planner.gains.max() > 0 and classified[-1] > 0:
                     assert planner.gains[command] == planner.gains.max()
                 classified.append(forward_model.advance(planner.scene, state, np.int64(command)))
                 if classified[-1]:

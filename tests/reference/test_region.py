@@ -85,9 +85,8 @@ def test_as_exact_fractions_say(name):
         state = np.array(points, dtype=float)
         for _move in range(6):
             move = draw_move(rings, points, rng)
-            if (
-                max(abs(move[0]), abs(move[1])) < 1e-6
-            ):  # a corner that a particle is in: rounding has no direction
+            # a corner that a particle is in: rounding has no direction
+            if max(abs(move[0]), abs(move[1])) < 1e-6:
                 continue
             vector = np.array(move, dtype=float)
             held += int(world.held(state, vector).sum())
@@ -118,9 +117,8 @@ def test_random_outlines():
             points = [slow.exact(point) for point in state]
             vector = rng.normal(scale=1.5, size=2)
             wanted = np.array(slow.step(rings, points, slow.exact(vector)), dtype=float)
-            inside = (
-                world.workspace.depth(state) > 1e-8
-            )  # rounding has moved the others off slanted walls
+            # rounding has moved the others off slanted walls
+            inside = world.workspace.depth(state) > 1e-8
             state = world.step(state, vector)
             np.testing.assert_allclose(state[inside], wanted[inside], atol=1e-8)
             assert world.workspace.contains(state).all()

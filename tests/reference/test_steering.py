@@ -70,9 +70,8 @@ def test_steps_are_those_of_the_plain_simulation(kind):
             plain = contact.step(walls, plain, move.tolist(), space.size)
             np.testing.assert_allclose(points, plain, atol=1e-12 * space.size)
             assert space.contains(points).all()
-            plain = [
-                tuple(point) for point in points.tolist()
-            ]  # snapped onto the wall, so that neither drifts
+            # snapped onto the wall, so that neither drifts
+            plain = [tuple(point) for point in points.tolist()]
 
 
 def contacts_on_polygon(space, before, after, sign):

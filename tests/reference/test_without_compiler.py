@@ -263,9 +263,9 @@ def printed():
     takes longer than most.
     """
 
-    def run(
-        **settings,
-    ):  # what is not set is not in the environment: the cache of kernels knows each setting of Numba apart
+    # what is not set is not in the environment: the cache of kernels knows each setting of Numba
+    # apart
+    def run(**settings):
         environment = {
             name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"
         } | settings

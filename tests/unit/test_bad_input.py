@@ -108,9 +108,8 @@ FILES = {
     "cut.jpg": picture("JPEG", cut=500),
     "cut.tif": picture("TIFF", cut=900),
     "cut.bmp": picture("BMP", cut=1500),
-    "zipped.tif": (
-        picture("TIFF", compression="tiff_adobe_deflate").replace(b"x\x9c", b"x\x00")
-    ),  # libtiff prints lines of its own
+    # libtiff prints lines of its own
+    "zipped.tif": (picture("TIFF", compression="tiff_adobe_deflate").replace(b"x\x9c", b"x\x00")),
     "cells.webp": picture("WEBP"),
     "cut.gif": picture("GIF", cut=1500),
     "gif.png": picture("GIF"),
@@ -884,9 +883,8 @@ def full_disk(request, tmp_path, monkeypatch):
 
         def limited(function):
             soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-            monkeypatch.setattr(
-                sys, "dont_write_bytecode", True
-            )  # Python would keep compiled modules that are cut off
+            # Python would keep compiled modules that are cut off
+            monkeypatch.setattr(sys, "dont_write_bytecode", True)
             resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, hard))
             try:
                 return function()

@@ -82,9 +82,8 @@ def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     assert rows_of(tmp_path / "dask") == rows_of(tmp_path / "one")
     with Store(tmp_path / "dask") as store:
         workers = {worker for (worker,) in store.ask("SELECT DISTINCT worker FROM batches")}
-    assert (
-        len(workers) >= 2
-    )  # who gets how much is Dask's choice; the one killed may not have given anything yet
+    # who gets how much is Dask's choice; the one killed may not have given anything yet
+    assert len(workers) >= 2
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -124,14 +124,12 @@ def test_examples_of_help_run():
 
     That of studio serves until somebody ends it: tests/browser/test_studio.py runs it.
     """
-    assert (
-        run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0
-    )  # what replay's example replays
+    # what replay's example replays
+    assert run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0
     write_files_of((ROOT / "docs" / "concepts" / "steering.md").read_text())  # steer's problem.json
     write_files_of((ROOT / "docs" / "how-to" / "sweeps.md").read_text())  # sweep run's sweep.toml
-    write_files_of(
-        (ROOT / "docs" / "concepts" / "missions.md").read_text()
-    )  # the missions that missions check looks over
+    # the missions that missions check looks over
+    write_files_of((ROOT / "docs" / "concepts" / "missions.md").read_text())
     for name in COMMANDS:
         example = command(name).epilog.removeprefix("Example: ")
         assert f"{example} ".startswith(f"shoal {name} ")

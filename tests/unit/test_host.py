@@ -179,15 +179,8 @@ def test_the_current_folder_stays_out_of_the_command(tmp_path):
     """`python -m shoal` itself runs no file of the current folder: from the first import on, also
     for modules of Python.
     """
-    for name in (
-        "signal",
-        "typing",
-        "json",
-        "hashlib",
-        "secrets",
-        "tempfile",
-        "__future__",
-    ):  # Python's runpy needs none of them
+    # Python's runpy needs none of them
+    for name in "signal", "typing", "json", "hashlib", "secrets", "tempfile", "__future__":
         (tmp_path / f"{name}.py").write_text(
             f"import pathlib; pathlib.Path('ran-{name}').touch()\n"
         )

@@ -290,10 +290,8 @@ def test_named_tuples_pass_by_pointer(tmp_path):
     assert module.swapped(outer, 4) == module.swapped.__wrapped__(outer, 4)
     assert module.made(outer) == module.made.__wrapped__(outer)
     assert module.counted(outer) == module.counted.__wrapped__(outer)
-    assert (outer.first.number, outer.second.number) == (
-        5,
-        7,
-    )  # nothing was written into the tuples
+    # nothing was written into the tuples
+    assert (outer.first.number, outer.second.number) == (5, 7)
 
 
 TUPLES = """
@@ -501,10 +499,8 @@ def test_each_kernel_of_shoal_is_keyed_by_its_source():
     not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can become another user"
 )
 def test_installed_by_root_and_used_by_somebody_without_a_home(script, tmp_path, tmp_path_factory):
-    shared, ours = (
-        Path(tempfile.gettempdir()),
-        tmp_path_factory.getbasetemp(),
-    )  # the latter may be anywhere
+    # the latter may be anywhere
+    shared, ours = Path(tempfile.gettempdir()), tmp_path_factory.getbasetemp()
     for folder in script.parents:
         if folder.is_relative_to(ours) or (folder != shared and folder.is_relative_to(shared)):
             folder.chmod(0o755)
@@ -764,6 +760,5 @@ def test_a_kernel_from_the_cache_is_not_taken_for_another_that_was_made_alike(sc
     assert alone[0] != alone[1]
     for path in (script.parent / "__pycache__").glob("*nine_more*"):
         path.unlink()
-    assert played(script, "made", "one", "nine")[0] == " ".join(
-        alone
-    )  # one is loaded, then nine compiled
+    # one is loaded, then nine compiled
+    assert played(script, "made", "one", "nine")[0] == " ".join(alone)

@@ -24,9 +24,8 @@ def modules() -> Iterator[tuple[Path, ast.Module]]:
 def test_no_two_public_things_share_a_name():
     homes: defaultdict[str, list[str]] = defaultdict(list)
     for path, tree in modules():
-        if (
-            "kernels" in path.parts or "cli" in path.parts
-        ):  # kernels have no users but their own part; a command is named by its verb
+        # kernels have no users but their own part; a command is named by its verb
+        if "kernels" in path.parts or "cli" in path.parts:
             continue
         for node in tree.body:
             if (

@@ -55,9 +55,8 @@ def docstrings(path):
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
             text = ast.get_docstring(node) or ""
-            yield re.sub(
-                r"^(>>>|\.\.\.).*(\n(?!\n|>>>).*)*|^\S.* : .*$", "", text, flags=re.M
-            )  # examples, and names with types
+            # examples, and names with types
+            yield re.sub(r"^(>>>|\.\.\.).*(\n(?!\n|>>>).*)*|^\S.* : .*$", "", text, flags=re.M)
 
 
 def test_it_finds_a_mistake(known):

@@ -795,10 +795,8 @@ def test_a_read_only_store_is_read_and_not_written(tmp_path):
     )
     store.chmod(0o444)
     store.parent.chmod(0o555)
-    for folder in (
-        tmp_path,
-        *list(tmp_path.parents)[:-2],
-    ):  # up to the one for temporary files, not that
+    # up to the one for temporary files, not that
+    for folder in tmp_path, *list(tmp_path.parents)[:-2]:
         folder.chmod(0o755)  # that nobody, as whom this runs, may look into
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), *sys.path])
@@ -880,9 +878,8 @@ def test_a_long_sweep_tells_its_progress_without_a_terminal(tmp_path, monkeypatc
 def test_commands(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("sweep.toml").write_text(SPEC)
-    shoal.run(
-        shoal.open_map("rectangle:3x3"), particles=1
-    )  # that kernels must be compiled is said on stderr
+    # that kernels must be compiled is said on stderr
+    shoal.run(shoal.open_map("rectangle:3x3"), particles=1)
     assert (
         command(
             [
@@ -902,12 +899,8 @@ def test_commands(tmp_path, monkeypatch, capsys):
     )
     captured = capsys.readouterr()
     result = json.loads(captured.out)
-    assert (result["done"], result["total"], result["complete"], captured.err) == (
-        16,
-        16,
-        True,
-        "",
-    )  # a short sweep: not a word
+    # a short sweep: not a word
+    assert (result["done"], result["total"], result["complete"], captured.err) == (16, 16, True, "")
     assert len(Path("t.csv").read_text().splitlines()) == 17
     assert command(["sweep", "status", "s.sqlite", "--watch", "--out", "status.json"]) == 0
     assert "complete" in capsys.readouterr().out

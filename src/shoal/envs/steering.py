@@ -68,13 +68,11 @@ class SteeringWorlds(Worlds):
         self.observation_space = gymnasium.spaces.Dict(spaces)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (d,), np.float64)
         self._pictured = np.full(count, pictured)
-        self._states: list[list[Points]] = [
-            [] for _ in range(count)
-        ]  # of the whole episodes, where there are pictures
+        # of the whole episodes, where there are pictures
+        self._states: list[list[Points]] = [[] for _ in range(count)]
         self._inputs: list[list[Points]] = [[] for _ in range(count)]
-        self._trajectories: list[list[Any]] = [
-            [] for _ in range(count)
-        ]  # of the moves that a picture has shown
+        # of the moves that a picture has shown
+        self._trajectories: list[list[Any]] = [[] for _ in range(count)]
 
     def _bounds(self) -> tuple[Points, Points]:
         """Return the smallest and the largest possible coordinates of particles and goals."""

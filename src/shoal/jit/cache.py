@@ -113,9 +113,8 @@ def load_machine_code(kernel: Any, kinds: Any) -> Any:
     """Load a kernel's machine code for given argument types from the cache, or return None if Numba
     must compile the kernel.
     """
-    with suppress(
-        Exception
-    ):  # no file, a damaged one, or one that this version of Python cannot read
+    # no file, a damaged one, or one that this version of Python cannot read
+    with suppress(Exception):
         file = _file_of(kernel.function, kinds)
         if file is not None:
             header, content = _header(file, kernel), without_checksum(file.read_bytes())
@@ -273,10 +272,8 @@ def described_code(code: Any) -> Any:
     return code.co_code, code.co_exceptiontable, names, counts, described_code(constants)
 
 
-_OF_FUNCTION, _HAS_DOCSTRING = (
-    0x2,
-    0x4000000,
-)  # flags of Python's code objects: CO_NEWLOCALS, and CO_HAS_DOCSTRING since 3.13
+# flags of Python's code objects: CO_NEWLOCALS, and CO_HAS_DOCSTRING since 3.13
+_OF_FUNCTION, _HAS_DOCSTRING = 0x2, 0x4000000
 
 
 def _content(value: Any, called: list[Any]) -> Any:

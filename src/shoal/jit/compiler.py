@@ -260,9 +260,8 @@ class _Lower(Lower):
         )
 
     def delvar(self, name: str) -> None:
-        if not isinstance(
-            self.varmap.get(name), ir.Argument | GEPInstr
-        ):  # else zeros would be written to the caller's memory
+        # else zeros would be written to the caller's memory
+        if not isinstance(self.varmap.get(name), ir.Argument | GEPInstr):
             super().delvar(name)
 
     def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:

@@ -34,11 +34,8 @@ from shoal.core.dataclass import dataclass
 TESTED = ("0.68.",)
 """Beginnings of the versions of Numba whose inside is as this module expects it."""
 
-_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = (
-    0x1,
-    0x2,
-    0x100 | 0x400,
-)  # NumPy's array flags that change the compiled code
+# NumPy's array flags that change the compiled code
+_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = 0x1, 0x2, 0x100 | 0x400
 _SAME = {int: np.int64, float: np.float64, bool: np.bool_}
 _of_array = attrgetter("dtype", "ndim", "flags.num")
 _PLAIN = frozenset(
@@ -54,9 +51,8 @@ class MachineCode:
     name: str  # name of the function
     entry: str  # symbol of the function that accepts Python objects
     own: str  # symbol of the variable that points to the kernel's constants
-    constants: dict[
-        str, list[Any]
-    ]  # lists of constants, by the symbol of the variable that points to the list
+    # lists of constants, by the symbol of the variable that points to the list
+    constants: dict[str, list[Any]]
     required: tuple[str, ...]  # symbols that the machine code uses but does not define
 
 
@@ -173,9 +169,8 @@ class _Linker:
         if not all(binding.address_of_symbol(name) for name in stored.required):
             from numba.core.registry import cpu_target
 
-            _ = (
-                cpu_target.target_context
-            )  # the access to this property tells LLVM all symbols that Numba knows
+            # the access to this property tells LLVM all symbols that Numba knows
+            _ = cpu_target.target_context
         self._engine.add_object_file(binding.ObjectFileRef.from_data(stored.code))
         self._engine.finalize_object()
         environments = {}

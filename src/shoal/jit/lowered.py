@@ -47,9 +47,8 @@ def load_lowered(kernel: Any, kinds: Any) -> MachineCode | None:
     """Return the machine code that LLVM makes of a kernel's lowered code, or None if no archive has
     the kernel.
     """
-    with suppress(
-        Exception
-    ):  # no archive or member, or a damaged one: zipfile and pickle raise all
+    # no archive or member, or a damaged one: zipfile and pickle raise all
+    with suppress(Exception):
         folder, name = _member(kernel, kinds)
         archive = _archive(folder)
         content = archive.read(name) if archive else b""

@@ -226,9 +226,8 @@ class _Schedule:
                 found, last = self._try(made, stacked=stacked)
                 if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
                     return found
-                self.stay = (
-                    1.5 * last
-                )  # vehicles that stay in the air must be separated from all later flights
+                # vehicles that stay in the air must be separated from all later flights
+                self.stay = 1.5 * last
         raise InvalidInputError(
             "separation: expected missions whose vehicles keep apart, got vehicles that loiter in"
             " the way of later starts; use the ending land, launch points farther apart, or"

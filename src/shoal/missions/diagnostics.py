@@ -232,9 +232,8 @@ def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
     found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()
     for one in diagnostics:
-        sentence = re.sub(
-            r"\d+\.\d+", lambda number: f"{float(number[0]):.6f}", one.sentence
-        )  # formats round differently
+        # formats round differently
+        sentence = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.6f}", one.sentence)
         so_far[one.file, one.rule, sentence] += 1
         found.setdefault(
             (Path(one.file).stem, one.rule, sentence, so_far[one.file, one.rule, sentence]), []

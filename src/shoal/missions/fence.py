@@ -22,10 +22,9 @@ from shoal.search.regions.projection import DECIMALS, REACH, ROUNDED, LocalFrame
 from shoal.search.regions.region import TOUCH, SearchRegion
 
 _MANY = 300  # corners above which a polygon is first simplified roughly
-_FINEST, _STEPS = (
-    0.01,
-    28,
-)  # metres: first tolerance of the rough simplification, and number of increases, each by a factor of √2
+# metres: first tolerance of the rough simplification, and number of increases, each by a factor of
+# √2
+_FINEST, _STEPS = 0.01, 28
 _HAIR = 1e-3  # metres: a grown corner may touch what it has to leave free
 _TINY = 1e-6  # metres
 _NEIGHBOURS = 6  # polygons with which a polygon may be merged
@@ -181,10 +180,8 @@ class _Ring:
         turns = _cross(points - before, after - points)  # above 0 at a corner that points outwards
         for k in np.flatnonzero(turns <= 0).tolist():
             yield float(-turns[k]) / 2, k, None, np.array([before[k], points[k], after[k]])
-        one, other = (
-            points - before,
-            after - next_after,
-        )  # the neighbours of each side, extended beyond it
+        # the neighbours of each side, extended beyond it
+        one, other = points - before, after - next_after
         across = _cross(one, other)
         with np.errstate(divide="ignore", invalid="ignore"):
             far = _cross(after - points, other) / across
@@ -490,9 +487,8 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
             shapely.buffer(shapely.intersection(near, filled), region.margin, quad_segs=2)
         )
     whole = shapely.union_all([filled, *np.concatenate(strips)])
-    whole = whole.union(
-        region.no_go.intersection(whole.convex_hull)
-    )  # a notch has fewer corners as an exclusion zone
+    # a notch has fewer corners as an exclusion zone
+    whole = whole.union(region.no_go.intersection(whole.convex_hull))
     outer = shapely.Polygon(whole.exterior) if whole.geom_type == "Polygon" else whole.convex_hull
     zones, holes = _zones(region, flown, _window(outer))
     zones, beyond = _split(zones, outer)
@@ -651,9 +647,8 @@ def _solid_parts(shape: Any, ground: Any = None) -> list[Any]:
         if held is None:
             found.append(shapely.Polygon(part.exterior))
             continue
-        low, under, high, top = (
-            part.bounds
-        )  # a ring around ground becomes two polygons, cut through the middle of the ground
+        # a ring around ground becomes two polygons, cut through the middle of the ground
+        low, under, high, top = part.bounds
         middle = held.centroid.x
         for half in (shapely.box(low, under, middle, top), shapely.box(middle, under, high, top)):
             left += [

@@ -186,12 +186,10 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
     legs = np.diff(way, axis=0)[numbers]
     lengths, bearings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
     bends = np.abs((np.diff(bearings) + math.pi) % (2 * math.pi) - math.pi)
-    needs = np.pad(
-        radius * np.tan(bends / 2), 1
-    )  # a circle that touches both legs begins at this distance before their vertex
-    turned = np.pad(
-        radius * ROUNDING / lengths, 1
-    )  # change of leg directions due to rounded coordinates
+    # a circle that touches both legs begins at this distance before their vertex
+    needs = np.pad(radius * np.tan(bends / 2), 1)
+    # change of leg directions due to rounded coordinates
+    turned = np.pad(radius * ROUNDING / lengths, 1)
     short = (
         needs[:-1] + needs[1:] - lengths - turned[1:-1] - (turned[:-2] + turned[2:]) / 2 - ROUNDING
     )

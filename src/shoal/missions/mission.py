@@ -34,11 +34,8 @@ FASTEST = 100.0  # m/s: a mission's speed
 SAME_LEVEL = 1e-3  # metres: altitudes with a smaller difference are equal
 _RING = 37  # points of a circle
 KINDS = ("multirotor", "fixed-wing", "rover")
-OVERHEAD: dict[str, int] = {
-    "multirotor": 4,
-    "fixed-wing": 4,
-    "rover": 3,
-}  # items besides waypoints: home, take-off, speed, return
+# items besides waypoints: home, take-off, speed, return
+OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}
 EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs
 
 

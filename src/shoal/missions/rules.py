@@ -172,9 +172,8 @@ def _check_cap(sheet: Sheet, cap: int | None, autopilot: str | None) -> None:
 def _check_altitude(sheet: Sheet) -> None:
     flies = sheet.kind != "rover"
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
-    known = (
-        sheet.altitude_frame != "sea" or sheet.elevation is not None
-    )  # otherwise the height of home is unknown
+    # otherwise the height of home is unknown
+    known = sheet.altitude_frame != "sea" or sheet.elevation is not None
     lowest = min(sheet.altitudes, default=0.0)
     if flies and known and lowest <= base:
         place, at = sheet.places[sheet.altitudes.index(lowest)], f"{lowest - base:g} m above home"
@@ -239,9 +238,8 @@ def _check_altitude(sheet: Sheet) -> None:
 def _check_acceptance(sheet: Sheet) -> None:
     """Add a diagnostic for an acceptance radius that contains the next waypoint."""
     radius = sheet.acceptance_radius
-    if (
-        not radius or len(sheet.points) < 2 or sheet.kind == "fixed-wing"
-    ):  # their turns have waypoints at short distances
+    # their turns have waypoints at short distances
+    if not radius or len(sheet.points) < 2 or sheet.kind == "fixed-wing":
         return
     metres = (
         np.radians(np.diff(sheet.points, axis=0)) * _RADIUS

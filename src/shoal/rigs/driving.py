@@ -325,9 +325,8 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
     if policy != problem.policy:
         fields |= {"budget": None, "time_per_move": None}
     for rule in RULES if problem.rule == "block" and problem.noise is None else (problem.rule,):
-        with suppress(
-            InvalidInputError
-        ):  # the policy does not support the rule, as the drive itself will say
+        # the policy does not support the rule, as the drive itself will say
+        with suppress(InvalidInputError):
             _prepare(rule, policy, tuple(fields.items()))
 
 

@@ -274,9 +274,8 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
     """
     source = Path(path)
     check_file(source, what="log", most=LARGEST_LOG)
-    lines = source.read_bytes().split(b"\n")[
-        :-1
-    ]  # the text after the last newline is empty or an incomplete line
+    # the text after the last newline is empty or an incomplete line
+    lines = source.read_bytes().split(b"\n")[:-1]
     entries = [
         _entry(line, f"{source}, line {number}") for number, line in enumerate(lines, start=1)
     ]

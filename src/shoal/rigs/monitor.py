@@ -23,10 +23,8 @@ from shoal.swarm.noise import Noise
 CRITICAL = 1e-9  # of the scans under the stated rates, from which on the rates cannot be true
 DEMONSTRATED = 1e-3  # of the scans if a command moved nothing, from which on it moves particles
 LEAPING = 1e-2  # of the motions by two cells, from which on they mark the result
-SURE, EMPTY = (
-    0.9,
-    0.1,
-)  # of a particle: from which on a cell surely holds one, up to which it has none
+# of a particle: from which on a cell surely holds one, up to which it has none
+SURE, EMPTY = 0.9, 0.1
 
 SIGMAS = 4.0  # standard deviations from which on a motion is established
 INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
@@ -279,9 +277,8 @@ class NoiseMonitor:
 
         at = np.flatnonzero(self._seen)
         seen, scans = self._seen[at].astype(float), self._scans
-        share = min(
-            0.2, max(1.0, seen.sum() / scans) / self._cells
-        )  # of the cells that may be occupied for a while
+        # of the cells that may be occupied for a while
+        share = min(0.2, max(1.0, seen.sum() / scans) / self._cells)
 
         def likelihood(
             counts: NDArray[np.float64], chance: NDArray[np.float64]
@@ -290,13 +287,11 @@ class NoiseMonitor:
             return logs
 
         often, counts = (1 - self.noise.miss) * self.hit, np.arange(scans + 1.0)
-        held = likelihood(
-            counts, np.maximum(counts / scans, often)
-        )  # if a particle rests in the cell
+        # if a particle rests in the cell
+        held = likelihood(counts, np.maximum(counts / scans, often))
         bare = likelihood(counts, np.minimum(counts / scans, self.noise.misplace))  # if none does
-        likely = (
-            held >= bare - PLAUSIBLE
-        )  # a cell that may hold a particle, which scans may show in the cells beside
+        # a cell that may hold a particle, which scans may show in the cells beside
+        likely = held >= bare - PLAUSIBLE
         beside = np.sum(
             [likely[self._seen[at + sign * step]] for step in self._strides for sign in (-1, 1)],
             axis=0,

@@ -174,9 +174,8 @@ class RigSession:
         until, pause = time.monotonic() + self.end_after, FIRST_PAUSE
         while time.monotonic() < until:
             try:
-                self.transport.write(
-                    b"\n" + encode_message(Stop())
-                )  # the newline ends a line that an interruption may have left incomplete
+                # the newline ends a line that an interruption may have left incomplete
+                self.transport.write(b"\n" + encode_message(Stop()))
                 if self._stopped(min(STOP_EVERY, self.repeat_after)):
                     return
             except ConnectionCutError:

@@ -318,9 +318,8 @@ class ExactRigSwarm(RigSwarm):
                 raise AlarmRaised(Alarm("number", self.moves, f"{text}; {NOISY}"))
             raise PositionError(f"{where}: expected the cells of particles, got none")
         outside = ((cells < 0) | (cells >= np.array(self.layout.shape))).any(axis=1)
-        twice = (cells[1:] == cells[:-1]).all(axis=1) & (
-            self.rule != "merge"
-        )  # the cells are sorted
+        # the cells are sorted
+        twice = (cells[1:] == cells[:-1]).all(axis=1) & (self.rule != "merge")
         for wrong, at, what in (
             (outside, cells, f"inside {self.layout.shape}"),
             (twice, cells[1:], "of one particle each"),

@@ -100,9 +100,8 @@ def _registered(find: Callable[[], tuple[Registry[Any], Callable[[Any], Any]]]) 
     return {
         "check": check,
         "dump": lambda given: name_of(given, find()[0]),
-        "names": lambda: sorted(
-            find()[0], key=lambda name: name != "best"
-        ),  # the others as registered
+        # the others as registered
+        "names": lambda: sorted(find()[0], key=lambda name: name != "best"),
     }
 
 

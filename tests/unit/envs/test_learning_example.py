@@ -56,9 +56,8 @@ def test_gradients_are_those_of_the_loss(example):
     network.means = {name: np.zeros_like(weight) for name, weight in weights.items()}
     network.updates = 0
     network.learn(*given, rate=0.0, mirrored=False)
-    slopes = {
-        name: 10 * mean for name, mean in network.means.items()
-    }  # after one step the mean is a tenth of the slope
+    # after one step the mean is a tenth of the slope
+    slopes = {name: 10 * mean for name, mean in network.means.items()}
     for name, weight in weights.items():
         place = np.unravel_index(np.abs(slopes[name]).argmax(), weight.shape)
         change = 1e-4

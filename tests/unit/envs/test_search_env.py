@@ -106,9 +106,8 @@ def test_a_robot_searches_cell_by_cell_and_the_others_hear_of_it():
         env, [{"robot_1": RIGHT, "robot_2": LEFT}, {"robot_1": RIGHT, "robot_2": LEFT}]
     )
     assert terminations == {"robot_1": True, "robot_2": True}
-    assert (
-        rewards == {"robot_1": 11.0, "robot_2": 1.0 + 10.0} or sum(rewards.values()) == 21.0
-    )  # who searched the last one
+    # who searched the last one
+    assert rewards == {"robot_1": 11.0, "robot_2": 1.0 + 10.0} or sum(rewards.values()) == 21.0
     assert env.agents == []
 
 
@@ -121,9 +120,8 @@ def test_nothing_is_heard_when_all_messages_are_lost():
 
 
 def test_how_long_ago_a_robot_was_heard():
-    env = corridor(
-        network="partition:2:100"
-    )  # from time 2 on nothing passes between robots 1 and 2
+    # from time 2 on nothing passes between robots 1 and 2
+    env = corridor(network="partition:2:100")
     observations, _ = env.reset(seed=1)
     observations, *_ = walk(env, [{}, {}, {}, {}, {}])
     assert 3.0 <= observations["robot_1"]["heard"][1] <= 4.0

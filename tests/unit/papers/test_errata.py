@@ -77,10 +77,8 @@ def test_checks_compute_what_they_say():
     """
     corner = FreeCells(frozenset({(0, 0), (0, 1), (1, 1)}))
     to = corner.moved(frozenset({(0, 0), (0, 1)}), (0, 1))
-    assert to == {
-        (0, 0): (0, 0),
-        (0, 1): (0, 1),
-    }  # the one at the corner holds the other up, for ever
+    # the one at the corner holds the other up, for ever
+    assert to == {(0, 0): (0, 0), (0, 1): (0, 1)}
     assert corner.moved(frozenset({(0, 0)}), (0, 1)) == {(0, 0): (0, 1)}
     ended = [
         [plays(corner, seed, particles=2, handover=way) for seed in range(30)]
@@ -89,9 +87,8 @@ def test_checks_compute_what_they_say():
     assert False in ended[0]
     assert all(ended[1])
     regions = family(4)
-    assert (
-        len(regions) == 1 + 2 * 2 + 3 * 6 + 4 * 19
-    )  # fixed polyominoes by size, each cell a start
+    # fixed polyominoes by size, each cell a start
+    assert len(regions) == 1 + 2 * 2 + 3 * 6 + 4 * 19
     assert {best for region, best in regions if len(region) == 4} == {4, 6}
     assert guaranteed(regions, 1, 1)
     assert not guaranteed([(region, best - 1) for region, best in regions], 1, 1)

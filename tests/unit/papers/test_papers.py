@@ -56,9 +56,8 @@ def test_every_figure_with_numbers_has_a_recipe():
         assert all(sweep.trials in {1, 3} for sweep in sweeps)
         assert len({sweep.name for sweep in sweeps}) == len(sweeps)
         for point in (point for sweep in sweeps for point in sweep.points):
-            assert (
-                getattr(point.problem, "policy", "named") != "auto"
-            )  # figures of the paper are of its policies
+            # figures of the paper are of its policies
+            assert getattr(point.problem, "policy", "named") != "auto"
     with pytest.raises(UnknownNameError, match="did you mean 'm-fig7'"):
         recipes().get("m-fig77")
 
@@ -73,9 +72,8 @@ def test_published_curves_ship_with_the_package():
     for file in files:
         curve = published_curve(file.name)
         assert curve.x.tolist() == [*range(100, 5001, 100)]
-        last = (
-            2 if file.name.startswith("line") else 1 if "subset" in file.name else 4
-        )  # with a particle in every cell
+        # with a particle in every cell
+        last = 2 if file.name.startswith("line") else 1 if "subset" in file.name else 4
         assert (curve.mean[-1], curve.std[-1]) == (last, 0)
     for _, file in MAPS.values():
         curve = published_curve(file)
@@ -162,9 +160,8 @@ def test_figures_on_a_map_of_ones_own(name, tmp_path):
     result = reproduce(name, tmp_path / "out", trials=2, on_map=str(picture), workers=0)
     assert str(picture) in result.outcome.sentence
     unlike = [one for one in result.outcome.claims if one.criterion.startswith("another map")]
-    assert {one.verdict for one in unlike} <= {
-        "not comparable"
-    }  # nobody prints numbers of this map
+    # nobody prints numbers of this map
+    assert {one.verdict for one in unlike} <= {"not comparable"}
     assert unlike or name in {"m-fig9", "m-fig10", "m-fig11"}  # whose numbers are of more particles
     assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
     assert all(path.exists() for path in result.files)
@@ -184,9 +181,8 @@ def test_a_claim_agrees_differs_or_cannot_be_compared(ours, verdict):
     assert found.verdict == verdict
     assert "9.5 to 10.5" in found.criterion
     assert claim("moves", "10", ours, unlike="another map").verdict == "not comparable"
-    assert (
-        claim("moves", "10", estimate([10.0])).verdict == "not comparable"
-    )  # of one trial nothing is known
+    # of one trial nothing is known
+    assert claim("moves", "10", estimate([10.0])).verdict == "not comparable"
 
 
 def test_a_figure_differs_if_one_claim_does():

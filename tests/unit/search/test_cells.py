@@ -208,9 +208,8 @@ def test_the_check_finds_what_leaves_the_region():
     seen = coverage_check(region, [[(45, 0), (-45, 0)], [(0, 45), (0, 46)]], 10)
     assert seen.outside_m == pytest.approx(80, rel=1e-3)
     assert seen.legs_outside == 1
-    assert (
-        coverage_check(region, [[(0, 0)]], 10).legs_outside == 1
-    )  # a vehicle that stands in the hole
+    # a vehicle that stands in the hole
+    assert coverage_check(region, [[(0, 0)]], 10).legs_outside == 1
     assert coverage_check(region, [[(45, 0), (50.01, 0)]], 10, tolerance=0.02).legs_outside == 0
 
 

@@ -293,9 +293,8 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     assert [time for _, time in later] == sorted(time for _, time in later)
     assert "0 min between the sorties of a vehicle; set recharge in --vehicle" in text
     assert re.search(r"found +at 47\.\d{6}° N, 8\.\d{6}° E", out)
-    assert (
-        len(re.findall(r"written", out)) == 5
-    )  # a line a robot, whatever the formats and sorties; fence, starts and map
+    # a line a robot, whatever the formats and sorties; fence, starts and map
+    assert len(re.findall(r"written", out)) == 5
     assert "e-" not in out
     assert run(["missions", "check", str(tmp_path / "m"), str(field), "--footprint", "40"]) == 0
     plan = json.loads((tmp_path / "m" / "robot-01.plan").read_text())

@@ -175,9 +175,8 @@ def test_vehicles_keep_apart_in_a_simulation_of_their_files_with_random_delays(
         >= 10 - 0.005
     )
     at_once = [replace(mission, start=0.0) for mission in read]
-    assert (
-        missions_approach(at_once, separation, region.frame).horizontal < 1
-    )  # they all climb at one place
+    # they all climb at one place
+    assert missions_approach(at_once, separation, region.frame).horizontal < 1
 
 
 def test_a_planted_conflict_is_found_with_its_time_place_and_robots(region, tmp_path):
@@ -554,20 +553,17 @@ def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
     (free,) = missions_of(lanes, None, vehicle=wing, landing=(100, -50))
     descent = free.way_in(None)[-2:]
     assert descent[-1].tolist() == [100, -50, 0]
-    assert descent[0].tolist() == pytest.approx(
-        [100 - 11 * 80 / 2, -50, 80]
-    )  # 11 m/s over ground, 2 m/s down
+    # 11 m/s over ground, 2 m/s down
+    assert descent[0].tolist() == pytest.approx([100 - 11 * 80 / 2, -50, 80])
     (other,) = missions_of(
         lanes, None, vehicle=wing, landing=(100, -50), blocked=shapely.box(-200, -60, -150, -40)
     )
     aside = other.way_in(None)[-2]
     assert aside[1] != pytest.approx(-50)
-    assert (
-        np.hypot(*(aside[:2] - (100, -50))) / 80 * 2 > 11
-    )  # less wind from ahead: faster over ground
-    wall = shapely.box(
-        -150, 0, -130, 250
-    )  # between the last waypoint and the approach, which is then begun over the landing point
+    # less wind from ahead: faster over ground
+    assert np.hypot(*(aside[:2] - (100, -50))) / 80 * 2 > 11
+    # between the last waypoint and the approach, which is then begun over the landing point
+    wall = shapely.box(-150, 0, -130, 250)
     (over,) = missions_of(
         [*lanes[:3], (200, -200)], None, vehicle=wing, landing=(100, 300), blocked=wall
     )

@@ -81,9 +81,8 @@ def test_from_where_robots_stop_everything_is_seen(region, tour):
             places += [[point] for point in own]
             sides += [side] * len(own)
     assert coverage_check(plan.grid.region, places, sides).covered_fraction > 0.9999999
-    assert (
-        coverage_check(plan.grid.region, places, 2.0).covered_fraction < 0.8
-    )  # it is the wide footprint that does it
+    # it is the wide footprint that does it
+    assert coverage_check(plan.grid.region, places, 2.0).covered_fraction < 0.8
 
 
 def test_a_wide_footprint_saves_time():

@@ -136,9 +136,8 @@ def test_simulated_time_holds_the_way_out_and_the_delay():
                 np.hypot(*np.diff(route.points[: route.stops[1] + 1], axis=0).T).sum()
                 / episode.plan.grid.size
             )
-            out = (
-                1.0 + episode.plan.delays[robot] / episode.cell_time + (first + 1.0) / rate
-            )  # listening, delay, way, the cell
+            # listening, delay, way, the cell
+            out = 1.0 + episode.plan.delays[robot] / episode.cell_time + (first + 1.0) / rate
             assert log.times[0] == pytest.approx(out, abs=1e-9)
             shown = SearchHistory(episode).trajectories[robot]
             assert not np.hypot(*(shown.at(out - (first + 1.0) / rate - 0.01) - shown.at(0.0)))

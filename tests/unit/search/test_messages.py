@@ -150,9 +150,8 @@ def test_without_the_key_nothing_is_believed_and_nothing_twice():
     receiver = Receiver(KEY, robots=3, cells=9)
     sender = Sender(2, KEY)
     first, second = (sender.messages(beacon, 1000)[0] for _ in range(2))
-    assert (
-        receiver.open(second, 1010) == receiver.open(first, 1010) == beacon
-    )  # overtaken, not lost
+    # overtaken, not lost
+    assert receiver.open(second, 1010) == receiver.open(first, 1010) == beacon
     for message in (
         first,
         second,
@@ -172,13 +171,10 @@ def test_a_robot_that_was_restarted_is_heard_and_what_was_recorded_before_is_not
     recorded = [Sender(2, KEY).messages(beacon, time)[0] for time in range(0, 100 * minute, minute)]
     now = 100 * minute
     assert receiver.open(Sender(2, KEY).messages(beacon, now)[0], now) == beacon
-    assert (
-        receiver.open(Sender(2, KEY).messages(beacon, now + 1)[0], now) == beacon
-    )  # a new sender: its clock went on
-    for again in (
-        receiver,
-        Receiver(KEY, robots=3, cells=9),
-    ):  # and so for a new receiver, that has heard of nothing
+    # a new sender: its clock went on
+    assert receiver.open(Sender(2, KEY).messages(beacon, now + 1)[0], now) == beacon
+    # and so for a new receiver, that has heard of nothing
+    for again in receiver, Receiver(KEY, robots=3, cells=9):
         for message in recorded[:-1]:
             with pytest.raises(InvalidInputError, match="message: expected"):
                 again.open(message, now)

@@ -148,9 +148,8 @@ def instead(then=None, **changes):
     """Write another mission, and change it."""
 
     def plant(folder, suffix):
-        with mock.patch(
-            "shoal.missions.files._check_written"
-        ):  # as a program writes them that does not look
+        # as a program writes them that does not look
+        with mock.patch("shoal.missions.files._check_written"):
             write_missions(
                 [mission(**changes)],
                 folder,
@@ -1165,12 +1164,8 @@ def test_each_leg_has_the_speed_of_the_item_before_it(tmp_path, region):
     )
     told = check_missions(tmp_path, region, None, vehicle=ideal).flights[0]["duration_s"]
     assert told == pytest.approx(after.duration(ideal))
-    for value, same in (
-        (-1.0, True),
-        (5.0, True),
-        (-2.0, True),
-        (4.0, False),
-    ):  # no change, the same, the usual one, another one
+    # no change, the same, the usual one, another one
+    for value, same in ((-1.0, True), (5.0, True), (-2.0, True), (4.0, False)):
         write_good(tmp_path, ".plan")
         later_speed(value)(tmp_path, ".plan")
         assert (read_mission(tmp_path / "robot-01.plan").speeds is None) == same

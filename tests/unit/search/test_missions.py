@@ -83,24 +83,17 @@ def test_what_each_vehicle_gets(kind, autopilot, tmp_path):
     commands = [item["command"] for item in data["items"]]
     assert commands == [*([] if kind == "rover" else [22]), 178, *[16] * len(mission.waypoints), 20]
     assert len(commands) + 1 == mission.n_items == len(wpl.read_text().splitlines()) - 1
-    if (
-        kind != "rover"
-    ):  # up over home to the first waypoint's altitude, or towards the first waypoint and there no more than high
+    # up over home to the first waypoint's altitude, or towards the first waypoint and there no more
+    # than high
+    if kind != "rover":
         first, take_off = (
             data["items"][commands.index(command)]["params"][4:] for command in (16, 22)
         )
         start = data["plannedHomePosition"][:2] if kind == "multirotor" else first[:2]
         assert take_off == [*start, (1.0 if kind == "multirotor" else 0.8) * first[2]]
     speed = data["items"][commands.index(178)]
-    assert speed["params"] == [
-        int(kind != "fixed-wing"),
-        15,
-        -1,
-        0,
-        0,
-        0,
-        0,
-    ]  # through the air, or over ground
+    # through the air, or over ground
+    assert speed["params"] == [int(kind != "fixed-wing"), 15, -1, 0, 0, 0, 0]
     radius = {"multirotor": 1, "fixed-wing": 5, "rover": 0.5}[kind]
     assert data["items"][commands.index(16)]["params"][:4] == [0, radius, 0, None]
     assert (

@@ -285,9 +285,8 @@ def test_hostile_files_are_read_or_refused_in_a_sentence(tmp_path, name):
     path = tmp_path / name
     path.write_text(HOSTILE[name])
     if name.endswith(".kml") and "encoding" in HOSTILE[name]:
-        assert (
-            open_region(path).no_go_zones == 0
-        )  # what an encoding is called does not matter: the text is UTF-8
+        # what an encoding is called does not matter: the text is UTF-8
+        assert open_region(path).no_go_zones == 0
         return
     with pytest.raises(InvalidInputError, match=name) as caught:
         open_region(path)

@@ -331,9 +331,8 @@ def test_polygons_that_meet_too_often_are_refused_before_they_are_united(tmp_pat
         match="expected polygons with at most 2000000 sides that may cross each other",
     ):
         check_overlaps([comb(800, turned=False), comb(800, turned=True)], "a")
-    check_overlaps(
-        [comb(800, turned=False), comb(800, turned=False)], "a"
-    )  # equal combs hardly cross
+    # equal combs hardly cross
+    check_overlaps([comb(800, turned=False), comb(800, turned=False)], "a")
     monkeypatch.setattr(outline_checks, "_FEW", 0)
     check_overlaps([comb(20, turned=False), comb(20, turned=True)], "a")
 

@@ -256,9 +256,8 @@ def test_a_region_on_two_utm_zones_needs_no_option_because_nothing_is_lost(tmp_p
         region.area.length, rel=1e-6
     )
     wide = open_region([(5.0, 47.0), (7.0, 47.0), (7.0, 47.4), (5.0, 47.4)], geographic=True)
-    assert (
-        5e-5 < wide.scale_error < 1.2e-4
-    )  # measured, and within what the page on regions says for 100 km
+    # measured, and within what the page on regions says for 100 km
+    assert 5e-5 < wide.scale_error < 1.2e-4
 
 
 def test_the_frame_keeps_lengths():

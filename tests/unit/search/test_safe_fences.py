@@ -158,9 +158,8 @@ FOUR = [star(68, 60, 16), star(68, 140, 20), star(180, 70, 23), star(210, 150, 1
 @pytest.mark.parametrize("autopilot", MOST)
 def test_no_leg_enters_a_many_cornered_zone_of_the_written_fence(tmp_path, autopilot):
     made = written(field(FOUR), tmp_path, autopilot, robots=2, footprint=20.0, vehicle="multirotor")
-    assert made.problem.margin == pytest.approx(
-        3.01
-    )  # 2 m position error, 1 m acceptance radius, 1 cm rounding
+    # 2 m position error, 1 m acceptance radius, 1 cm rounding
+    assert made.problem.margin == pytest.approx(3.01)
     assert judge(tmp_path, MOST[autopilot]) > 2.99
     assert not check_missions(tmp_path, made.problem.place, 20.0, fence_distance=2.99).errors
 
@@ -440,10 +439,8 @@ def test_stay_inside_without_a_point_outside_is_refused(launch, capsys):
 @pytest.mark.parametrize(
     ("corners", "left"),
     [
-        (
-            [(0, 0), (100, 0), (100, 50), (140, 50), (100, 50.0001), (100, 100), (0, 100)],
-            5,
-        ),  # a spur of no width
+        # a spur of no width
+        ([(0, 0), (100, 0), (100, 50), (140, 50), (100, 50.0001), (100, 100), (0, 100)], 5),
         ([(0, 0), (100, 0), (100, 50), (140, 50), (100, 50.003), (100, 100), (0, 100)], 7),
         (
             [
@@ -458,10 +455,8 @@ def test_stay_inside_without_a_point_outside_is_refused(launch, capsys):
             ],
             6,
         ),
-        (
-            [(0, 0), (50, 49.9999999), (100, 0), (100, 100), (50, 50.0000001), (0, 100)],
-            None,
-        ),  # two parts that meet at a corner
+        # two parts that meet at a corner
+        ([(0, 0), (50, 49.9999999), (100, 0), (100, 100), (50, 50.0000001), (0, 100)], None),
     ],
 )
 @pytest.mark.parametrize("whole", [True, False])

@@ -464,9 +464,8 @@ def test_an_obstacle_is_met_told_and_gone_round():
     assert set(outcome.declared) == {1, 2}
     for vehicle in outcome.vehicles.values():
         assert {cell for _, cell in vehicle.obstructed} <= set(scenario.obstacles)
-        assert (
-            at_least(list(vehicle.robot.closed.values()), 1) == scenario.blocked
-        )  # each knows both
+        # each knows both
+        assert at_least(list(vehicle.robot.closed.values()), 1) == scenario.blocked
     met = [cell for vehicle in outcome.vehicles.values() for _, cell in vehicle.obstructed]
     assert sorted(set(met)) == sorted(scenario.obstacles)
 
@@ -589,9 +588,8 @@ def test_parts_are_shared_by_the_ways_that_robots_go():
             for robot, arcs in enumerate(given.arcs)
             if arcs
         )
-    assert found[plan.tour_cost] == pytest.approx(
-        plan.allocation.makespan, rel=0.02
-    )  # what is planned is what it takes
+    # what is planned is what it takes
+    assert found[plan.tour_cost] == pytest.approx(plan.allocation.makespan, rel=0.02)
     assert found[plan.tour_cost] < 0.98 * found[straight]
 
 

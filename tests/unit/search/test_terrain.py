@@ -123,9 +123,8 @@ def test_missions_keep_their_height_above_a_mountain(vehicle, error, hills, tmp_
     for file in files:
         way = way_of_plan(file)
         base = height_there(grid, *way[0][:2])
-        for (x, y, z), (east, north, top) in pairwise(
-            way[1:-1]
-        ):  # up over home and down to it apart
+        # up over home and down to it apart
+        for (x, y, z), (east, north, top) in pairwise(way[1:-1]):
             count = max(1, round(math.hypot((east - x) * 75_000, (north - y) * 111_000)))
             for step in range(count + 1):
                 share = step / count
@@ -159,9 +158,8 @@ def test_a_fixed_wing_rises_before_the_mountain_as_fast_as_it_can_and_no_faster(
             assert -2.0 * lasting - 0.02 <= up <= 3.0 * lasting + 0.02, leg
         assert seconds_of(way, told) <= usable_seconds(told)
     seen = clearance_of(missions, ground, FRAME)
-    assert (
-        8 < seen.lowest < 80 < 120 < seen.highest
-    )  # lowest where it climbs in circles after take-off
+    # lowest where it climbs in circles after take-off
+    assert 8 < seen.lowest < 80 < 120 < seen.highest
     ups = missions[0].altitudes  # heights above ground differ: files say so
     assert ups[np.argmax(ups >= 75) :].min() >= 75
     assert not [one for one in lint(tmp_path, vehicle=wing) if one.severity == "error"]

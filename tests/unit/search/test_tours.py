@@ -119,9 +119,8 @@ def test_a_dead_end_costs_its_way_back():
     mask[:, :4] = True
     mask[3, 4:] = True
     metrics = make_tour("spanning-tree", mask).metrics()
-    assert metrics.length == pytest.approx(
-        23 + math.hypot(8, 1)
-    )  # 23 steps to neighbours and one back to the room
+    # 23 steps to neighbours and one back to the room
+    assert metrics.length == pytest.approx(23 + math.hypot(8, 1))
 
 
 def test_components_are_visited_one_after_the_other():

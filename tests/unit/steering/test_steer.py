@@ -221,26 +221,16 @@ def test_approachable_and_unreachable(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("start", "goal"),
     [
-        (
-            [(0.1, 0.2, 0.3), (0.1, 0.2, 0.6)],
-            [(0.3, 0.3, 0.3), (0.1, 0.1, 0.7)],
-        ),  # above each other: by an end cap
-        (
-            [(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)],
-            [(0.3, 0.3, 0.3), (0.3, 0.3, 0.7)],
-        ),  # goals above each other
-        (
-            [(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)],
-            [(0.2, 0.2, 0.8), (0.4, 0.1, 0.2)],
-        ),  # the heights alone
-        (
-            [(0.1, 0.2, 0.05), (0.3, 0.1, 0.9)],
-            [(0.2, 0.2, 0.9), (0.1, 0.3, 0.1)],
-        ),  # no height fits one contact
-        (
-            [(0.1, 0.2, 0.0), (0.3, 0.1, 1.0)],
-            [(0.2, 0.2, 0.9), (0.1, 0.3, 0.1)],
-        ),  # on both end caps
+        # above each other: by an end cap
+        ([(0.1, 0.2, 0.3), (0.1, 0.2, 0.6)], [(0.3, 0.3, 0.3), (0.1, 0.1, 0.7)]),
+        # goals above each other
+        ([(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)], [(0.3, 0.3, 0.3), (0.3, 0.3, 0.7)]),
+        # the heights alone
+        ([(0.1, 0.2, 0.3), (0.3, 0.1, 0.6)], [(0.2, 0.2, 0.8), (0.4, 0.1, 0.2)]),
+        # no height fits one contact
+        ([(0.1, 0.2, 0.05), (0.3, 0.1, 0.9)], [(0.2, 0.2, 0.9), (0.1, 0.3, 0.1)]),
+        # on both end caps
+        ([(0.1, 0.2, 0.0), (0.3, 0.1, 1.0)], [(0.2, 0.2, 0.9), (0.1, 0.3, 0.1)]),
     ],
 )
 @pytest.mark.parametrize("planner", ["greedy", "shortest", "fewest-moves"])
@@ -255,10 +245,8 @@ def test_degenerate_cases_in_space(space, start, goal, planner):
     [
         ([(0, 0.3), (1, 0.4)], [(0.5, 0.5), (0.7, 0.2)]),
         ([(0.2, 0), (0.7, 0)], [(0.7, 0), (0.2, 0)]),
-        (
-            [(0.2, 0), (0.3, 0.4)],
-            [(0.6, 0), (0.7, 0.4)],
-        ),  # a translation that starts on a wall needs a lift
+        # a translation that starts on a wall needs a lift
+        ([(0.2, 0), (0.3, 0.4)], [(0.6, 0), (0.7, 0.4)]),
         ([(0.3, 0.3), (0.7, 0.4)], [(0, 0), (1, 0)]),
         ([(0.2, 0.2), (0.6, 0.7)], [(0.4, 0.4), (0.4, 0.4)]),
         ([(0.2, 0), (0.3, 0.4)], [(0.2, 0), (0.3, 0.4)]),
@@ -336,18 +324,14 @@ def test_robust_sends_no_more_moves_than_it_may():
 
 def test_friction_slides_and_limits():
     world = ContactWorld(SQUARE, friction=0.5)
-    np.testing.assert_allclose(
-        world.step([(0, 0.5)], (-0.2, 0.3)), [[0, 0.7]]
-    )  # by |T u| - friction |N u|
-    np.testing.assert_allclose(
-        world.step([(0, 0.5)], (-0.2, 0.1)), [[0, 0.5]]
-    )  # inside of the cone
-    np.testing.assert_allclose(
-        world.step([(0.1, 0.2)], (-0.2, 0.2)), [[0, 0.35]]
-    )  # slides on after the contact
-    np.testing.assert_allclose(
-        world.step([(0, 0.9)], (-0.1, 0.5)), [[0, 1]]
-    )  # into the corner, and stays
+    # by |T u| - friction |N u|
+    np.testing.assert_allclose(world.step([(0, 0.5)], (-0.2, 0.3)), [[0, 0.7]])
+    # inside of the cone
+    np.testing.assert_allclose(world.step([(0, 0.5)], (-0.2, 0.1)), [[0, 0.5]])
+    # slides on after the contact
+    np.testing.assert_allclose(world.step([(0.1, 0.2)], (-0.2, 0.2)), [[0, 0.35]])
+    # into the corner, and stays
+    np.testing.assert_allclose(world.step([(0, 0.9)], (-0.1, 0.5)), [[0, 1]])
     ring = ContactWorld(disk(1.0), friction=0.5)
     moved = ring.step([(1.0, 0.0)], (0.01, 2.0))[0]
     assert np.hypot(*moved) == pytest.approx(1)
@@ -400,14 +384,12 @@ def test_gain_and_spheres():
     np.testing.assert_allclose(
         spheres.step([(0.1, 0.5), (0.3, 0.5)], (-0.5, 0)), [[0.1, 0.5], [0.3, 0.5]]
     )
-    slanted = spheres.step(
-        [(0.1, 0.5), (0.31, 0.5)], (-0.2, 0.1)
-    )  # they meet at an angle, and stay
+    # they meet at an angle, and stay
+    slanted = spheres.step([(0.1, 0.5), (0.31, 0.5)], (-0.2, 0.1))
     assert np.linalg.norm(slanted[1] - slanted[0]) == pytest.approx(0.2)
     assert slanted[0].tolist() == [0.1, 0.5]
-    np.testing.assert_allclose(
-        spheres.step(slanted, (0.1, 0.1)), slanted + 0.1
-    )  # and both lift off
+    # and both lift off
+    np.testing.assert_allclose(spheres.step(slanted, (0.1, 0.1)), slanted + 0.1)
     with pytest.raises(InvalidInputError, match="do not overlap"):
         spheres.initial([(0.3, 0.5), (0.4, 0.5)])
     still = np.array([[0.5, 0.5], [0.7, 0.5]])

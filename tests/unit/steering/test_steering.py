@@ -121,9 +121,8 @@ def test_prism_and_cylinder_have_caps_unless_they_are_tubes():
     tube = cylinder(0.5, 2, open_ends=True)
     assert ContactWorld(tube).step([(0, 0, 1)], (0, 0, 5))[0, 2] == 6
     side = ContactWorld(cylinder(0.5, 2)).step([(0, 0, 1), (0.4, 0, 1)], (0.3, 0, 0.3))
-    np.testing.assert_allclose(
-        side, [[0.3, 0, 1.3], [0.5, 0, 1.1]]
-    )  # what a side wall holds does not rise either
+    # what a side wall holds does not rise either
+    np.testing.assert_allclose(side, [[0.3, 0, 1.3], [0.5, 0, 1.1]])
 
 
 def test_delta_space():

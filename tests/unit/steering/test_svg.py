@@ -58,9 +58,8 @@ def test_round_shapes_and_arcs():
     assert (moved.radius, moved.center.tolist()) == (1, [5, -7])
     oval = drawn('<ellipse rx="2" ry="1"/>')
     assert np.ptp(oval.vertices, axis=0) == pytest.approx([4, 2], rel=1e-2)
-    half = drawn(
-        '<path d="M 1 0 A 1 1 0 0 1 -1 0 Z"/>'
-    )  # clockwise on the screen, so below: down there, and down here
+    # clockwise on the screen, so below: down there, and down here
+    half = drawn('<path d="M 1 0 A 1 1 0 0 1 -1 0 Z"/>')
     assert half.vertices[:, 1].min() == pytest.approx(-1, abs=1e-3)
     assert half.vertices[:, 1].max() == pytest.approx(0, abs=1e-9)
     assert len(drawn('<rect width="4" height="2" rx="0.5"/>').vertices) > 50

@@ -32,9 +32,8 @@ def test_drawings_of_many_curves():
     curves = "<path d='M0 0 q 1 1 2 0 z'/>" * 450
     with pytest.raises(InvalidInputError, match="at most 20000 corners, got more"):
         svg.read_drawing(f"<svg xmlns='http://www.w3.org/2000/svg'>{curves}</svg>", where="drawing")
-    strokes = (
-        "<path d='M0 0 l 1 1'/>" * 1000
-    )  # two points are no closed line and count as no corner
+    # two points are no closed line and count as no corner
+    strokes = "<path d='M0 0 l 1 1'/>" * 1000
     square = "<path d='M0 0 h 4 v 4 h -4 z'/>"
     rings = svg.read_drawing(
         f"<svg xmlns='http://www.w3.org/2000/svg'>{strokes}{square}</svg>", where="drawing"

@@ -29,9 +29,8 @@ def test_schema_has_every_field_with_its_default(part):
         assert (name in schema["required"]) == one.required
         told = schema["properties"][name]["description"]
         assert told.split()[0] == one.help.split()[0]
-        assert not re.search(
-            "--[a-z]|MODULE:ATTRIBUTE|can be repeated", told
-        )  # words of the command
+        # words of the command
+        assert not re.search("--[a-z]|MODULE:ATTRIBUTE|can be repeated", told)
 
 
 def random_swarm(rng: random.Random) -> dict[str, object]:
@@ -163,9 +162,9 @@ def test_python_command_and_file_give_the_same_episode_for_20_random_forms(
             0 if expected or part == "swarm" else 1
         ), copies["command"]
         episode = shoal.load(next((tmp_path / "out").glob("episode.*")))
-        if (
-            part != "search"
-        ):  # an episode of a search holds its region and where robots set out, for whoever has no such files
+        # an episode of a search holds its region and where robots set out, for whoever has no such
+        # files
+        if part != "search":
             assert episode.problem == problem
         assert deeds(episode) == deeds(expected)
         capsys.readouterr()

@@ -56,9 +56,8 @@ def test_a_drawn_region_is_planned_as_its_file_is(folder, frame):
     assert region.no_go_zones == 1
     assert region.area_m2 == pytest.approx(drawn["area"])
     outline = np.array(drawn["outline"][0][0])
-    assert (
-        np.abs(outline[:, None] - np.array(PARTS[0])).max(axis=2).min(axis=0).max() < 0.011
-    )  # where it was drawn
+    # where it was drawn
+    assert np.abs(outline[:, None] - np.array(PARTS[0])).max(axis=2).min(axis=0).max() < 0.011
     expected = shoal.run(
         SearchProblem(name, robots=3, footprint=10, vehicle="multirotor", angle=0), seed=2
     )

@@ -105,10 +105,8 @@ def test_formats_that_would_not_come_back_are_refused(tmp_path, suffix):
         ({}, [[0, 0, 1, 1]]),
         ({"threshold": 0.0}, [[1, 1, 1, 1]]),
         ({"threshold": 1.0}, [[0, 0, 0, 1]]),
-        (
-            {"threshold": 100 / 255},
-            [[0, 1, 1, 1]],
-        ),  # exactly as bright as a pixel: that one is free
+        # exactly as bright as a pixel: that one is free
+        ({"threshold": 100 / 255}, [[0, 1, 1, 1]]),
         ({"invert": True}, [[1, 1, 0, 0]]),
         ({"threshold": 1.0, "invert": True}, [[1, 1, 1, 0]]),
         ({"scale": 2}, [[0, 0, 0, 0, 1, 1, 1, 1]] * 2),
@@ -339,9 +337,8 @@ def test_open_map_takes_names_and_files(tmp_path, monkeypatch):
 def test_open_map_prefers_a_file_to_a_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "line:7").write_bytes(b"...")
-    with pytest.raises(
-        InvalidInputError, match="expected a map file"
-    ):  # it is there, and has no suffix of a map
+    # it is there, and has no suffix of a map
+    with pytest.raises(InvalidInputError, match="expected a map file"):
         open_map("line:7")
 
 

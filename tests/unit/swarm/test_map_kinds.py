@@ -218,9 +218,8 @@ def test_min_is_white(tmp_path, said, dtype):
     tifffile = pytest.importorskip("tifffile")
     stored = FREE if dtype == "?" else LINES.astype(dtype) * np.iinfo(dtype).max
     tifffile.imwrite(tmp_path / "white.tif", stored, photometric="miniswhite")
-    np.testing.assert_array_equal(
-        read_map(tmp_path / "white.tif").free, ~FREE
-    )  # small numbers are white
+    # small numbers are white
+    np.testing.assert_array_equal(read_map(tmp_path / "white.tif").free, ~FREE)
     assert ["MinIsWhite" in text and "--invert" in text for text in said] == [True]
     is_lines(tmp_path / "white.tif", invert=True)
     is_lines(tmp_path / "white.tif", label=int(stored.max()))  # the number that the file stores
@@ -659,11 +658,8 @@ def test_labels_of_a_stack(tmp_path, said):
         Image.fromarray(np.where(FREE & (number > 0), 3, 0).astype(np.uint8)) for number in range(4)
     ]
     pages[0].save(tmp_path / "labels.tif", save_all=True, append_images=pages[1:])
-    for options in (
-        {"label": 3},
-        {"level": 1},
-        {},
-    ):  # the first page is empty, and the mask is that of all pages
+    # the first page is empty, and the mask is that of all pages
+    for options in {"label": 3}, {"level": 1}, {}:
         assert read_map(tmp_path / "labels.tif", **options).n_free == 3 * np.count_nonzero(FREE)
     assert any("0 and 3 of 255; it is read as a mask" in text for text in said)
     with pytest.raises(
@@ -676,13 +672,8 @@ def test_labels_of_a_stack(tmp_path, said):
 def test_names_of_slices_may_have_any_digits(tmp_path):
     for number, name in enumerate(["1.png", "10.png", "2.png", "3².png", "٣.png"]):
         Image.fromarray(np.full((2, 2), 255 * (number % 2 == 0), np.uint8)).save(tmp_path / name)
-    assert read_map(tmp_path).free[:, 0, 0].tolist() == [
-        True,
-        True,
-        False,
-        False,
-        True,
-    ]  # 1, 2, 3², 10, and a name without digits
+    # 1, 2, 3², 10, and a name without digits
+    assert read_map(tmp_path).free[:, 0, 0].tolist() == [True, True, False, False, True]
 
 
 def test_limits_count_after_scaling(tmp_path, monkeypatch):
@@ -848,11 +839,8 @@ def test_colour_images_of_scanners(tmp_path, kind, planar):
     np.testing.assert_array_equal(read_map(one, channel="red", level=100).free, FREE)
     np.testing.assert_array_equal(read_map(one, channel=2, level=100).free, ~FREE)
     write_dicom(tmp_path, [LINES, LINES], name="several", **more)
-    assert read_map(tmp_path / "several", channel="red", level=100).shape == (
-        20,
-        2,
-        30,
-    )  # seen from the front
+    # seen from the front
+    assert read_map(tmp_path / "several", channel="red", level=100).shape == (20, 2, 30)
     with pytest.raises(InvalidInputError, match=r"channel: expected one of 1 \(red\), .*, got 4"):
         read_map(one, channel=4)
     write_dicom(tmp_path, [LINES], name="grey")

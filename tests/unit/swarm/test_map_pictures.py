@@ -41,18 +41,15 @@ def with_palette(entries, colours):
 
 def test_a_label_is_an_entry_of_the_palette_on_all_slices(tmp_path, said):
     colours = [0, 255, (255, 0, 0), 90]
-    slices = [
-        RANDOM.integers(0, 4, (6, 9)),
-        RANDOM.integers(0, 2, (6, 9)),
-    ]  # the second shows greys only
+    # the second shows greys only
+    slices = [RANDOM.integers(0, 4, (6, 9)), RANDOM.integers(0, 2, (6, 9))]
     pages = [with_palette(one, colours) for one in slices]
     folder = tmp_path / "slices"
     folder.mkdir()
     for number, page in enumerate(pages):
         page.save(folder / f"{number}.png")
-    pages = [
-        with_palette(one, colours) for one in slices
-    ]  # Pillow keeps the settings of the last format in a picture
+    # Pillow keeps the settings of the last format in a picture
+    pages = [with_palette(one, colours) for one in slices]
     pages[0].save(tmp_path / "slices.tif", save_all=True, append_images=pages[1:])
     for label in range(4):
         for place in (folder, tmp_path / "slices.tif"):

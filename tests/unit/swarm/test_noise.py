@@ -42,9 +42,8 @@ def test_a_map_with_noise_is_right_at_its_stated_confidence():
         noise=Noise(0.1, 0.05, 0.05),
         confidence=0.9,
     )
-    assert (
-        sum(episode.status == "complete" for episode in episodes) >= 28
-    )  # the others say that they gave a cell up
+    # the others say that they gave a cell up
+    assert sum(episode.status == "complete" for episode in episodes) >= 28
     wrong = sum(episode.errors.false_free + episode.errors.false_obstacles for episode in episodes)
     settled = sum(len(episode.final()[1].known) for episode in episodes)
     assert wrong <= 0.1 * settled
@@ -194,9 +193,9 @@ def test_a_map_is_complete_only_if_no_particle_may_enter_an_unclassified_cell():
         )
         assert compiled.commands == stepwise.commands
         assert compiled.status == stepwise.status == "complete"
-        assert (
-            compiled.moves > 300
-        )  # closest-frontier once called 30, 12 and 7 moves complete, with 11, 5 and 3 of 59 free cells
+        # closest-frontier once called 30, 12 and 7 moves complete, with 11, 5 and 3 of 59 free
+        # cells
+        assert compiled.moves > 300
         assert compiled.errors.right > 0.9
         assert compiled.verify()
         *_, (belief, _) = compiled.replay.beliefs()
@@ -252,9 +251,8 @@ def test_wrong_belief_is_corrected():
     """A cell that was taken for free since something was seen there once is found to be a wall."""
     layout = GridLayout((1, 4))
     belief = NoisyBelief((1, 4), Board.of_cells(layout, [(0, 0), (0, 2)]), Noise(0.05, 0.01))
-    assert (
-        belief.probability[1, 3] > 0.99
-    )  # the second one was seen beside its cell: it stands at (0, 1)
+    # the second one was seen beside its cell: it stands at (0, 1)
+    assert belief.probability[1, 3] > 0.99
     for command, cells in (("l", [(0, 0), (0, 1)]), ("r", [(0, 0), (0, 1)])) * 3:
         belief.update(command, Board.of_cells(layout, cells))
     assert belief.probability[1, 2] > 0.999

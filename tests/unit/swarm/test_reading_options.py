@@ -84,13 +84,8 @@ def files(tmp_path_factory):
 def test_the_table_has_every_option_and_every_format(files):
     assert {*OPTIONS, "vessels", "join_diagonals"} == set(READING) == set(REASONS)
     names = [name.lower() for name in USED]
-    for suffix in set(FORMATS) - {
-        ".tiff",
-        ".jpeg",
-        ".nii",
-        ".nhdr",
-        ".dcm",
-    }:  # second names of the same readers
+    # second names of the same readers
+    for suffix in set(FORMATS) - {".tiff", ".jpeg", ".nii", ".nhdr", ".dcm"}:
         assert any(name.endswith(suffix) for name in names), suffix
     assert set(files) == set(USED)
 

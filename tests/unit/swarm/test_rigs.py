@@ -407,9 +407,8 @@ def test_stop_gets_through_damage_cuts_and_half_a_message():
     line = bench(workspace, particles=1, wear=bad.carry)
     rig = RemoteRig(line, repeat_after=0.02, end_after=20)
     bad.damage = 0.7
-    line.write(
-        encode_message(Command(seq=1, command="l"))[:20]
-    )  # an interruption in the middle of a message
+    # an interruption in the middle of a message
+    line.write(encode_message(Command(seq=1, command="l"))[:20])
     rig.stop()
     bad.damage = 0.0
     assert line.rig.stopped

@@ -399,9 +399,8 @@ def test_a_run_that_the_limit_cuts_is_looked_at(task, stepwise):
 
 def test_runs_go_on_into_the_unknown_but_not_past_a_turn():
     corridor = play(GridWorkspace([[1] * 12]), start=[(0, 0)], scan_every=4)
-    assert corridor.commands.startswith(
-        "llll"
-    )  # the wall is beside it, and yet the run is sent whole
+    # the wall is beside it, and yet the run is sent whole
+    assert corridor.commands.startswith("llll")
     assert not corridor.trace.scanned[:3].any()
     assert corridor.trace.scanned[3]
     cave = play(open_map("cave:30x20"), particles=9, scan_every=5)

@@ -95,9 +95,8 @@ def test_a_straight_vessel_has_its_length_and_width(radius, turn):
     measured = vessel_statistics(
         stroke([middle - step, middle + step], radius) | posts[0] | posts[1]
     )
-    assert measured.lengths == pytest.approx(
-        [100], rel=0.04
-    )  # a junction moves a little towards the branch
+    # a junction moves a little towards the branch
+    assert measured.lengths == pytest.approx([100], rel=0.04)
     assert measured.chords == pytest.approx([100], rel=0.04)
     assert measured.widths == pytest.approx([2 * radius], rel=0.15)
     assert measured.summary()["tortuosity"] == pytest.approx(1, abs=0.01)

@@ -84,9 +84,8 @@ def test_nifti_is_turned_to_what_is_seen_from_the_front(tmp_path):
 
 def test_level_and_label(tmp_path):
     data = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
-    nibabel.save(
-        nibabel.Nifti1Image(data[..., None], np.eye(4)), tmp_path / "a.nii"
-    )  # a fourth dimension of one is none
+    # a fourth dimension of one is none
+    nibabel.save(nibabel.Nifti1Image(data[..., None], np.eye(4)), tmp_path / "a.nii")
     np.save(tmp_path / "a.npy", data)
     for name in ("a.nii", "a.npy"):
         assert read_map(tmp_path / name, level=20).n_free == 4
@@ -112,9 +111,8 @@ def test_units_other_than_millimetres(tmp_path):
 
 def test_a_folder_of_slices(tmp_path):
     for layer, cells in enumerate(BLOCK):
-        Image.fromarray(cells.astype(np.uint8) * 255).save(
-            tmp_path / f"slice{layer + 8}.png"
-        )  # 8, 9, 10, 11
+        # 8, 9, 10, 11
+        Image.fromarray(cells.astype(np.uint8) * 255).save(tmp_path / f"slice{layer + 8}.png")
     (tmp_path / "notes.txt").write_text("about the slices")
     np.testing.assert_array_equal(read_map(tmp_path).free, BLOCK)
     np.testing.assert_array_equal(open_map(str(tmp_path), invert=True).free, ~BLOCK)

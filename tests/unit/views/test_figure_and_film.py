@@ -61,9 +61,8 @@ def test_options_of_a_kind(episodes):
         .get_title(loc="left")
         .endswith("after 1 moves")
     )
-    assert (
-        len(figure([episodes["swarm"]] * 3, kind="frontier").axes[0].lines) == 4
-    )  # each, and the median
+    # each, and the median
+    assert len(figure([episodes["swarm"]] * 3, kind="frontier").axes[0].lines) == 4
 
 
 @pytest.mark.parametrize("wrong", [None, 3, [], "episode.npz"])

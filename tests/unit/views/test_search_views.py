@@ -113,9 +113,8 @@ def test_robots_are_in_each_cell_when_they_have_searched_it(history):
         far = np.hypot(*np.diff(trajectory.points, axis=0).T)
         if not history.liars and len(log.cells):
             np.testing.assert_allclose(far.sum(), history.episode.routes[robot].length)
-        for time in np.linspace(
-            0, history.end, 60
-        ):  # what the player is told is the same, to a millimetre or so
+        # what the player is told is the same, to a millimetre or so
+        for time in np.linspace(0, history.end, 60):
             np.testing.assert_allclose(
                 simplified(trajectory, 1e-3).at(time), trajectory.at(time), atol=0.05
             )
@@ -128,9 +127,8 @@ def test_motion_stays_inside_and_is_no_faster_than_robots_are(history):
         if not history.episode.plan.transit:
             assert region.contains(points).all()
         log = history.episode.trace.robots[robot]
-        if (
-            history.episode.simulated and len(log.cells) > 1
-        ):  # from cell to cell: ways around corners are longer than reckoned
+        # from cell to cell: ways around corners are longer than reckoned
+        if history.episode.simulated and len(log.cells) > 1:
             way = trajectory.times >= log.times[0] - 1e-9
             speeds = (
                 np.hypot(*np.diff(trajectory.points[way], axis=0).T)
@@ -258,14 +256,8 @@ def texts(figure) -> list[str]:
 def test_figure_numbers_every_robot_and_shows_the_dead_and_what_nobody_saw():
     figure = routes_figure(episode("all dead"))
     words = texts(figure)
-    assert sorted(word for word in words if word in "123") == [
-        "1",
-        "1",
-        "2",
-        "2",
-        "3",
-        "3",
-    ]  # starts and deaths
+    # starts and deaths
+    assert sorted(word for word in words if word in "123") == ["1", "1", "2", "2", "3", "3"]
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "died" in legend
     assert f"not seen: {episode('all dead').coverage.uncovered_m2:.4g} m²" in legend

@@ -95,9 +95,8 @@ def test_within_a_move_particles_are_where_the_world_has_them(name, episodes):
             for particle, _ in trajectory.holders(share):
                 assert depth[particle] < 1e-3 * size  # who is held is on a wall
                 if episode.problem.friction == np.inf:
-                    np.testing.assert_allclose(
-                        here[particle], after[particle], atol=1e-6 * size
-                    )  # and stays there
+                    # and stays there
+                    np.testing.assert_allclose(here[particle], after[particle], atol=1e-6 * size)
 
 
 def test_a_wall_is_shown_while_it_holds(episodes):

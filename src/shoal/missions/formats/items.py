@@ -42,16 +42,10 @@ _PASSED = (WAYPOINT, SPLINE)
 _PLACED = {*_PASSED, HOLD, LAND, TAKE_OFF}
 _KNOWN = {*_PLACED, RETURN, SPEED, GIMBAL, TRIGGER}
 _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
-_READ = {
-    3: "home",
-    6: "home",
-    0: "sea",
-    5: "sea",
-}  # frames 6 and 5 equal 3 and 0 with integer coordinates
-_TERRAIN = {
-    10: "ground",
-    11: "ground",
-}  # MAV_FRAME: GLOBAL_TERRAIN_ALT, which ArduPilot reads and PX4 does not
+# frames 6 and 5 equal 3 and 0 with integer coordinates
+_READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}
+# MAV_FRAME: GLOBAL_TERRAIN_ALT, which ArduPilot reads and PX4 does not
+_TERRAIN = {10: "ground", 11: "ground"}
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
 _AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
 _UNCHANGED, _USUAL = -1.0, -2.0  # values of a speed that are none
@@ -107,9 +101,8 @@ def items_of(mission: Mission) -> list[Item]:
     points = [Item(WAYPOINT, frame, (0.0, reach, 0.0, mission.yaw, *place)) for place in places]
 
     def speed(value: float) -> Item:
-        return _placeless(
-            SPEED, _AIR if wing else _GROUND, float(value), -1.0
-        )  # the throttle stays unchanged
+        # the throttle stays unchanged
+        return _placeless(SPEED, _AIR if wing else _GROUND, float(value), -1.0)
 
     items = [speed(mission.speed)]
     if mission.gimbal_pitch is not None:
@@ -117,9 +110,8 @@ def items_of(mission: Mission) -> list[Item]:
     if mission.trigger_distance is not None:
         searched = mission.searched
         points.insert(searched.stop, _placeless(TRIGGER))
-        points.insert(
-            searched.start + 1, _placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0)
-        )  # first image immediately
+        # first image immediately
+        points.insert(searched.start + 1, _placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0))
     take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
     if mission.speeds is not None:
         items[0], points = (

@@ -26,11 +26,8 @@ _FIRMWARE = {"px4": 12, "ardupilot": 3}  # MAV_AUTOPILOT
 _VEHICLES = {"multirotor": 2, "fixed-wing": 1, "rover": 10}  # MAV_TYPE
 _MULTIROTORS = dict.fromkeys((2, 13, 14, 15), "multirotor")  # with 4, 6, 8 and 3 rotors
 _KINDS = {number: kind for kind, number in _VEHICLES.items()} | _MULTIROTORS
-_ALTITUDE_MODES = {
-    "home": 1,
-    "ground": 1,
-    "sea": 2,
-}  # terrain-following missions are written with heights above home
+# terrain-following missions are written with heights above home
+_ALTITUDE_MODES = {"home": 1, "ground": 1, "sea": 2}
 
 
 def write(mission: Mission) -> str:

@@ -148,9 +148,8 @@ def swap_antipodes(
     )
     state, moves, lengths, errors = query.start, [], [], []
     for _ in range(cycles):
-        cycle = nearest_cycles(query, state[1] - state[0], query.after)[
-            0
-        ]  # Δ is not zero, so some contact is possible
+        # Δ is not zero, so some contact is possible
+        cycle = nearest_cycles(query, state[1] - state[0], query.after)[0]
         delta = cycle.after
         who, contact = _contact(state, cycle.low / radius, radius, toucher)
         moves += [contact - state[who], (delta - (state[1] - state[0])) * (1 if who == 0 else -1)]

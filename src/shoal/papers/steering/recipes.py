@@ -156,9 +156,8 @@ def _fig4_sweeps(settings: Settings) -> list[Sweep]:
 
 def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     fillings = {n: polygon_fractions(regular_polygon(n), START, moves=MOVES[-1]) for n in SIDES}
-    found: dict[int, list[int]] = {
-        n: [filling.moves or 10] for n, filling in fillings.items()
-    }  # the drawn start is one of them
+    # the drawn start is one of them
+    found: dict[int, list[int]] = {n: [filling.moves or 10] for n, filling in fillings.items()}
     for trial in trials_of(store, sweeps[0]):
         found[trial["sides"]].append(trial["moves_to_fill"] or 10)
 

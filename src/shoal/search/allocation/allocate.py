@@ -160,9 +160,8 @@ def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     starts = team.starts
     n, m = len(tour_cost), len(starts)
     at = tour_cost.ahead[np.concatenate([starts, starts + n])]
-    ways = np.array(
-        [(at[k : k + m] - at[:m]).max() for k in range(1, m)]
-    )  # the largest sum of k consecutive gaps
+    # the largest sum of k consecutive gaps
+    ways = np.array([(at[k : k + m] - at[:m]).max() for k in range(1, m)])
     share = tour_cost.whole / m
     counts = np.arange(1, m)
 
@@ -470,9 +469,8 @@ def _team(
         )
     wide = np.ones(len(first), dtype=np.int64) if widths is None else np.asarray(widths)
     check_widths(wide, len(first))
-    order = np.argsort(
-        first, kind="stable"
-    )  # if several robots start in a cell, ``stay`` gives cells only to the last one
+    # if several robots start in a cell, ``stay`` gives cells only to the last one
+    order = np.argsort(first, kind="stable")
     gains = np.array([gain_of(tour_cost, int(width)) for width in wide])
     return (
         Team(first[order], speeds[order], at[order], gains[order], tour_cost.far(first[order])),

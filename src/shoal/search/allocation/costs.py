@@ -392,9 +392,8 @@ def _longest(
     """Return, for each trial, the largest distance in cells from one working robot to the next;
     int64, shape (trials,).
     """
-    starts = rng.integers(cells, size=(trials, robots))[
-        :, dead:
-    ]  # all robots are equivalent, so the first ones are dead
+    # all robots are equivalent, so the first ones are dead
+    starts = rng.integers(cells, size=(trials, robots))[:, dead:]
     starts.sort(axis=1)
     around = starts[:, 0] + cells - starts[:, -1]
     return np.asarray(np.maximum(around, np.diff(starts, axis=1).max(axis=1, initial=0)))

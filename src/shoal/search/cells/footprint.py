@@ -229,9 +229,8 @@ def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
     sides = np.asarray(footprints, dtype=np.float64)
     if sides.min() == sides.max():
         return float(sides[0])
-    tried = np.unique([side / parts for side in np.unique(sides) for parts in _PARTS])[
-        ::-1
-    ]  # largest first
+    # largest first
+    tried = np.unique([side / parts for side in np.unique(sides) for parts in _PARTS])[::-1]
     tried = tried[tried <= sides.min()]
     widths = [widths_of(sides, side) for side in tried]
     seen = [

@@ -144,9 +144,9 @@ class VisibilityGraph:
                 continue
             else:
                 allowed[node] = False  # done
-                if self._ends(
-                    node, end
-                ):  # no other path can be shorter, because the queue gives the most promising node first
+                # no other path can be shorter, because the queue gives the most promising node
+                # first
+                if self._ends(node, end):
                     return np.vstack([start, self.corners[_chain(came, node)], end])
                 others, lengths = self._neighbours(node, wide)
                 lengths = length[node] + lengths
@@ -269,9 +269,8 @@ def merge_collinear(points: Points) -> Points:
     steps = np.diff(way, axis=0)
     before, after = steps[:-1], steps[1:]
     scale = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
-    upright = np.zeros(
-        (len(before), 3 - way.shape[1])
-    )  # in the plane, because paths bend around vertical walls
+    # in the plane, because paths bend around vertical walls
+    upright = np.zeros((len(before), 3 - way.shape[1]))
     turn = np.linalg.norm(
         np.cross(np.hstack([before, upright]), np.hstack([after, upright])), axis=1
     )

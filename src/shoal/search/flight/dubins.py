@@ -175,9 +175,8 @@ _KEPT, _CUT = 1, 2  # marks of vertices
 _AT_ONCE = 1000  # number of links whose curves are computed at once
 _TOUCH = 0.004  # metres by which a path may enter a blocked area; below the rounding in files
 _SAME = 1e-6  # metres, and radians
-_AHEAD = np.array(
-    [0.0, 1.0, 2.0, 4.0]
-)  # lengths of straight ends of a detour, divided by the radius
+# lengths of straight ends of a detour, divided by the radius
+_AHEAD = np.array([0.0, 1.0, 2.0, 4.0])
 _RETRIED = 4  # number of links before an unreachable point that may become detours
 
 
@@ -409,9 +408,8 @@ def _shorten_straight_legs(
             continue
         along = points[leg + 1] - points[leg]
         length = float(np.hypot(*along))
-        whole = (
-            length <= reach + step
-        )  # then the whole leg is passed point by point, otherwise only the part within reach
+        # then the whole leg is passed point by point, otherwise only the part within reach
+        whole = length <= reach + step
         count = ceil(length / step - _SAME) if whole else int(reach / step)
         far = np.arange(1, count + (not whole)) * (1 / count if whole else step / length)
         shares = far if leg == vertex else 1.0 - far[::-1]
@@ -570,9 +568,8 @@ def _clear_costs(
         for point, k in ((link, ones), (link + 1, others))
     )
     before, after = np.repeat(ahead, len(ahead)), np.tile(ahead, len(ahead))
-    starts = _move_ahead(
-        first[:, None], radius * before
-    )  # shape (pairs, pairs of straight legs, 3)
+    # shape (pairs, pairs of straight legs, 3)
+    starts = _move_ahead(first[:, None], radius * before)
     stops = _move_ahead(last[:, None], -radius * after)
     parts = dubins_parts(starts, stops, radius)
     lengths = (parts.sum(axis=-1) + (before + after)[:, None]).reshape(
@@ -679,16 +676,14 @@ def _join_pieces(poses: _Poses, links: Any, curves: list[Floats], marks: Any) ->
     for place in range(len(poses.straight)):
         piece = number[place][1:] if place in number else poses.points[place + 1 : place + 2]
         pieces.append(piece)
-        again = (
-            poses.vertices[place + 1] == poses.vertices[place]
-        )  # where a place is passed twice it is cut the first time
+        # where a place is passed twice it is cut the first time
+        again = poses.vertices[place + 1] == poses.vertices[place]
         here = int(marks[poses.vertices[place + 1]])
         told += [*[0] * (len(piece) - 1), min(here, _KEPT) if again else here]
     way, mark = np.vstack(pieces), np.array(told)
     apart = np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])
-    mark[:-1] = np.maximum(
-        mark[:-1], np.where(apart[1:], 0, mark[1:])
-    )  # of two at one place the first one stays
+    # of two at one place the first one stays
+    mark[:-1] = np.maximum(mark[:-1], np.where(apart[1:], 0, mark[1:]))
     way, mark = way[apart], mark[apart]
     legs = np.diff(way, axis=0)
     legs /= np.hypot(*legs.T)[:, None]

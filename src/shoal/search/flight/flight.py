@@ -124,9 +124,8 @@ class Flight:
                 " got return"
             )
         if check_number(self.rate, what="rate", above=0) != 1.0:
-            self.vehicle.replaced(
-                cruise_speed=self.vehicle.cruise * self.rate
-            )  # refuses a wind that is too strong for the vehicle
+            # refuses a wind that is too strong for the vehicle
+            self.vehicle.replaced(cruise_speed=self.vehicle.cruise * self.rate)
         if self._follows and self.altitudes.terrain is None:
             raise InvalidInputError(
                 "altitude_frame: expected home or sea without a terrain file, got ground"
@@ -242,9 +241,8 @@ class Flight:
         base = float(self.elevation or 0.0) if self.altitudes.frame == "sea" else 0.0
         if self.glides:
             descent = self._plan_approach(whole[-2], ups[-1] - base)
-            before = (
-                whole[:-1] if self._passes(whole[-2], descent) else whole
-            )  # or over the landing point: the way there is free
+            # or over the landing point: the way there is free
+            before = whole[:-1] if self._passes(whole[-2], descent) else whole
             whole = np.vstack([before, descent, whole[[-1, -1]]])  # its last leg is flown straight
             ups = np.append(ups, np.full(len(whole) - len(ups), ups[-1]))
         away = [np.hypot(*(whole - whole[end]).T) > NEAR for end in (0, -1)]
@@ -255,9 +253,8 @@ class Flight:
             [np.full(begin, ups[begin - 1]), ups[begin : len(ups) - end], np.full(end, ups[-end])]
         )[: len(ups)]
         climb = self._plan_departure(whole[min(begin, len(whole) - 1)], ups[0] - base)
-        whole = np.vstack(
-            [whole[[0, 0]], climb, whole[begin - (begin > 1) :]]
-        )  # its first leg is flown straight
+        # its first leg is flown straight
+        whole = np.vstack([whole[[0, 0]], climb, whole[begin - (begin > 1) :]])
         ups = np.append(np.full(len(whole) - len(ups) + begin, ups[0]), ups[begin:])
         changes = np.flatnonzero(np.diff(ups)) + 1
         changes = changes[
@@ -291,9 +288,8 @@ class Flight:
                 [self._circle_climb(first, np.append(first[1], most), found[0, 2])[:-1], found]
             )
         if not self.glides:
-            kept = (
-                self._follows or np.hypot(*(way[-1, :2] - self.end)) <= NEAR
-            )  # the end is also a waypoint
+            # the end is also a waypoint
+            kept = self._follows or np.hypot(*(way[-1, :2] - self.end)) <= NEAR
             return found if kept else found[:-1]
         if found[-1, 2] > (most := self._climb_limits(last)[1][0]) + _HAIR:
             found = np.vstack([found, self._circle_climb(last, found[-1], most)[1:]])

@@ -176,9 +176,8 @@ class Sorties:
         if self.ways is not None and not np.array_equal(*way):
             found = check_plane_points(self.ways(point[:2], end), what="way home")
             way = found if len(found) >= 2 else way
-        return np.column_stack(
-            [way, np.tile(point[2:], (len(way), 1))]
-        )  # the whole path has the altitude of the point
+        # the whole path has the altitude of the point
+        return np.column_stack([way, np.tile(point[2:], (len(way), 1))])
 
     def _between(self, begin: float, until: float) -> Points:
         """Return the points of the path between two distances along the path, with both ends."""
@@ -223,8 +222,7 @@ def _passing(way: Points, point: Points) -> int:
         ((point - way[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12), 0.0, 1.0
     )
     near = np.flatnonzero(np.hypot(*(way[:-1] + far[:, None] * legs - point).T) < NEAR)
-    if (
-        not len(near) or np.hypot(*(way[0] - point)) < NEAR
-    ):  # a vertical leg has both its ends at one place
+    # a vertical leg has both its ends at one place
+    if not len(near) or np.hypot(*(way[0] - point)) < NEAR:
         return 0
     return int(near[0]) + int(np.hypot(*(way[near[0] + 1] - point)) < NEAR)

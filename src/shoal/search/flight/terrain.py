@@ -338,13 +338,8 @@ LARGEST_TERRAIN = 500_000_000
 """Maximum size of a terrain file in bytes."""
 
 _SCALE, _TIEPOINT, _TRANSFORM, _KEYS, _NO_DATA = 33550, 33922, 34264, 34735, 42113  # TIFF tags
-_MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED, _VERTICAL_UNIT = (
-    1024,
-    1025,
-    2048,
-    3072,
-    4099,
-)  # GeoTIFF keys
+# GeoTIFF keys
+_MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED, _VERTICAL_UNIT = 1024, 1025, 2048, 3072, 4099
 _OWN = 32767  # a system without an EPSG code
 _METRE = 9001
 _HEAD = ("ncols", "nrows", "cellsize")

@@ -13,9 +13,8 @@ from shoal.search.flight.dubins import shortest_length
 from shoal.search.flight.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
-STRAIGHT = 2.0 * sin(
-    radians(0.5)
-)  # distance between unit vectors whose directions differ by one degree
+# distance between unit vectors whose directions differ by one degree
+STRAIGHT = 2.0 * sin(radians(0.5))
 CORNER = 2.0 * sin(radians(22.5))  # the same for 45 degrees: at a sharper bend, a vehicle stops
 _SLOWEST = 1e-9  # of the square of a speed: rounding errors must not stop a vehicle in a curve
 STILL = 0.005  # metres: a shorter leg is due to the rounding of coordinates, and no motion
@@ -98,9 +97,8 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) 
             cut=vehicle.acceptance_radius or CUT,
             still=STILL,
         )
-    pauses[[0, -1]] = (
-        turning / 2
-    )  # also without motion, so that the rounding of coordinates in files makes no difference
+    # also without motion, so that the rounding of coordinates in files makes no difference
+    pauses[[0, -1]] = turning / 2
     stands = pauses > 0
     arrivals = np.concatenate([[0.0], np.cumsum(legs)]) + np.concatenate(
         [[0.0], np.cumsum(pauses[:-1])]

@@ -235,9 +235,8 @@ def chains(links, width, members, starts, order):
         one, other = links[entry, 0], links[entry, 1]
         longer = apart(entry, one, width) >= apart(entry, other, width)
         if len(starts) == 2:
-            longer = (
-                not longer
-            )  # a tour of one cycle stays closed, so its closing edge should be short
+            # a tour of one cycle stays closed, so its closing edge should be short
+            longer = not longer
         before, here, after = entry, entry, other if longer else one
         while True:
             order[at] = here

@@ -166,9 +166,8 @@ def encode_2(cells, order, indices):
     begin, top = begin_of(order, False), (1 << order) - 1
     for k in range(len(cells)):
         row, col = cells[k, 0], cells[k, 1]
-        if (
-            (row | col) >> order != 0
-        ):  # a shifted negative number stays negative, so the test also finds negative numbers
+        # a shifted negative number stays negative, so the test also finds negative numbers
+        if (row | col) >> order != 0:
             return k
         indices[k] = index_of(col, top - row, order, begin)
     return -1
@@ -207,9 +206,8 @@ def encode_moore(cells, order, indices):
         x, y = col, top - row
         right, upper = x >> below, y >> below
         quarter = upper + right * (3 - 2 * upper)
-        x = x & inside ^ inside * (
-            1 - right
-        )  # the left half is mirrored in x, the right half in y; without a branch, which would
+        # the left half is mirrored in x, the right half in y; without a branch, which would
+        x = x & inside ^ inside * (1 - right)
         y = y & inside ^ inside * right  # be mispredicted half of the time
         indices[k] = quarter << (2 * below) | index_of(x, y, below, begin)
     return -1

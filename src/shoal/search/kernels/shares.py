@@ -134,9 +134,8 @@ def both_ways(tour, team, robot, at, low, budget):
     n, ahead, gain = tour.points.shape[0], tour.ahead, team.gains[robot]
     budget = budget * gain
     behind = ahead[at] - ahead[low]
-    first = furthest(
-        ahead, at, budget
-    )  # the end of the robot's part if the robot searches the cells ahead first
+    # the end of the robot's part if the robot searches the cells ahead first
+    first = furthest(ahead, at, budget)
     while first > at + 1:
         if (
             ahead[first]
@@ -150,9 +149,8 @@ def both_ways(tour, team, robot, at, low, budget):
         first -= 1
     if first <= at + 1 or behind == 0:
         first = at + 1 if behind + 1.0 <= budget else at - 1
-    rest = (
-        budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)
-    )  # if the robot first searches behind
+    # if the robot first searches behind
+    rest = budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)
     return max(first, furthest(ahead, at, rest + 1.0)) if rest >= 0 else first
 
 
@@ -273,9 +271,8 @@ def hop_costs(tour, team, firsts, latest):
                     else far[robot, cells[i] % n]
                 )
                 worst = max(worst, way / rates[robot] + whole / power)
-                if (
-                    worst > 1.5 * best and turn > 0
-                ):  # a bisection could not make this turn the best turn
+                # a bisection could not make this turn the best turn
+                if worst > 1.5 * best and turn > 0:
                     worst = np.inf
                     break
                 level += whole * powers[robot] / power

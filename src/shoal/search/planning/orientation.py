@@ -302,9 +302,8 @@ def in_layers(
         return first
     size, angle, area = sizes[0], first.grid.angle, first.paths.grid.region
     known = {(size, angle): first}
-    given |= (
-        {"along_rows": first.tour.runs_along_rows} if passes > 1 else {}
-    )  # so that the rows of the passes cross
+    # so that the rows of the passes cross
+    given |= {"along_rows": first.tour.runs_along_rows} if passes > 1 else {}
     layers: list[GridTour] = []
     for side in sizes:
         for number in range(passes):

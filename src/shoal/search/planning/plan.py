@@ -332,10 +332,8 @@ class SearchPlan:
         """
         route = self.route(robot, stops, detours)
         begin = min(1, int(route.stops[1]))
-        return (
-            int(route.stops[1]) - begin,
-            route.points[begin:],
-        )  # without home, above which it climbs anyway
+        # without home, above which it climbs anyway
+        return int(route.stops[1]) - begin, route.points[begin:]
 
     @property
     def planned_seconds(self) -> float:
@@ -848,9 +846,8 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
     ]
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
     steps = np.diff(far[begins]) / grid.size
-    around = np.concatenate(
-        [whole.points, whole.points[1:2]]
-    )  # the last entry of the turns belongs to the first point
+    # the last entry of the turns belongs to the first point
+    around = np.concatenate([whole.points, whole.points[1:2]])
     bent = turn_shares(around, reach=turn_cost * grid.size)
     turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
     free = grid.region.free

@@ -633,9 +633,8 @@ class SearchProblem(Problem):
             inner = np.asarray(self.starts, dtype=np.float64)
         elif os.path.isfile(self.starts) and self.launch is None:
             inner = read_points(Path(self.starts), region, what="starts", count=self.robots)
-        if (
-            self._asked_vehicle.kind == "rover"
-        ):  # it cannot leave the region between the border and the margin
+        # it cannot leave the region between the border and the margin
+        if self._asked_vehicle.kind == "rover":
             inner = np.concatenate([inner, outer[region.contains(outer)]])
         return inner, outer
 
@@ -646,9 +645,8 @@ class SearchProblem(Problem):
         if isinstance(self.region, SearchRegion):
             return None
         kept: tuple[str, ...] = ("region", "no_go", "margin", *READING)
-        if (
-            self.margin is None and self._asked_vehicle.clearance
-        ):  # the default margin depends on the vehicle, on what it sees, and on the known places
+        # the default margin depends on the vehicle, on what it sees, and on the known places
+        if self.margin is None and self._asked_vehicle.clearance:
             kept += ("vehicle", "footprint", "robots", "starts", "launch", "land")
         return self.canonical(
             without=("kind", *(name for name in self.declarations() if name not in kept))

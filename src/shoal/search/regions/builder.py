@@ -282,9 +282,8 @@ def _inside_others(
 
 def _frame(searched: list[RegionOutline], where: str) -> LocalFrame:
     points: Points = np.vstack([outline.shell.points for outline in searched])
-    points = points[
-        np.isfinite(points).all(axis=1)
-    ]  # the check of each ring reports coordinates that are not finite
+    # the check of each ring reports coordinates that are not finite
+    points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
         raise InvalidInputError(f"{where}: expected a region with vertices, got an empty one")
     west, east = float(points[:, 0].min()), float(points[:, 0].max())

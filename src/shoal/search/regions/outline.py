@@ -230,9 +230,8 @@ def _check_shape(corners: Points, ring: Ring) -> None:
 
     size = float(np.ptp(corners, axis=0).max())
     alone = Polygon(corners)
-    if (
-        len(corners) ** 2 > MOST_CONTACTS
-    ):  # the work of the next checks grows with the number of sides that are near each other
+    # the work of the next checks grows with the number of sides that are near each other
+    if len(corners) ** 2 > MOST_CONTACTS:
         sides = _sides(alone, [-np.inf, -np.inf, np.inf, np.inf])
         if _meeting_sides(sides, sides, most=MOST_CONTACTS) > MOST_CONTACTS:
             raise InvalidInputError(
@@ -399,9 +398,8 @@ def check_metres(ring: Ring) -> None:
     """Refuse a ring with a coordinate above `FARTHEST` metres, because a float64 cannot store small
     fractions of such a coordinate.
     """
-    near = ~(np.abs(ring.points) > FARTHEST).any(
-        axis=1
-    )  # another check reports coordinates that are not numbers
+    # another check reports coordinates that are not numbers
+    near = ~(np.abs(ring.points) > FARTHEST).any(axis=1)
     ring.check_vertices(near, f"coordinates of at most {FARTHEST:g} m")
 
 

@@ -319,9 +319,8 @@ def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.floa
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}
-    best = np.full(
-        (count, len(tour_cost)), inf
-    )  # the earliest times of each cell, by different robots
+    # the earliest times of each cell, by different robots
+    best = np.full((count, len(tour_cost)), inf)
     truly = np.full(len(tour_cost), inf)
     able = np.zeros(len(tour_cost), dtype=np.int64)
     for number, log in enumerate(logs, start=1):

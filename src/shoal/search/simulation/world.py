@@ -77,12 +77,10 @@ class SimulatedRobot:
     waited: float = 0.0  # total time of waiting for other robots to leave a cell
     visits: list[tuple[float, int]] = field(default_factory=list)  # time and cell of each search
     passing: tuple[int, ...] = ()  # the cells passed since the latest search
-    detours: list[tuple[int, ...]] = field(
-        default_factory=list
-    )  # for each search, the cells passed on the way to it
-    obstructed: list[tuple[float, int]] = field(
-        default_factory=list
-    )  # time and cell of each discovery of an obstacle
+    # for each search, the cells passed on the way to it
+    detours: list[tuple[int, ...]] = field(default_factory=list)
+    # time and cell of each discovery of an obstacle
+    obstructed: list[tuple[float, int]] = field(default_factory=list)
     states: list[tuple[float, str]] = field(default_factory=list)
 
 
@@ -251,9 +249,8 @@ class SearchWorld:
         self._post(self.time + 1.0 / rate, vehicle.robot.number, "sense", cell)
 
     def _do_sense(self, vehicle: SimulatedRobot, cell: int) -> None:
-        if (
-            vehicle.searching != cell
-        ):  # a pause has interrupted the search, so the robot must enter the cell again
+        # a pause has interrupted the search, so the robot must enter the cell again
+        if vehicle.searching != cell:
             self._do_enter(vehicle, cell)
             return
         scenario, number = self.scenario, vehicle.robot.number

@@ -46,9 +46,8 @@ class HilbertTour(TourByOrder):
             )
         cells = np.argwhere(region)
         of_square = cells.copy()
-        of_square[:, -2] += (
-            2**order - region.shape[-2]
-        )  # rows count from the top, but the curve begins at the bottom
+        # rows count from the top, but the curve begins at the bottom
+        of_square[:, -2] += 2**order - region.shape[-2]
         return cells[np.argsort(self.encode(of_square, order=order))]
 
 

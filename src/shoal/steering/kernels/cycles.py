@@ -614,9 +614,8 @@ def radius_after_turn(radius, side, step, most, ends, turns, cone):
             if high - low > np.pi + FLAT_BARRIER:
                 before = min(ends[row], most)
     after = 0.0
-    for row in range(
-        rows + 1
-    ):  # at the lengths on the ray where a particle loses touch with a wall, and at ``before``
+    # at the lengths on the ray where a particle loses touch with a wall, and at ``before``
+    for row in range(rows + 1):
         place = before if row == rows else ends[row]
         if not 0 < place <= before:
             continue

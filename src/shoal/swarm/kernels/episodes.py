@@ -509,10 +509,8 @@ def play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace):
     return _play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
-GREEDY, BEAM_ROLLOUT = (
-    6,
-    7,
-)  # codes of planners, which continue the policy codes of `policy_episode`
+# codes of planners, which continue the policy codes of `policy_episode`
+GREEDY, BEAM_ROLLOUT = 6, 7
 FADING = (
     8  # the moving average of prediction errors covers about this many moves that find free cells
 )

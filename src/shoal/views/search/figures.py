@@ -447,9 +447,8 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
     ends = history.ways.stop_ends(robot)
     cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
     taken = (history.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
-    far = route.long_legs(size) | (np.diff(located[:, 2:], axis=0) != 0).any(
-        axis=1
-    )  # climbs lead from panel to panel
+    # climbs lead from panel to panel
+    far = route.long_legs(size) | (np.diff(located[:, 2:], axis=0) != 0).any(axis=1)
     thick = float(np.clip(0.16 * side, 0.45, 1.9))
     for chosen, width, style, alpha in (
         (far, 0.55 * thick, (0, (3, 1.8)), 0.75),

@@ -145,9 +145,8 @@ class RobotWays:
         lengths = np.diff(far[ends]) / size
         rates = self._rate(robot, log.times)
         arrivals = log.times.copy()
-        arrivals[0] = max(
-            arrivals[0] - 1.0 / rates[0], 0.0
-        )  # it searches the first cell from where it stands
+        # it searches the first cell from where it stands
+        arrivals[0] = max(arrivals[0] - 1.0 / rates[0], 0.0)
         lasting = np.where(np.arange(len(lengths)) == 0, lengths, np.maximum(lengths, 1.0)) / rates
         departures = np.maximum(arrivals - lasting, np.concatenate([[0.0], log.times[:-1]]))
         leg = np.repeat(np.arange(len(lengths)), np.diff(ends))
@@ -173,9 +172,8 @@ class RobotWays:
             self.episode.trace.robots[robot],
             self.episode.scenario.brief,
         )
-        if (
-            brief.energy == inf or plan.tour_cost.stepwise
-        ):  # the latter's paths home are part of the route
+        # the latter's paths home are part of the route
+        if brief.energy == inf or plan.tour_cost.stepwise:
             return trajectory
         start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
         times, points, home = trajectory.times, trajectory.points, self._home(robot)
@@ -263,9 +261,8 @@ class LayerPanels:
         boxes = np.array([self._box(layer) for layer in dict.fromkeys(self.layers)])
         self.largest = max(layer.size for layer in self.layers)
         low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-        self._panel = np.rint(np.ceil((high - low) / self.step - 1e-6)).astype(np.int64)[
-            ::-1
-        ]  # rows and columns
+        # rows and columns
+        self._panel = np.rint(np.ceil((high - low) / self.step - 1e-6)).astype(np.int64)[::-1]
         self._low_left = np.array([low[0], high[1] - self.step * self._panel[0]])
         gap = max(1, ceil(_GAP * int(self._panel.max()))) if len(self.layers) > 1 else 0
         wide = float(self._panel[1] + gap) / float(self._panel[0] + gap)
@@ -543,12 +540,11 @@ class SearchHistory:
         if number not in ranks:
             return theirs
         mine = theirs == number
+        # if several robots search each cell, the parts ahead also belong to its own work
         for (
             other,
             rank,
-        ) in (
-            ranks.items()
-        ):  # if several robots search each cell, the parts ahead also belong to its own work
+        ) in ranks.items():
             if (rank - ranks[number]) % len(ranks) < multiplicity:
                 mine |= theirs == other
         return np.where(mine, 0, theirs)

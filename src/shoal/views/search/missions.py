@@ -104,9 +104,8 @@ def missions_figure(
     if approach is not None:
         _draw_approach(axes, approach)
     axes.set(xlim=(left, right), ylim=(bottom, top))
-    axes.set_xlabel(
-        "metres\n", color=MUTED, fontsize=8
-    )  # the empty line leaves room for the scale bar above the legend
+    # the empty line leaves room for the scale bar above the legend
+    axes.set_xlabel("metres\n", color=MUTED, fontsize=8)
     bare_axes(axes)
     axes.set_anchor("N")
     axes.set_title(
@@ -205,19 +204,16 @@ def _draw_ways(
     for mission, way, circle, ups in zip(missions, ways, circles, levels, strict=True):
         colour = robot_colour(mission.robot - 1)
         searched = _searched(mission, way, region)
-        for beside in (
-            way[: 3 + searched.start],
-            way[: searched.stop : -1],
-        ):  # both from home, so that equal dashes coincide
+        # both from home, so that equal dashes coincide
+        for beside in way[: 3 + searched.start], way[: searched.stop : -1]:
             axes.plot(*beside[:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*circle.T, color=colour, lw=1.1, ls=(0, (5, 1.5)), zorder=2.6)
         level = ups[searched]
         borders = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
         for begin, end in pairwise(borders):
             stretch, rank = way[2 + searched.start :][begin:end, :2], heights.index(level[end - 1])
-            under = (
-                len(heights) - 1 - rank if np.ptp(level) else 0
-            )  # lower paths are wider, to be visible below higher ones
+            # lower paths are wider, to be visible below higher ones
+            under = len(heights) - 1 - rank if np.ptp(level) else 0
             look: dict[str, Any] = {
                 "color": colour,
                 "lw": 1.3 + 1.6 * under,
@@ -237,9 +233,8 @@ def _searched(mission: Mission, way: Any, region: SearchRegion) -> slice:
     count = len(mission.waypoints)
     over = np.vstack([way[:1], way[2 : 2 + count], way[-1:]])[:, :2]
     here = searching(inside_of(region, over), mission.kind)
-    first = here.start + int(
-        here.start == 0 and np.allclose(over[1], over[0], atol=0.01)
-    )  # a first waypoint above home
+    # a first waypoint above home
+    first = here.start + int(here.start == 0 and np.allclose(over[1], over[0], atol=0.01))
     return slice(min(first, here.stop - 1), here.stop)
 
 

@@ -68,10 +68,8 @@ _READERS: dict[str, Callable[[Path, Reading], RegionOutlines]] = {
     ".waypoints": read_polygon_file,
     ".txt": read_polygon_file,
 }
-_LAYERED = {
-    ".gpkg": read_geopackage,
-    ".plan": read_plan,
-}  # formats with layers, of which some are zones
+# formats with layers, of which some are zones
+_LAYERED = {".gpkg": read_geopackage, ".plan": read_plan}
 
 
 def read_outlines(

@@ -80,9 +80,8 @@ def read_kmz(path: Path, reading: Reading) -> RegionOutlines:
 
 
 def _outlines(text: str, where: str, reading: Reading) -> RegionOutlines:
-    check_count(
-        text.count(","), 3 * MOST_CORNERS, where=where, what="commas"
-    )  # at most two in a vertex, some in descriptions
+    # at most two in a vertex, some in descriptions
+    check_count(text.count(","), 3 * MOST_CORNERS, where=where, what="commas")
     try:
         root = parse_xml(text, root="kml")
     except XmlError as error:
@@ -321,9 +320,8 @@ def parse_xml(text: str, *, root: str) -> Element:
     # element.
     if text.count('="') + text.count("='") > 2 * MOST_ELEMENTS:
         raise XmlError(f"expected at most {MOST_ELEMENTS} elements and attributes, got more", 1)
-    parser = expat.ParserCreate(
-        "utf-8"
-    )  # the text is already decoded, so the parser ignores the encoding that the text declares
+    # the text is already decoded, so the parser ignores the encoding that the text declares
+    parser = expat.ParserCreate("utf-8")
     parser.buffer_text = True
     top = Element("", 0, {})
     open_elements = [top]

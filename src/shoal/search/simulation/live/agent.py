@@ -346,9 +346,8 @@ class Agent:
         at = way[-1] if way else self.robot.cell
         self._passed += way
         cost = self._scenario.path_length(self.robot.cell, way) + LOOK + self.robot.way_out(at)
-        self._drive_to(
-            Halt(obstacle, at), at, cost, cost + 1.0
-        )  # the vehicle stops one cell before the end of this leg
+        # the vehicle stops one cell before the end of this leg
+        self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)
         self._leave()
 
     def _go_home(self, aim: GoHome) -> None:

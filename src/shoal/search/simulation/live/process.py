@@ -210,9 +210,8 @@ class ProcessPool:
         ports = [member.port for member in self.members.values()]
         word = json.dumps({"epoch": epoch, "ports": ports}).encode() + b"\n"
         for member in self.members.values():
-            with suppress(
-                BrokenPipeError
-            ):  # the process has died; reading its reports detects this
+            # the process has died; reading its reports detects this
+            with suppress(BrokenPipeError):
                 os.write(member.orders, word)
 
 

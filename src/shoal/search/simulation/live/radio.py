@@ -27,10 +27,8 @@ _AT_ONCE = 1000  # maximum number of messages processed before the robot does so
 # number of refused messages after which the radio rests, and number from one source after which the
 # radio ignores the source
 _REFUSED = 50
-_REST, _BANNED = (
-    0.01,
-    1.0,
-)  # seconds without listening after too many refusals, and seconds for which a source is ignored
+# seconds without listening after too many refusals, and seconds for which a source is ignored
+_REST, _BANNED = 0.01, 1.0
 
 
 def listener(group: str, port: int) -> socket.socket:
@@ -40,9 +38,8 @@ def listener(group: str, port: int) -> socket.socket:
     with ExitStack() as stack:
         ear = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if (
-            sys.platform != "linux"
-        ):  # on this system, the option above does not allow several listeners on one port
+        # on this system, the option above does not allow several listeners on one port
+        if sys.platform != "linux":
             ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         ear.bind((group, port))
         member = struct.pack("4s4s", socket.inet_aton(group), socket.inet_aton(LOOPBACK))

@@ -220,9 +220,8 @@ def run_live(
     """
     _check(scenario, speed=speed, port=port)
     brief = scenario.brief
-    partition(
-        brief.tour_cost, brief.allocator, ((1, scenario.starts[0], 1.0, 1),)
-    )  # compiled once, not in each process
+    # compiled once, not in each process
+    partition(brief.tour_cost, brief.allocator, ((1, scenario.starts[0], 1.0, 1),))
     if timeout is None:
         slowest = min(scenario.rates) / max(
             [1.0, *(fault.factor for fault in scenario.faults if isinstance(fault, Slow))]
@@ -399,10 +398,8 @@ class _Watch:
         )
 
 
-_HELLO, _BEAT = (
-    0.3,
-    0.05,
-)  # seconds: minimum listening time of live robots, and minimum interval of their beacons
+# seconds: minimum listening time of live robots, and minimum interval of their beacons
+_HELLO, _BEAT = 0.3, 0.05
 _STATES = {status: status for status in get_args(Status)} | dict.fromkeys(
     ("killed", "stopped", "failed"), "dead"
 )
