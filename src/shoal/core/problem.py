@@ -201,7 +201,7 @@ REQUIRED: Any = MISSING
 """A marker that stands for the missing default of a required field."""
 
 
-def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: A002
+def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: A002 - as in argparse
     """Declare a field of a problem. `Option` lists the keyword arguments.
 
     Examples

@@ -53,7 +53,7 @@ class Alarm:
     text: str
 
 
-class AlarmRaised(Exception):  # noqa: N818
+class AlarmRaised(Exception):  # noqa: N818 - no error of the program
     """Ends a drive whose rig contradicts the commands. The function `drive` turns the exception
     into the status ``alarm``.
     """

@@ -100,7 +100,7 @@ def arm_moves(*, seed: int, k: int) -> dict[str, int]:
 
 
 @measuring("searches", "cells_looked_at", "free_cells", "moves")
-def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002
+def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - a field of the problem
     """Return how many breadth-first searches, expanded cells and moves the policy closest-frontier
     needs with one particle.
     """
