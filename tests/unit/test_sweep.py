@@ -789,6 +789,8 @@ def test_a_read_only_store_is_read_and_not_written(tmp_path):
     before = store.read_bytes()
     script = (
         "import os, sys\nfrom shoal.lab import Store\nfrom shoal.core.errors import OutputError\n"
+        # imports all that reading needs: nobody may be unable to read the installation
+        "[*Store(sys.argv[1]).rows('numbers')]\n"
         "if os.getuid() == 0:\n    os.setuid(65534)\n"
         "print(len([*Store(sys.argv[1]).rows('numbers')]))\n"
         "try:\n    Store(sys.argv[1], write=True)\nexcept OutputError as error:\n    print(error)\n"

@@ -254,26 +254,21 @@ def described_code(code: Any) -> Any:
         return tuple(described_code(each) for each in code)
     if not isinstance(code, CodeType):
         return code
-    constants, flags, has_docstring = (
-        code.co_consts,
-        code.co_flags & ~_HAS_DOCSTRING,
-        bool(code.co_flags & _HAS_DOCSTRING),
+    constants = code.co_consts
+    # the first constant of a function is its docstring or None
+    has_docstring = (
+        bool(code.co_flags & _OF_FUNCTION)
+        and isinstance((*constants, None)[0], str)
+        and code.co_name[0] != "<"
     )
-    if sys.version_info < (3, 13):  # the first constant of a function is its docstring or None
-        has_docstring = (
-            bool(code.co_flags & _OF_FUNCTION)
-            and isinstance((*constants, None)[0], str)
-            and code.co_name[0] != "<"
-        )
     if has_docstring:
         constants = (None, *constants[1:])
     names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-    counts = code.co_argcount, code.co_kwonlyargcount, code.co_posonlyargcount, flags
+    counts = code.co_argcount, code.co_kwonlyargcount, code.co_posonlyargcount, code.co_flags
     return code.co_code, code.co_exceptiontable, names, counts, described_code(constants)
 
 
-# flags of Python's code objects: CO_NEWLOCALS, and CO_HAS_DOCSTRING since 3.13
-_OF_FUNCTION, _HAS_DOCSTRING = 0x2, 0x4000000
+_OF_FUNCTION = 0x2  # CO_NEWLOCALS, a flag of Python's code objects
 
 
 def _content(value: Any, called: list[Any]) -> Any:
