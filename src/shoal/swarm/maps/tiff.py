@@ -186,7 +186,6 @@ class Tiff:
         choices.check_used("frame")  # a channel may be one of the samples of a pixel
         check_layers(self.path, depth)
         self.size, self.depth, self._index = (rows, columns), depth, index
-        self.sample_axis_first = "S" in axes and axes.index("S") < axes.index("Y")
         self._spacing(axes)
 
     def pages(self) -> Iterator[NDArray[Any]]:

@@ -109,12 +109,10 @@ class Panel(ABC):
         box: Box,
         unit: float,
     ) -> None:
-        self._episode, self._trajectories, self._canvas, self._unit = (
-            episode,
-            trajectories,
-            canvas,
-            unit,
-        )
+        self._episode = episode
+        self._trajectories = trajectories
+        self._canvas = canvas
+        self._unit = unit
         self._prepare(box)
 
     @abstractmethod

@@ -432,10 +432,8 @@ def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Ca
     """Return a camera that sees the whole workspace and all particles at all positions in
     ``states``.
     """
-    low, high = (
-        min(0.0, float(states[..., 2].min())),
-        max(workspace.height, float(states[..., 2].max())),
-    )
+    low = min(0.0, float(states[..., 2].min()))
+    high = max(workspace.height, float(states[..., 2].max()))
     reach_flat = (
         workspace.radius
         if workspace.round
