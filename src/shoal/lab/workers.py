@@ -11,7 +11,7 @@ from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import field
 from multiprocessing.connection import wait
-from typing import Any
+from typing import Any, Self
 
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
@@ -56,6 +56,12 @@ class WorkerPool:
 
     def close(self, *, at_once: bool) -> None:
         """Release all workers of the pool, with ``at_once`` in the middle of their batches."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close(at_once=kind is not None)
 
 
 class InProcess(WorkerPool):

@@ -620,10 +620,10 @@ class SwarmProblem(Problem):
             without=("kind", *(name for name in self.declarations() if name not in read))
         )
 
-    def place_is_file(self) -> bool:
-        """Return whether the problem's map is a file or a folder."""
+    def place_files(self) -> tuple[str, ...]:
+        """Return the file or the folder of the problem's map, if it has one."""
         # unlike Path.exists, it accepts names of any length
-        return isinstance(self.map, str) and os.path.exists(self.map)
+        return (self.map,) if isinstance(self.map, str) and os.path.exists(self.map) else ()
 
     def place_digest(self) -> bytes:
         """Return the shape and the free cells of the map as bytes."""
