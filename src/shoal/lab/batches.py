@@ -16,7 +16,7 @@ import numpy as np
 
 from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, describe_error
 from shoal.core.problem import Problem
 from shoal.core.version import code_digest, versions
 from shoal.lab import problems
@@ -109,19 +109,7 @@ def play_batch(batch: Batch) -> Answer:
                 )
                 rows.append((piece.point, trial, seed, _as_json(problems.trial(problem, seed))))
             except (Exception, SystemExit) as error:  # third-party code may raise any exception
-                what = " ".join(str(error).split())[:500]
-                failures.append(
-                    (
-                        piece.point,
-                        trial,
-                        seed,
-                        (
-                            what
-                            if isinstance(error, ShoalError)
-                            else f"{type(error).__name__}: {what}"
-                        ),
-                    )
-                )
+                failures.append((piece.point, trial, seed, describe_error(error)))
         paces.append((piece.point, (time.perf_counter() - start) / (piece.stop - piece.first)))
     seconds = time.perf_counter() - began
     return Answer(rows, failures, seconds, paces, worker_versions(), worker_name())

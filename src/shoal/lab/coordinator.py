@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError, describe_error
 from shoal.core.notices import tell_once
 from shoal.lab.batches import (
     Answer,
@@ -175,9 +175,10 @@ def _errors_at(sweep: Sweep, point: Point) -> Iterator[None]:
         yield
     except Exception as error:  # third-party code may raise any exception
         where = ", ".join(f"{name} = {value}" for name, value in point.values.items())
-        what = str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
         kind = UnknownNameError if isinstance(error, UnknownNameError) else InvalidInputError
-        raise kind(f"sweep {sweep.name}{', at ' * bool(where)}{where}: {what}") from None
+        raise kind(
+            f"sweep {sweep.name}{', at ' * bool(where)}{where}: {describe_error(error)}"
+        ) from None
 
 
 def _load_kernels(sweep: Sweep) -> None:

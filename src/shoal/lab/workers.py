@@ -17,8 +17,9 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.registry import digest_of_module, named_modules, users_modules
+from shoal.core.version import count_processors
 from shoal.lab.batches import check_versions, worker_name, worker_versions
-from shoal.lab.trials import begin_worker, default_workers, give_up
+from shoal.lab.trials import begin_worker, give_up
 
 
 class WorkerPool:
@@ -322,6 +323,6 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
             )
         return Cluster(dask)
     count = (
-        default_workers() if workers is None else check_integer(workers, what="workers", least=0)
+        count_processors() if workers is None else check_integer(workers, what="workers", least=0)
     )
     return Processes(count) if count else InProcess()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, cached_property
@@ -16,6 +15,7 @@ from shoal.core.checks import check_integer, shortened
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
 from shoal.core.random import world_generators
+from shoal.core.version import count_processors
 from shoal.swarm.grid.board import LETTERS, Board, GridLayout, Words, encode, letters_of, trial_rng
 from shoal.swarm.grid.paths import search_of
 from shoal.swarm.grid.scans import Trace
@@ -188,7 +188,9 @@ class WorldBatch:
         check_problems(self.problems)
         count = check_integer(worlds, what="worlds", least=1)
         self.threads = (
-            processors() if threads is None else check_integer(threads, what="threads", least=1)
+            count_processors()
+            if threads is None
+            else check_integer(threads, what="threads", least=1)
         )
         first = self.problems[0]
         self._setups = [one.setup for one in self.problems]
@@ -683,11 +685,6 @@ class PaddedMaps:
     def of_mask(self, mask: NDArray[np.bool_]) -> Words:
         """Convert a mask of a map's cells to a flat board of the common shape."""
         return self.padded(Board.of_mask(mask))
-
-
-def processors() -> int:
-    """Return the number of processors that the current process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache

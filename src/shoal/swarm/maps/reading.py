@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field, fields
-from importlib import import_module
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import check_bool, check_integer, check_number, shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, MissingExtraError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 
 Mask = NDArray[np.bool_]
 
@@ -420,16 +419,6 @@ def reading(path: Path, what: str) -> Iterator[None]:
             raise InvalidInputError(
                 f"{path}: expected {what}, got a damaged or truncated file: {why}"
             ) from None
-
-
-def library(module: str, needed: str, *, extra: str) -> Any:
-    """Import a library of an extra. ``needed`` says what needs it, such as "NRRD volumes need
-    pynrrd".
-    """
-    try:
-        return import_module(module)
-    except ImportError:
-        raise MissingExtraError(f"{needed}: pip install 'shoal[{extra}]'") from None
 
 
 _MILLIMETRES = {

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import (
     AxisChoices,
@@ -20,7 +20,6 @@ from shoal.swarm.maps.reading import (
     check_data,
     check_layers,
     index_of,
-    library,
     millimetres,
 )
 
@@ -73,7 +72,7 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
 
 def _tifffile() -> Any:
     needed = "TIFF files of floats, planes, many channels or microscopes need tifffile"
-    return library("tifffile", needed, extra="imaging")
+    return import_extra("tifffile", needed, extra="imaging")
 
 
 def size_of(path: Path) -> tuple[int, int]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_file
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import (
     LARGEST_DATA,
@@ -33,7 +33,6 @@ from shoal.swarm.maps.reading import (
     check_layers,
     check_size,
     index_of,
-    library,
     millimetres,
     reading,
 )
@@ -102,7 +101,7 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         infinite values, or has a time axis or channels of which none is chosen.
     MissingExtraError
     """
-    nibabel = library("nibabel", "NIfTI volumes need nibabel", extra="volumes")
+    nibabel = import_extra("nibabel", "NIfTI volumes need nibabel", extra="volumes")
     with _silent(nibabel.imageglobals.logger), reading(path, "a NIfTI volume"):
         image = _nifti_kind(path, nibabel).from_filename(path)
         shape = tuple(int(side) for side in image.shape)
@@ -192,7 +191,7 @@ def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
     """Return a map as the bytes of a NIfTI file, with 1 for each free cell, 0 for each obstacle,
     and the voxel size.
     """
-    nibabel = library("nibabel", "NIfTI volumes need nibabel", extra="volumes")
+    nibabel = import_extra("nibabel", "NIfTI volumes need nibabel", extra="volumes")
     data = workspace.free.transpose(2, 0, 1)[::-1, ::-1, ::-1].astype(np.uint8)
     sides = workspace.spacing or (1.0, 1.0, 1.0)
     image = nibabel.Nifti1Image(data, np.diag([sides[2], sides[0], sides[1], 1.0]))
@@ -283,7 +282,7 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         unknown encoding.
     MissingExtraError
     """
-    nrrd = library("nrrd", "NRRD volumes need pynrrd", extra="volumes")
+    nrrd = import_extra("nrrd", "NRRD volumes need pynrrd", extra="volumes")
     with reading(path, "a NRRD file"):
         with path.open("rb") as file:
             # a header ends at an empty line, and other files may have lines without end
@@ -452,7 +451,7 @@ def read_dicom(path: Path, options: MapOptions) -> Cells:
     """Return the free cells of one DICOM file, and the size of a cell. A file of one image is a map
     in two dimensions.
     """
-    pydicom = library("pydicom", "DICOM files need pydicom", extra="volumes")
+    pydicom = import_extra("pydicom", "DICOM files need pydicom", extra="volumes")
     with _silent(logging.getLogger("pydicom")), reading(path, "a DICOM file"):
         one = _dicom_header(path, pydicom)
         return _dicom_cells(path, [path], [one], pydicom, options)
@@ -493,7 +492,7 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
         Raised if the files belong to several series, or if their sizes or distances differ.
     MissingExtraError
     """
-    pydicom = library("pydicom", "DICOM files need pydicom", extra="volumes")
+    pydicom = import_extra("pydicom", "DICOM files need pydicom", extra="volumes")
     with _silent(logging.getLogger("pydicom")), reading(folder, "a DICOM series"):
         heads = []
         for file in files:
