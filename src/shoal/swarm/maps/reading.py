@@ -277,12 +277,7 @@ def check_channel(given: Any) -> int | str | None:
 
 
 def index_of(
-    names: list[str],
-    channel: int | str | None,
-    *,
-    where: str,
-    axis: str = "channel",
-    flag: str = "",
+    names: list[str], channel: int | str | None, *, where: str, axis: str = "channel"
 ) -> int:
     """Return the index of the chosen entry of an axis, such as the channels or the points in time.
 
@@ -295,9 +290,8 @@ def index_of(
         be None.
     where : str
         Name of the file in error messages.
-    axis, flag : str
-        Word for an entry of the axis, and the command line option that chooses it (by default, the
-        option of the same name).
+    axis : str
+        Word for an entry of the axis, and name of the option that chooses it.
 
     Raises
     ------
@@ -305,7 +299,6 @@ def index_of(
         Raised if the axis has several entries and none is chosen, or if the axis does not contain
         the chosen entry.
     """
-    flag = flag or f"--{axis}"
     named = [
         f"{number} ({name})" if name else str(number)
         for number, name in enumerate(names[:8], start=1)
@@ -315,7 +308,7 @@ def index_of(
         if len(names) == 1:
             return 0
         raise InvalidInputError(
-            f"{where}: expected the choice of one {axis} ({flag}), got {len(names)}: {there}"
+            f"{where}: expected the choice of one {axis} (--{axis}), got {len(names)}: {there}"
         )
     number = check_channel(channel)
     if len(names) == 1 and not names[0] and number == 1:
@@ -348,27 +341,17 @@ class AxisChoices:
             name: value for name in AXES if (value := getattr(options, name)) is not None
         }
 
-    def take(self, axis: str) -> int | str | None:
-        """Return the choice for an axis that the file has, or None if the user has made none."""
-        return self._unused.pop(axis, None)
-
-    def index(self, axis: str, count: int) -> int:
-        """Return the index of the chosen one of ``count`` volumes along an axis.
+    def index(self, axis: str, names: list[str]) -> int:
+        """Return the index of the chosen entry of an axis, with ``names`` as in `index_of`.
 
         Raises
         ------
         InvalidInputError
-            Raised if there are several volumes and none is chosen, or if a choice has no effect.
+            Raised if there are several entries and none is chosen, or if a choice has no effect.
         """
-        if count == 1 and self._unused.get(axis, 1) != 1:
+        if names == [""] and self._unused.get(axis, 1) != 1:
             self.check_used(axis)
-        choice = self.take(axis)
-        if count > 1 and choice is None:
-            raise InvalidInputError(
-                f"{self.path}: expected one volume, got {AXES[axis]} of {count} (choose one with"
-                f" --{axis}, from 1 to {count})"
-            )
-        return index_of([""] * count, choice, where=str(self.path), axis=axis)
+        return index_of(names, self._unused.pop(axis, None), where=str(self.path), axis=axis)
 
     def check_used(self, axis: str = "") -> None:
         """Refuse a choice that was not taken, of the given axis or of any."""

@@ -19,7 +19,6 @@ from shoal.swarm.maps.reading import (
     MapOptions,
     check_data,
     check_layers,
-    index_of,
     millimetres,
 )
 
@@ -160,18 +159,10 @@ class Tiff:
                 self.samples = side
             elif axis == "C":
                 some = names if len(names) == side else [""] * side
-                index.append(index_of(some, choices.take("channel"), where=str(self.path)))
+                index.append(choices.index("channel", some))
                 self.channels_chosen = side > 1
             elif axis == "T":
-                index.append(
-                    index_of(
-                        [""] * side,
-                        choices.take("frame"),
-                        where=str(self.path),
-                        axis="point in time",
-                        flag="--frame",
-                    )
-                )
+                index.append(choices.index("frame", [""] * side))
             elif axis in LAYERS and depth == 1:
                 index.append(slice(None))
                 depth = side

@@ -120,9 +120,9 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         check_data(path, whole if path.name.lower().endswith(".gz") else size)
         times, channels = (*shape[3:], 1, 1)[:2]
         choices = AxisChoices(path, options)
-        time = choices.index("frame", times)
+        time = choices.index("frame", [""] * times)
         # the colours of a voxel are channels, too
-        channel = 0 if colours and channels == 1 else choices.index("channel", channels)
+        channel = 0 if colours and channels == 1 else choices.index("channel", [""] * channels)
         skipped = size * (time + times * channel)
         colour = index_of(colours, options.channel, where=str(path)) if colours else None
         slope, shift = (
@@ -300,7 +300,8 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
             if kind in {"domain", "space", "none", "???"}:
                 domain.append(axis)
                 continue
-            picked[axis] = choices.index("frame" if kind in {"time", "list"} else "channel", side)
+            name = "frame" if kind in {"time", "list"} else "channel"
+            picked[axis] = choices.index(name, [""] * side)
         choices.check_used()
         if len(domain) not in (2, 3) or min(sides, default=0) < 1:
             raise InvalidInputError(
@@ -543,7 +544,6 @@ def _dicom_cells(
         raise InvalidInputError(
             f"{files[0]}: expected 1 or 3 numbers for each pixel, got {samples}"
         )
-    colour = index_of(DICOM_COLOURS, options.channel, where=str(where)) if samples > 1 else None
     for file, head in zip(files, heads, strict=True):
         if (int(head.Rows), int(head.Columns)) != (rows, columns):
             raise InvalidInputError(
@@ -571,9 +571,8 @@ def _dicom_cells(
         name in first for name in ("FrameTime", "FrameTimeVector", "CineRate")
     )
     choices = AxisChoices(where, options)
-    moment = choices.index("frame", frames[0]) if film else None
-    if colour is not None:
-        choices.take("channel")
+    moment = choices.index("frame", [""] * frames[0]) if film else None
+    colour = choices.index("channel", DICOM_COLOURS) if samples > 1 else None
     choices.check_used()
     order, distance, directions = _dicom_order(where, files, heads)
 
@@ -590,20 +589,13 @@ def _dicom_cells(
     layers = free_by_number(pieces, options, where=str(where))
     spacing = first.get("PixelSpacing") or first.get("ImagerPixelSpacing")
     within = None if spacing is None else (float(spacing[0]), float(spacing[1]))
-    if len(layers) == 1 and layers[0].ndim == 2:
-        return layers[0], within and _checked_sides(where, within)
-    if layers[0].ndim == 3:  # the images of one file
-        thick = first.get("SpacingBetweenSlices") or first.get("SliceThickness")
-        sides: tuple[float, ...] | None = (
-            None if within is None or thick is None else (float(thick), *within)
-        )
-        return layers[0], sides and _checked_sides(where, sides)
-    free = np.stack(layers)
-    sides = None if within is None or distance is None else (distance, *within)
-    if directions is None or sides is None:
-        return free, sides and _checked_sides(where, sides)
-    turned, sides = in_front_of_body(free, sides, directions)
-    return turned, _checked_sides(where, sides)
+    free = layers[0] if len(layers) == 1 else np.stack(layers)
+    sides: tuple[float, ...] | None = within
+    if free.ndim == 3:
+        sides = None if within is None or distance is None else (distance, *within)
+    if directions is not None and sides is not None:
+        free, sides = in_front_of_body(free, sides, directions)
+    return free, sides and _checked_sides(where, sides)
 
 
 def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
@@ -631,8 +623,10 @@ def _dicom_order(
     """Return the order of the images, their distance in millimetres, and the directions of layers,
     rows and columns (RAS).
     """
+    thick = heads[0].get("SpacingBetweenSlices") or heads[0].get("SliceThickness")
+    thickness = None if thick is None else float(thick)
     if len(heads) == 1:
-        return [0], None, None
+        return [0], thickness, None
     turns = [head.get("ImageOrientationPatient") for head in heads]
     places = [head.get("ImagePositionPatient") for head in heads]
     if any(one is None for one in (*turns, *places)):
@@ -641,8 +635,7 @@ def _dicom_order(
                 f"{where}: expected the place or the number of each image, got images without them"
             )
         order = sorted(range(len(heads)), key=lambda index: int(heads[index].InstanceNumber))
-        thick = heads[0].get("SpacingBetweenSlices") or heads[0].get("SliceThickness")
-        return order, None if thick is None else float(thick), None
+        return order, thickness, None
     axes = np.array(turns, dtype=np.float64)
     if not np.allclose(axes, axes[0], atol=1e-3):
         raise InvalidInputError(
