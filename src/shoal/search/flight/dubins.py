@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import unit_vectors
 from shoal.search.regions.outline import text_of
 
 Floats = NDArray[np.float64]
@@ -142,9 +143,7 @@ def dubins_paths(
         )
         bent = (sense != 0) & (radius * np.tan(bend / 2) > _SLIGHT)
         present.append(bent[:, None] & (number < counts[:, None]))
-        ahead = np.where(sense == 0, radius * length, 0.0)[:, None] * np.column_stack(
-            [np.cos(heading), np.sin(heading)]
-        )
+        ahead = np.where(sense == 0, radius * length, 0.0)[:, None] * unit_vectors(heading)
         heading = heading + sense * length
         ended = centre + (sense * radius)[:, None] * np.column_stack(
             [np.sin(heading), -np.cos(heading)]

@@ -15,6 +15,7 @@ import numpy as np
 from shoal.core.checks import check_choice, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import unit_vectors
 from shoal.search.flight.dubins import NEAR, Airspace, NoRoomError, circles, plan_dubins_path
 from shoal.search.flight.legs import complete_path, lengthen_short_legs, separate_climbs
 from shoal.search.flight.terrain import (
@@ -331,7 +332,7 @@ class Flight:
         begins at this point.
         """
         angles = np.linspace(0.0, 2 * pi, _DIRECTIONS, endpoint=False)
-        return 2 * self.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        return 2 * self.radius * unit_vectors(angles)
 
     def _directions(self, toward: Points) -> Iterator[tuple[Points, float]]:
         """Yield unit vectors of possible courses, and the ground speed in m/s on each course.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import count_text
+from shoal.core.geometry import left_of
 from shoal.search import SearchEpisode, Tour
 from shoal.search.episode import duration_text
 from shoal.search.regions.region import SearchRegion
@@ -491,7 +492,7 @@ def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: flo
         )
     ]
     along = (pieces[chosen, 1] - pieces[chosen, 0]) / lengths[chosen, None]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    across = left_of(along)
     middle = pieces[chosen].mean(axis=1)
     heads = np.stack(
         [

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import left_of, unit_vectors
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
@@ -80,9 +81,7 @@ def wall_shape(
     if wall == len(workspace.normals):
         angle = np.arctan2(*(contact[:2] - workspace.center)[::-1])
         turns = np.linspace(angle - _ARC, angle + _ARC, 15)
-        line = workspace.center + workspace.radius * np.stack(
-            [np.cos(turns), np.sin(turns)], axis=1
-        )
+        line = workspace.center + workspace.radius * unit_vectors(turns)
     elif wall < sides:
         line = workspace.vertices[[wall, (wall + 1) % sides]]
     else:
@@ -555,7 +554,7 @@ def draw_arrow(
     if long < 1:
         return
     along = (tip - tail) / long
-    across = np.array([-along[1], along[0]])
+    across = left_of(along)
     head = min(4.2 * width, long)
     foot = tip - head * along
     canvas.line([tail, foot + 0.3 * head * along], INK, width)
