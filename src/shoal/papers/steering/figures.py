@@ -283,8 +283,9 @@ class PolygonFractions:
     def outlines(self) -> list[Points]:
         """The outline of each set of reachable position differences; float64, shape (n, 2)."""
         corners = self.workspace.differences.vertices
+        around = pi * (np.arange(2 * DIRECTIONS) + 0.5) / DIRECTIONS
         ahead = np.concatenate(
-            [_around(2 * DIRECTIONS), corners / np.linalg.norm(corners, axis=1)[:, None]]
+            [unit_vectors(around), corners / np.linalg.norm(corners, axis=1)[:, None]]
         )
         ahead = ahead[np.argsort(np.arctan2(ahead[:, 1], ahead[:, 0]))]
         return [polygon_radii(reach, ahead)[:, None] * ahead for reach in self.sets]
@@ -347,12 +348,6 @@ def border_point(space: ConvexWorkspace, ahead: ArrayLike) -> Points:
     """
     unit = np.asarray(ahead, dtype=np.float64)
     return np.asarray(_ways(space, np.zeros((1, 2)), unit[None])[0, 0] * unit)
-
-
-def _around(count: int) -> Points:
-    """Return ``count`` unit vectors with equally spaced directions."""
-    angles = 2 * pi * (np.arange(count) + 0.5) / count
-    return unit_vectors(angles)
 
 
 def _ways(workspace: ConvexWorkspace, points: Points, ahead: Points) -> NDArray[np.float64]:

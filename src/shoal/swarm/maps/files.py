@@ -334,7 +334,8 @@ def open_map(
     if vessels:
         check_used(KINDS["photograph"], given, where=text)
         limits = {name: given[name] for name in ("low", "high") if name in given}
-        mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **_axes(chosen)).mask
+        axes = {"channel": chosen.channel, "frame": chosen.frame}
+        mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **axes).mask
         mapped = imaging.VesselMap(mask, width=width)
         tell_once(mapped.notice(str(path)))
         return named_after(path, mapped.free)
@@ -379,10 +380,6 @@ def fit_width(workspace: GridWorkspace, width: int | None, *, where: str = "map"
         for size, before, after in zip(workspace.spacing, workspace.shape, free.shape, strict=True)
     )
     return GridWorkspace(free, name=workspace.name, spacing=spacing)
-
-
-def _axes(options: MapOptions) -> dict[str, Any]:
-    return {"channel": options.channel, "frame": options.frame}
 
 
 def vessels_in(

@@ -138,9 +138,9 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         free = np.concatenate(free_by_number(pieces, options, where=str(path))).reshape(
             shape[:3], order="F"
         )
-        sides = tuple(
-            float(side) * _nifti_unit(image.header) for side in image.header.get_zooms()[:3]
-        )
+        # in a header without a unit, lengths count as millimetres
+        unit = millimetres(image.header.get_xyzt_units()[0]) or 1.0
+        sides = tuple(float(side) * unit for side in image.header.get_zooms()[:3])
         if not np.isfinite(image.affine).all():
             raise ValueError("the place of the volume in space is not finite")
         turned, sides = in_front_of_body(free, sides, image.affine[:3, :3])
@@ -212,17 +212,6 @@ def _nifti_kind(path: Path, nibabel: Any) -> Any:
     raise InvalidInputError(
         f"{path}: expected a NIfTI volume, got a damaged, truncated or other file (it begins with"
         f" {begin!r})"
-    )
-
-
-def _nifti_unit(header: Any) -> float:
-    """Return the length unit of a NIfTI header, in millimetres. In a header without a unit, lengths
-    count as millimetres.
-    """
-    return (
-        (millimetres(header.get_xyzt_units()[0]) or 1.0)
-        if hasattr(header, "get_xyzt_units")
-        else 1.0
     )
 
 
@@ -470,17 +459,12 @@ def dicom_files(folder: Path) -> list[Path]:
     files = [
         path
         for path in islice(entries, 4 * MAX_LAYERS)
-        if path.suffix.lower() in DICOM or (_unnamed(path) and is_dicom(path))
+        # names in DICOM folders are unique identifiers, of digits with dots
+        if path.suffix.lower() in DICOM
+        or ((not path.suffix or path.suffix[1:].isdigit()) and is_dicom(path))
     ]
     check_layers(folder, len(files))
     return sorted(files)
-
-
-def _unnamed(path: Path) -> bool:
-    """Return whether a file has no suffix but digits, as the names in DICOM folders (unique
-    identifiers with dots) have.
-    """
-    return not path.suffix or path.suffix[1:].isdigit()
 
 
 def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
@@ -503,7 +487,7 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
         if len(series) > 1:
             counts = ", ".join(
                 f"{sum(str(head.get('SeriesInstanceUID', '')) == uid for head in heads)} of"
-                f" {_end_of(uid)}"
+                f" {uid if len(uid) < 16 else f'…{uid[-12:]}'}"  # the part that differs
                 for uid in series[:4]
             )
             raise InvalidInputError(
@@ -511,11 +495,6 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
                 " folder"
             )
         return _dicom_cells(folder, files, heads, pydicom, options)
-
-
-def _end_of(uid: str) -> str:
-    """Return the end of a unique identifier, which is the part that differs."""
-    return uid if len(uid) < 16 else f"…{uid[-12:]}"
 
 
 def _dicom_header(path: Path, pydicom: Any) -> Any:

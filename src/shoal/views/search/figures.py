@@ -440,7 +440,9 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
             )
         )
     if len(route.points) < 2:
-        _draw_unfinished(axes, history, robot)
+        way = history.trajectories[robot].points  # it failed before it had searched a cell
+        if len(way) > 1:
+            axes.plot(*way.T, color=colour, lw=0.8, ls=(0, (3, 1.8)), zorder=3)
         return
     located = history.ways.of(robot)
     way = history.on_picture(located)
@@ -467,13 +469,6 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
         )
         axes.add_collection(lines)
     _draw_arrows(axes, pieces[~far], colour, float(np.clip(0.3 * side, 2.2, 4.8)) * size / side)
-
-
-def _draw_unfinished(axes: Axes, history: SearchHistory, robot: int) -> None:
-    """Draw the path of a robot that failed before it had searched a cell."""
-    way = history.trajectories[robot].points
-    if len(way) > 1:
-        axes.plot(*way.T, color=robot_colour(robot), lw=0.8, ls=(0, (3, 1.8)), zorder=3)
 
 
 def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: float) -> None:
