@@ -167,17 +167,12 @@ def curve_claim(
     from scipy.stats import norm
 
     ours = {row.values["particles"]: row.estimate for row in rows}
-    mean, std = published.mean, published.std
-    deviations = np.zeros_like(mean) if std is None else np.nan_to_num(std)
-    pairs = [
-        (ours[int(n)], mean, std)
-        for n, mean, std in zip(published.x, mean, deviations, strict=True)
-    ]
+    std = np.zeros_like(published.mean) if published.std is None else np.nan_to_num(published.std)
     found = np.array(
         [
-            (e.mean, e.std / e.count**0.5, mean, std / trials**0.5)
-            for e, mean, std in pairs
-            if e is not None
+            (e.mean, e.std / e.count**0.5, printed, deviation / trials**0.5)
+            for n, printed, deviation in zip(published.x, published.mean, std, strict=True)
+            if (e := ours[int(n)]) is not None
         ]
     )
     ratio = np.log(found[:, 0] / found[:, 2])

@@ -334,7 +334,7 @@ def open_map(
     if vessels:
         check_used(KINDS["photograph"], given, where=text)
         limits = {name: given[name] for name in ("low", "high") if name in given}
-        axes = {"channel": chosen.channel, "frame": chosen.frame}
+        axes: dict[str, Any] = {"channel": chosen.channel, "frame": chosen.frame}
         mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **axes).mask
         mapped = imaging.VesselMap(mask, width=width)
         tell_once(mapped.notice(str(path)))

@@ -138,7 +138,7 @@ class AdaptiveRuns:
     due = False
 
     def __init__(
-        self, belief: Belief, *, rule: str, mapping: bool, scanning: ScanRule, **options: str
+        self, belief: Belief, *, rule: str, mapping: bool, scanning: ScanRule, **options: Any
     ) -> None:
         layout = belief.open.layout
         size = int(np.prod(layout.window))
