@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from math import pi, sin
 from typing import Any
@@ -95,7 +94,7 @@ def wall_shape(
     return np.concatenate([low, high[::-1]])
 
 
-class Panel(ABC):
+class Panel:
     """Base class of the panels of a frame; line widths and text sizes are multiples of ``unit``
     pixels.
     """
@@ -114,15 +113,12 @@ class Panel(ABC):
         self._unit = unit
         self._prepare(box)
 
-    @abstractmethod
     def _prepare(self, box: Box) -> None:
         """Compute the data that all frames of the film share, for a panel inside ``box``."""
 
-    @abstractmethod
     def draw_background(self) -> None:
         """Draw the parts of the panel that are the same in all frames."""
 
-    @abstractmethod
     def draw(self, moment: FilmMoment, turn: float) -> None:
         """Draw the moving parts of the panel at a moment of the film, seen by a camera with the
         azimuth ``turn`` in radians.
@@ -183,9 +179,6 @@ class SpacePanel(Panel):
             [box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2]
         )
 
-    def draw_background(self) -> None:
-        """Draw nothing, because all parts of the panel turn with the camera."""
-
     def draw(self, moment: FilmMoment, turn: float) -> None:
         """Draw all parts of the panel from back to front, seen by a camera with the azimuth
         ``turn`` in radians.
@@ -204,15 +197,9 @@ class SpacePanel(Panel):
         self._draw_shadows(here, moment)
         self._draw_ends()
         draw_trails(canvas, self._trajectories, moment, self._at, unit)
-        for particle in np.argsort(self._camera.project(here)[:, 2]):  # the nearest last
-            x, y, larger = self._camera.project(here[particle])
-            draw_particle(
-                canvas,
-                self._center + self._scale * np.array([x, -y]),
-                10.5 * unit * larger,
-                int(particle),
-                unit,
-            )
+        places, sizes = self._at(here), 10.5 * unit * self._camera.project(here)[:, 2]
+        for particle in np.argsort(sizes):  # the nearest last
+            draw_particle(canvas, places[particle], sizes[particle], int(particle), unit)
         canvas.lines(list(self._at(np.array(front))), INK, 1.6 * unit, alpha=0.75)
 
     def _at(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -265,15 +252,11 @@ class SpacePanel(Panel):
                 self._floor_ring(goal, 7 * unit), colour, 1.2 * unit, closed=True, alpha=0.6
             )
             canvas.line(self._at([flattened(goal), goal]), colour, 1.1 * unit, alpha=0.35)
-            x, y, larger = self._camera.project(goal)
-            canvas.disc(
-                self._center + self._scale * np.array([x, -y]),
-                13 * unit * larger,
-                None,
-                edge=colour,
-                width=2.4 * unit,
+            of_start, of_goal = (
+                float(larger) for larger in self._camera.project([start, goal])[:, 2]
             )
-            square = self._at(start) + 7 * unit * float(self._camera.project(start)[2]) * _SQUARE
+            canvas.disc(self._at(goal), 13 * unit * of_goal, None, edge=colour, width=2.4 * unit)
+            square = self._at(start) + 7 * unit * of_start * _SQUARE
             canvas.area([square], colour, alpha=0.25)
             canvas.line(square, colour, 1.4 * unit, closed=True)
 
