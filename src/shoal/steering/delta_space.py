@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.core.geometry import unit_vectors
+from shoal.core.geometry import angles_of, unit_vectors
 from shoal.steering.kernels.cycles import WallSamples, deepen
 from shoal.steering.planners.chains import ChainQuery, kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, clipped, disk, hull
@@ -342,7 +342,7 @@ class DiskReach:
         bool, shape (...).
         """
         given = np.asarray(differences, dtype=np.float64)
-        angles = np.abs(np.arctan2(given[..., 1], given[..., 0]))
+        angles = np.abs(angles_of(given))
         return np.asarray(
             np.hypot(given[..., 0], given[..., 1])
             <= np.interp(angles, _ahead(len(self.radii)), self.radii)

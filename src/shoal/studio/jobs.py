@@ -329,9 +329,7 @@ class JobQueue:
         del self._running[number]
         if self._closing and not running.cancelled:
             return  # the store says that the job is running: the next server finds it
-        self._unsaved[number] = state, result
-        self._save_ends()
-        self.tell({"job": self.describe(number), "files": True})
+        self._end(number, state, result)
         self.go_on()
 
     def _piece(self, running: _Running, what: dict[str, Any]) -> None:
@@ -339,6 +337,11 @@ class JobQueue:
         if running.size < MOST_PIECES:
             running.pieces.append(what)
         self.tell({"piece": what, "of": running.job["id"]})
+
+    def _end(self, number: int, state: str, result: dict[str, Any]) -> None:
+        self._unsaved[number] = state, result
+        self._save_ends()
+        self.tell({"job": self.describe(number), "files": True})
 
     def _save_ends(self) -> None:
         for number, (state, result) in list(self._unsaved.items()):

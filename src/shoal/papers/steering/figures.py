@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.core.geometry import unit_vectors
+from shoal.core.geometry import angles_of, unit_vectors
 from shoal.papers.steering.shortest_paths import GoalSweep
 from shoal.steering.delta_space import DIRECTIONS, PolygonReach, disk_reach, polygon_reach
 from shoal.steering.planners.chain_search import nearest_cycles
@@ -287,7 +287,7 @@ class PolygonFractions:
         ahead = np.concatenate(
             [unit_vectors(around), corners / np.linalg.norm(corners, axis=1)[:, None]]
         )
-        ahead = ahead[np.argsort(np.arctan2(ahead[:, 1], ahead[:, 0]))]
+        ahead = ahead[np.argsort(angles_of(ahead))]
         return [polygon_radii(reach, ahead)[:, None] * ahead for reach in self.sets]
 
     @property

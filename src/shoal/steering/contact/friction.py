@@ -6,7 +6,7 @@ from math import inf
 
 import numpy as np
 
-from shoal.core.geometry import left_of, unit_vectors
+from shoal.core.geometry import angles_of, left_of, unit_vectors
 from shoal.steering.kernels.cycles import is_kept_out
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, hull
 from shoal.steering.workspaces.walls import normalize_walls
@@ -194,7 +194,7 @@ def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
     """Return whether no wall reaction can increase the gauge max(sides @ Δ) of any position
     difference Δ.
     """
-    order = np.argsort(np.arctan2(sides[:, 1], sides[:, 0]))
+    order = np.argsort(angles_of(sides))
     sides = sides[order]
     kept = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)
     sides = sides[kept]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
-from shoal.core.geometry import unit_vectors
+from shoal.core.geometry import angles_of, unit_vectors
 from shoal.steering.contact.friction import turn_on_the_way
 from shoal.steering.kernels.cycles import (
     CycleModel,
@@ -370,7 +370,7 @@ def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
     normals = query.walls.normals
     if not len(normals):
         return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
-    straight = np.arctan2(normals[:, 1], normals[:, 0])
+    straight = angles_of(normals)
     straight = np.concatenate([straight, straight + np.pi])
     edge = float(np.arctan(query.friction)) * (1 - 1e-6)
     return np.concatenate([straight, straight - edge, straight + edge])

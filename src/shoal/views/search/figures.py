@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import count_text
-from shoal.core.geometry import left_of
+from shoal.core.geometry import left_of, segments_of
 from shoal.search import SearchEpisode, Tour
 from shoal.search.episode import duration_text
 from shoal.search.regions.region import SearchRegion
@@ -446,7 +446,7 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
         return
     located = history.ways.of(robot)
     way = history.on_picture(located)
-    pieces = np.stack([way[:-1], way[1:]], axis=1)
+    pieces = segments_of(way)
     ends = history.ways.stop_ends(robot)
     cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
     taken = (history.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
@@ -767,7 +767,7 @@ def _pieces(tour: Tour, way: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
     """Return the steps from the first to the last cell of a tour, shape (N - 1, 2, dimensions), and
     a mask of steps across gaps.
     """
-    return np.stack([way[:-1], way[1:]], axis=1), tour.steps[: len(way) - 1] > 1.5
+    return segments_of(way), tour.steps[: len(way) - 1] > 1.5
 
 
 def _draw_picture(axes: Axes, tour: Tour) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import partial_sums
 from shoal.search import RobotLog, SearchEpisode
 from shoal.search.allocation.allocate import partition
 from shoal.search.cells.clipping import rotated_shape
@@ -105,7 +106,7 @@ class RobotWays:
         ups = np.array(plan.altitudes)
         if len(ups) == 1:
             found = plan.leg(start, end)
-            return found, np.concatenate([[0.0], np.cumsum(plan.leg_lengths(found))])
+            return found, partial_sums(plan.leg_lengths(found))
         ends = np.array(
             [[*place[:2], place[2] if len(place) == 3 else 0.0] for place in (start, end)]
         )
@@ -116,7 +117,7 @@ class RobotWays:
             found = plan.leg(start, end)
             found = np.column_stack([found, np.where(np.arange(len(found)) == 0, *heights)])
         nearer = np.argmin(np.abs(found[:, 2, None] - ups[ends[:, 2].astype(np.int64)]), axis=1)
-        far = np.concatenate([[0.0], np.cumsum(plan.leg_lengths(found))])
+        far = partial_sums(plan.leg_lengths(found))
         return np.column_stack([found[:, :2], ends[nearer, 2]]), far
 
     def _rate(self, robot: int, times: Floats) -> Floats:
@@ -139,7 +140,7 @@ class RobotWays:
         route, size = self.episode.routes[robot], self.episode.plan.grid.size
         ends = self.stop_ends(robot)
         way = self.of(robot)
-        far = np.concatenate([[0.0], np.cumsum(self.episode.plan.leg_lengths(route.points))])
+        far = partial_sums(self.episode.plan.leg_lengths(route.points))
         lengths = np.diff(far[ends]) / size
         rates = self._rate(robot, log.times)
         arrivals = log.times.copy()
