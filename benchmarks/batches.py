@@ -22,8 +22,9 @@ from gymnasium.vector import SyncVectorEnv
 
 import shoal.envs  # noqa: F401 - registers the environments
 from benchmarks.timing import best_seconds, row
+from shoal.core.version import count_processors
 from shoal.swarm import GridWorld, SwarmProblem
-from shoal.swarm.batch import WorldBatch, processors
+from shoal.swarm.batch import WorldBatch
 from shoal.swarm.grid.board import LETTERS, trial_rng
 
 SMALL = {"map": "vessels:1000", "particles": 100}
@@ -136,7 +137,7 @@ def bench_batches() -> None:
     )
     print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f}")
     what = (
-        f"{WORLDS} worlds of {SMALL['map']}, {SMALL['particles']} particles, {processors()}"
+        f"{WORLDS} worlds of {SMALL['map']}, {SMALL['particles']} particles, {count_processors()}"
         " processors"
     )
     row(what, f"{steps:,.0f} world-steps/s", "1,000,000 and more", steps >= 1e6)

@@ -85,7 +85,7 @@ def play_packed(world: GridWorld, start: np.ndarray) -> None:
     belief = make_task("mapping").begin(world, state)
     field = field_of(world.free.words, state, belief)
     policy_state = policy_state_of(world.layout, world.workspace.n_free, belief)
-    policy_episode.play_closest(
+    policy_episode.play(
         policy.code, field, moves.BLOCK, True, policy_state, None, Trace.empty(4096)
     )
 

@@ -434,9 +434,6 @@ def test_another_map_under_the_same_name_is_refused(tmp_path):
     sweep = Sweep(name="numbers", problem={"kind": "swarm", "map": str(picture), "particles": 2})
     run_sweep(sweep, store, workers=0)
     picture.write_text("....\n.#..\n")
-    from shoal.lab import batches
-
-    batches._places.clear()  # as in a new process
     with pytest.raises(InvalidInputError, match=r"changes: content\."):
         run_sweep(sweep, store, workers=0)
 

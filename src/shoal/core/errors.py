@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 LONGEST_ECHO = 200
@@ -57,12 +58,30 @@ def errors_at(where: object) -> Iterator[None]:
         raise type(error)(f"{where}: {error}") from None
 
 
+def describe_error(error: BaseException, *, most: int = 500) -> str:
+    """Return an exception in one line: the message of an error of Shoal, and the class and the
+    first ``most`` characters of the message of any other exception.
+    """
+    text = " ".join(str(error).split())[:most]
+    return text if isinstance(error, ShoalError) else f"{type(error).__name__}: {text}"
+
+
 class OutputError(ShoalError, OSError):
     """Raised if Shoal cannot write an output file."""
 
 
 class MissingExtraError(ShoalError, ImportError):
     """Raised if a function needs an optional dependency (an extra) that is not installed."""
+
+
+def import_extra(module: str, needed: str, *, extra: str) -> Any:
+    """Import a library of an extra. ``needed`` says what needs it, such as "NRRD volumes need
+    pynrrd".
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingExtraError(f"{needed}: pip install 'shoal[{extra}]'") from None
 
 
 class RigError(ShoalError, ConnectionError):

@@ -5,6 +5,7 @@ default, unit, range and help.
 from __future__ import annotations
 
 import json
+import os
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, field, fields, replace
@@ -26,6 +27,9 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 
 __all__ = ["Declaration", "Problem", "check_known", "option", "option_of"]
+
+_OPEN = 8  # number of maps, workspaces and regions that a process keeps open
+_places: dict[tuple[Any, ...], Any] = {}
 
 
 @dataclass(frozen=True)
@@ -441,11 +445,15 @@ class Problem:
         """
         return None
 
-    def place_is_file(self) -> bool:
-        """Return whether the problem's place is a file. A worker process on another machine may not
-        have the file.
+    def place_files(self) -> tuple[str, ...]:
+        """Return the existing files and folders from which the problem reads its place. A worker
+        process on another machine may not have them.
         """
-        return False
+        return ()
+
+    def place_is_file(self) -> bool:
+        """Return whether the problem's place, or a part of it, is a file or a folder."""
+        return bool(self.place_files())
 
     def place_digest(self) -> bytes:
         """Return a digest of the place's content. A sweep compares digests to detect a changed
@@ -459,6 +467,20 @@ class Problem:
         same.__dict__["place"] = place
         return same
 
+    def opened(self) -> Self:
+        """Return the problem with its place opened. Problems with equal places share an opened
+        place, as long as its files are unchanged.
+        """
+        name = self.place_key()
+        if name is None:
+            return self
+        key = (self.part, name, *map(_stamp, self.place_files()))
+        if key not in _places:
+            if len(_places) >= _OPEN:
+                del _places[next(iter(_places))]
+            _places[key] = self.open_place()
+        return self.at_place(_places[key])
+
     def check_at_place(self) -> None:
         """Refuse settings of the problem that are impossible on its map, workspace or region."""
 
@@ -470,6 +492,13 @@ def _declarations(cls: type[Problem]) -> Mapping[str, Declaration]:
         heading = cls.headings.get(one.name, heading)
         found[one.name] = declaration_of(one, hints[one.name], heading)
     return found
+
+
+def _stamp(path: str) -> tuple[int, ...]:
+    """Return the times at which a file, or a folder and its files, were last written."""
+    inside = os.scandir(path) if os.path.isdir(path) else ()
+    times = sorted(entry.stat(follow_symlinks=False).st_mtime_ns for entry in inside)
+    return os.stat(path).st_mtime_ns, *times
 
 
 def _same(value: Any, default: Any) -> bool:

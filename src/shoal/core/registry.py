@@ -15,7 +15,7 @@ from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from shoal.core.errors import InvalidInputError, ShoalError, UnknownNameError
+from shoal.core.errors import InvalidInputError, ShoalError, UnknownNameError, describe_error
 
 if TYPE_CHECKING:
     import inspect
@@ -200,9 +200,8 @@ class Registry(Generic[T]):
         try:
             found: T = getattr(_imported(module_name), attribute)
         except (Exception, SystemExit) as error:  # third-party code may raise any exception
-            what = " ".join(str(error).split())
             raise UnknownNameError(
-                f"cannot import the {self.kind} {name!r}: {type(error).__name__}: {what}"
+                f"cannot import the {self.kind} {name!r}: {describe_error(error)}"
             ) from error
         return found
 
@@ -308,9 +307,7 @@ def configured(registry: Registry[Any], text: str) -> Any:
     except (Exception, SystemExit) as error:  # the class may be third-party code
         if isinstance(error, ShoalError):
             raise
-        raise InvalidInputError(
-            f"cannot create {what}: {type(error).__name__}: {' '.join(str(error).split())}"
-        ) from error
+        raise InvalidInputError(f"cannot create {what}: {describe_error(error)}") from error
 
 
 def _options(

@@ -1,7 +1,8 @@
-"""The versions of Shoal and of the libraries on which results depend."""
+"""The versions of Shoal and of the libraries on which results depend, and the number of processors."""
 
 from __future__ import annotations
 
+import os
 import sys
 from functools import cache
 from typing import TYPE_CHECKING
@@ -61,3 +62,8 @@ def digest_of_folder(root: Path) -> str:
         if part.parts[0] not in _SHOWN and file.suffix in _READ and file.is_file():
             digest.update(part.as_posix().encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
+
+
+def count_processors() -> int:
+    """Return the number of processors that the current process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

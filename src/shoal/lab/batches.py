@@ -16,14 +16,13 @@ import numpy as np
 
 from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, describe_error
 from shoal.core.problem import Problem
 from shoal.core.version import code_digest, versions
 from shoal.lab import problems
 from shoal.lab.sweep import Point, trial_seed
 
 _LONGEST_TEXT = 1000  # maximum characters of a text that a trial measures
-_OPEN = 8  # number of maps, workspaces and regions that a worker keeps open
 
 
 @dataclass(frozen=True)
@@ -92,24 +91,6 @@ class Answer:
     worker: str
 
 
-_places: dict[tuple[str, str], Any] = {}
-
-
-def placed(problem: Problem) -> Problem:
-    """Return a copy of a problem with its map, workspace or region opened. Problems with equal
-    places share the opened place.
-    """
-    name = problem.place_key()
-    if name is None:
-        return problem
-    key = (problem.part, name)
-    if key not in _places:
-        if len(_places) >= _OPEN:
-            del _places[next(iter(_places))]
-        _places[key] = problem.open_place()
-    return problem.at_place(_places[key])
-
-
 def play_batch(batch: Batch) -> Answer:
     """Run a batch in a worker. If a trial raises an error, record the trial as failed and continue
     with the next trial.
@@ -122,25 +103,13 @@ def play_batch(batch: Batch) -> Answer:
             seed = trial_seed(batch.sweep_seed, piece.seeds, trial)
             try:
                 problem = (
-                    placed(piece.problem)
+                    piece.problem.opened()
                     if piece.place is None
                     else piece.problem.at_place(piece.place)
                 )
                 rows.append((piece.point, trial, seed, _as_json(problems.trial(problem, seed))))
             except (Exception, SystemExit) as error:  # third-party code may raise any exception
-                what = " ".join(str(error).split())[:500]
-                failures.append(
-                    (
-                        piece.point,
-                        trial,
-                        seed,
-                        (
-                            what
-                            if isinstance(error, ShoalError)
-                            else f"{type(error).__name__}: {what}"
-                        ),
-                    )
-                )
+                failures.append((piece.point, trial, seed, describe_error(error)))
         paces.append((piece.point, (time.perf_counter() - start) / (piece.stop - piece.first)))
     seconds = time.perf_counter() - began
     return Answer(rows, failures, seconds, paces, worker_versions(), worker_name())

@@ -8,14 +8,15 @@ import os
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import field, replace
 from pathlib import Path
+from typing import Any
 
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError, describe_error
 from shoal.core.notices import tell_once
 from shoal.lab.batches import (
     Answer,
@@ -28,7 +29,6 @@ from shoal.lab.batches import (
     check_versions,
     describe_mixture,
     lost_batch,
-    placed,
     play_batch,
 )
 from shoal.lab.problems import check_trial
@@ -111,7 +111,7 @@ def run_sweep(
     (6, True)
     """
     path = Path(store)
-    inputs = prepare(sweep)
+    inputs, files = prepare(sweep)
     _load_kernels(sweep)
     with Store(path, write=True) as opened:
         with locked(path, sweep.name):
@@ -119,9 +119,8 @@ def run_sweep(
             gaps = opened.missing(sweep)
             if gaps:
                 _warn_of_others(opened, sweep.name)
-                _run(
-                    sweep, opened, gaps, make_worker_pool(workers, dask), batch_seconds, on_progress
-                )
+                with make_worker_pool(workers, dask) as pool:
+                    _Run(sweep, opened, files, pool, batch_seconds, on_progress).all(gaps)
             elif on_progress is not None:
                 on_progress(SweepProgress(sweep.total, sweep.total, 0, 0, 0, 0.0))
         return opened.status(sweep.name)
@@ -140,25 +139,10 @@ def _warn_of_others(store: Store, name: str) -> None:
         )
 
 
-def _run(
-    sweep: Sweep,
-    store: Store,
-    gaps: list[Gap],
-    pool: WorkerPool,
-    batch_seconds: float,
-    on_progress: OnProgress | None,
-) -> None:
-    finished = False
-    try:
-        _Run(sweep, store, pool, batch_seconds, on_progress).all(gaps)
-        finished = True
-    finally:
-        pool.close(at_once=not finished)
-
-
-def prepare(sweep: Sweep) -> dict[str, str]:
+def prepare(sweep: Sweep) -> tuple[dict[str, str], dict[str, Any]]:
     """Check that every point of a sweep can run. Return a digest of each map, workspace and region
-    in the sweep.
+    in the sweep, and those that are read from files, opened: all trials run in what the files
+    contain now.
 
     Raises
     ------
@@ -167,15 +151,19 @@ def prepare(sweep: Sweep) -> dict[str, str]:
         that cannot run.
     """
     inputs: dict[str, str] = {}
+    files: dict[str, Any] = {}
     for point in distinct_places(sweep.points):
         name = point.problem.place_key()
         if name is not None:
             with _errors_at(sweep, point):
-                inputs[name] = digest_of(placed(point.problem).place_digest())
+                problem = point.problem.opened()
+                inputs[name] = digest_of(problem.place_digest())
+                if problem.place_is_file():
+                    files[name] = problem.place
     for point in sweep.points:
         with _errors_at(sweep, point):
-            check_trial(placed(point.problem))
-    return inputs
+            check_trial(point.problem.opened())
+    return inputs, files
 
 
 @contextmanager
@@ -187,9 +175,10 @@ def _errors_at(sweep: Sweep, point: Point) -> Iterator[None]:
         yield
     except Exception as error:  # third-party code may raise any exception
         where = ", ".join(f"{name} = {value}" for name, value in point.values.items())
-        what = str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
         kind = UnknownNameError if isinstance(error, UnknownNameError) else InvalidInputError
-        raise kind(f"sweep {sweep.name}{', at ' * bool(where)}{where}: {what}") from None
+        raise kind(
+            f"sweep {sweep.name}{', at ' * bool(where)}{where}: {describe_error(error)}"
+        ) from None
 
 
 def _load_kernels(sweep: Sweep) -> None:
@@ -218,6 +207,7 @@ class _Run:
 
     sweep: Sweep
     store: Store
+    files: Mapping[str, Any]  # opened places by their keys
     pool: WorkerPool
     batch_seconds: float
     on_progress: OnProgress | None
@@ -386,14 +376,8 @@ class _Run:
 
     def _piece(self, gap: Gap, first: int, stop: int) -> Piece:
         problem = gap.point.problem
-        return Piece(
-            gap.id,
-            problem,
-            gap.point.seeds,
-            first,
-            stop,
-            placed(problem).place if problem.place_is_file() else None,
-        )
+        place = self.files.get(problem.place_key() or "")
+        return Piece(gap.id, problem, gap.point.seeds, first, stop, place)
 
 
 def _rounds(gaps: list[Gap]) -> Iterator[Gap]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import csv
-import importlib
 import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.files import atomic, check_suffix
 from shoal.lab.database import unfinished_store
 from shoal.lab.store import Store
@@ -131,16 +130,6 @@ def _insert(write: Write, table: str, columns: str, values: tuple[Any, ...]) -> 
 SUFFIXES = (".csv", ".parquet")
 
 
-def _needed(module: str, what: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        package = module.partition(".")[0]
-        raise MissingExtraError(
-            f"{what} needs {package}, which is not installed ({error}): pip install 'shoal[lab]'"
-        ) from error
-
-
 def export(store: Store, name: str, path: str | os.PathLike[str]) -> int:
     """Write the results of a sweep as a table, sorted by point and trial. Return the number of rows
     in the table.
@@ -192,7 +181,10 @@ def _defused(value: Any) -> Any:
 
 
 def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> int:
-    arrow, parquet = _needed("pyarrow", "Parquet"), _needed("pyarrow.parquet", "Parquet")
+    arrow, parquet = (
+        import_extra(name, "Parquet needs pyarrow", extra="lab")
+        for name in ("pyarrow", "pyarrow.parquet")
+    )
     count, writer, schema = 0, None, None
     try:
         for chunk in store.chunks(name):
@@ -259,7 +251,7 @@ def frame(store: Store, name: str) -> Any:
     MissingExtraError
         Raised if ``shoal[lab]`` is not installed.
     """
-    pandas = _needed("pandas", "a data frame")
+    pandas = import_extra("pandas", "a data frame needs pandas", extra="lab")
     columns = store.columns(name)
     parts = [
         pandas.DataFrame(dict(zip(columns, chunk, strict=True))) for chunk in store.chunks(name)

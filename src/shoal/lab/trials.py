@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import pickle
 import signal
 from collections.abc import Callable, Iterator
@@ -27,15 +26,11 @@ from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import stop_on_interruption
 from shoal.core.registry import load_users_modules, users_modules
+from shoal.core.version import count_processors
 from shoal.swarm import SwarmEpisode, SwarmProblem
 from shoal.swarm.policies import Compiled
 from shoal.swarm.run import run
 from shoal.swarm.simulation.loop import OnMoves
-
-
-def default_workers() -> int:
-    """Return the number of processors that the current process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def make_executor(workers: int, *, compiled: bool) -> Executor:
@@ -121,7 +116,7 @@ def run_trials(
     >>> [e.moves for e in run_trials(SwarmProblem([[1] * 20], particles=20), trials=3, workers=2)]
     [4, 4, 4]
     """
-    workers = default_workers() if workers is None else workers
+    workers = count_processors() if workers is None else workers
     trials = check_integer(trials, what="trials", least=1, most=MOST_TRIALS)
     workers = check_integer(workers, what="workers", least=1)
     compiled = isinstance(problem.setup.policy, Compiled)

@@ -11,14 +11,15 @@ from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import field
 from multiprocessing.connection import wait
-from typing import Any
+from typing import Any, Self
 
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.registry import digest_of_module, named_modules, users_modules
+from shoal.core.version import count_processors
 from shoal.lab.batches import check_versions, worker_name, worker_versions
-from shoal.lab.trials import begin_worker, default_workers, give_up
+from shoal.lab.trials import begin_worker, give_up
 
 
 class WorkerPool:
@@ -56,6 +57,12 @@ class WorkerPool:
 
     def close(self, *, at_once: bool) -> None:
         """Release all workers of the pool, with ``at_once`` in the middle of their batches."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close(at_once=kind is not None)
 
 
 class InProcess(WorkerPool):
@@ -316,6 +323,6 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
             )
         return Cluster(dask)
     count = (
-        default_workers() if workers is None else check_integer(workers, what="workers", least=0)
+        count_processors() if workers is None else check_integer(workers, what="workers", least=0)
     )
     return Processes(count) if count else InProcess()

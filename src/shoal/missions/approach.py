@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import partial_sums, step_lengths
 from shoal.missions.mission import Mission
 from shoal.missions.rules import ROUNDING, inside_of, searching
 from shoal.search.flight.legs import complete_path
@@ -341,7 +342,7 @@ def _heights_of(
     )
     way = way[1 + (mission.kind == "fixed-wing") : -1]
     profile = ground_profile(terrain, way[:, :2], frame, error=_FINE)
-    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(profile.points, axis=0).T))])
+    far = partial_sums(step_lengths(profile.points))
     flown = np.interp(far, far[profile.vertices], way[:, 2])
     places = np.vstack([profile.points, way[:, :2]])
     return places, np.concatenate(

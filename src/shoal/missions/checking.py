@@ -16,6 +16,7 @@ from shoal.core.checks import count_text
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
+from shoal.core.geometry import angles_of
 from shoal.missions.approach import Clearance, MissionApproach, clearance_of, missions_approach
 from shoal.missions.diagnostics import Diagnostic, Sheet, distinct
 from shoal.missions.files import UNCOVERED, format_of, mission_of
@@ -501,7 +502,7 @@ def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
     0.0
     """
     legs = np.concatenate([np.zeros((0, 2)), *(np.diff(way, axis=0) for way in ways)])
-    lengths, tenths = np.hypot(*legs.T), np.degrees(np.arctan2(legs[:, 1], legs[:, 0])) % 90.0 * 10
+    lengths, tenths = np.hypot(*legs.T), np.degrees(angles_of(legs)) % 90.0 * 10
     if not lengths.sum():
         return 0.0
     mode = float(np.bincount(np.rint(tenths).astype(np.int64) % 900, weights=lengths).argmax())

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import unit_vectors
 from shoal.core.notices import tell_once
 from shoal.search.regions.margin import with_margin, without_margin
 from shoal.search.regions.outline import Points
@@ -379,7 +380,7 @@ def circle_ring(place: tuple[float, float], radius: float, *, inclusion: bool) -
     """
     angles = np.linspace(0.0, 2 * np.pi, _CIRCLE, endpoint=False)
     reach = min(radius, REACH) / (1.0 if inclusion else float(np.cos(np.pi / _CIRCLE)))
-    return LocalFrame(*place).to_degrees(reach * np.column_stack([np.cos(angles), np.sin(angles)]))
+    return LocalFrame(*place).to_degrees(reach * unit_vectors(angles))
 
 
 def fenced_region(

@@ -14,6 +14,7 @@ import numpy as np
 
 from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import angles_of, step_lengths
 from shoal.missions.approach import near_homes
 from shoal.missions.diagnostics import RULES, Diagnostic, Sheet
 from shoal.missions.files import mission_of, open_sheets
@@ -182,9 +183,9 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
                 f" {sheet.altitudes[-1]:g} m down over {away:.4g} m"
             )
             sheet.add("approach", sheet.places[-1], said)
-    numbers = np.flatnonzero(np.hypot(*np.diff(way, axis=0).T) > ROUNDING)
+    numbers = np.flatnonzero(step_lengths(way) > ROUNDING)
     legs = np.diff(way, axis=0)[numbers]
-    lengths, bearings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
+    lengths, bearings = np.hypot(*legs.T), angles_of(legs)
     bends = np.abs((np.diff(bearings) + math.pi) % (2 * math.pi) - math.pi)
     # a circle that touches both legs begins at this distance before their vertex
     needs = np.pad(radius * np.tan(bends / 2), 1)

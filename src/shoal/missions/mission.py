@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_choice, check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import step_lengths, unit_vectors
 from shoal.missions.fence import Fence
 from shoal.search.flight.dubins import Airspace
 from shoal.search.flight.flight import FRAMES, Altitudes, Flight
@@ -263,7 +264,7 @@ class Mission:
         """
         way = np.vstack([self.home, self.waypoints, self.end])
         if not self.geographic:
-            return float(np.hypot(*np.diff(way, axis=0).T).sum())
+            return float(step_lengths(way).sum())
         from pyproj import Geod
 
         return float(Geod(ellps="WGS84").line_length(way[:, 0], way[:, 1]))
@@ -361,7 +362,7 @@ def circle_around(
     """
     angles = np.linspace(0.0, 2 * np.pi, _RING if radius else 0)
     middle = np.array([place]) if frame is None else frame.to_metres(np.array([place]))
-    return np.asarray(middle + (radius or 0.0) * np.column_stack([np.cos(angles), np.sin(angles)]))
+    return np.asarray(middle + (radius or 0.0) * unit_vectors(angles))
 
 
 def _check_motion(kind: str, altitude: float, speed: float, *, level: bool) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import segments_of
 from shoal.missions.diagnostics import Sheet
 from shoal.missions.fence import Fence
 from shoal.missions.mission import CAPS, FASTEST, OVERHEAD, circle_around
@@ -285,7 +286,7 @@ def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
     except InvalidInputError:
         return  # too far from home
     shapely.prepare(area)
-    lines = shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
+    lines = shapely.linestrings(segments_of(way))
     names = [
         "from home",
         *(f"to {place}" for place in sheet.places[1:]),
@@ -590,9 +591,7 @@ def _check_legs(
 
     finite = np.asarray(np.isfinite(way).all(axis=1))
     usable = np.asarray(finite[:-1] & finite[1:])
-    lines = shapely.linestrings(
-        np.where(usable[:, None, None], np.stack([way[:-1], way[1:]], axis=1), 0.0)
-    )
+    lines = shapely.linestrings(np.where(usable[:, None, None], segments_of(way), 0.0))
     outside = usable & ~np.asarray(shapely.covers(allowed, lines))
     through = usable & np.asarray(shapely.intersects(forbidden, lines))
     if here.start or not shapely.intersects_xy(allowed, *way[0]):

@@ -92,9 +92,10 @@ def claim(
     <Verdict.NOT_COMPARABLE: 'not comparable'>
     """
     text = printed if isinstance(printed, str) else f"{printed:g}"
-    value, low, high = (
-        (ours.mean, ours.low, ours.high) if isinstance(ours, Estimate) else _interval(ours)
-    )
+    if isinstance(ours, Estimate):
+        value, low, high = ours.mean, ours.low, ours.high
+    else:
+        value, low, high = ours if isinstance(ours, tuple) else (float(ours),) * 3
     exact = low == high
     said = (
         f"{value:.4g}"
@@ -121,10 +122,6 @@ def claim(
         criterion,
         Verdict.AGREES if least <= low and high <= most else Verdict.DIFFERS,
     )
-
-
-def _interval(ours: float | tuple[float, float, float]) -> tuple[float, float, float]:
-    return ours if isinstance(ours, tuple) else (float(ours), float(ours), float(ours))
 
 
 def _rounded(text: str) -> tuple[float, float]:
@@ -170,15 +167,12 @@ def curve_claim(
     from scipy.stats import norm
 
     ours = {row.values["particles"]: row.estimate for row in rows}
-    pairs = [
-        (ours[int(n)], mean, std)
-        for n, mean, std in zip(published.x, published.mean, _deviations(published), strict=True)
-    ]
+    std = np.zeros_like(published.mean) if published.std is None else np.nan_to_num(published.std)
     found = np.array(
         [
-            (e.mean, e.std / e.count**0.5, mean, std / trials**0.5)
-            for e, mean, std in pairs
-            if e is not None
+            (e.mean, e.std / e.count**0.5, printed, deviation / trials**0.5)
+            for n, printed, deviation in zip(published.x, published.mean, std, strict=True)
+            if (e := ours[int(n)]) is not None
         ]
     )
     ratio = np.log(found[:, 0] / found[:, 2])
@@ -201,10 +195,6 @@ def curve_claim(
             what, "curve", said, f"{criterion}; too few trials to tell", Verdict.NOT_COMPARABLE
         )
     return Claim(what, "curve", said, criterion, Verdict.DIFFERS if outside else Verdict.AGREES)
-
-
-def _deviations(published: Published) -> np.ndarray:
-    return np.zeros_like(published.mean) if published.std is None else np.nan_to_num(published.std)
 
 
 def ratio(above: Estimate, below: Estimate) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from shoal.core.checks import check_integer
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, describe_error
 from shoal.core.files import atomic, write_json
 from shoal.core.registry import Registry
 from shoal.lab.coordinator import OnProgress, run_sweep
@@ -197,9 +197,7 @@ def reproduce_all(
         try:
             result = reproduce(name, out, on_map=on_map if recipe.on_map else None, **options)
         except Exception as error:  # any exception: the other figures are still made
-            said = (
-                str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
-            )
+            said = describe_error(error)
             result = Result(recipe, None, (), time.perf_counter() - began, 0, said)
         results.append(result)
         if on_result is not None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import angles_of, unit_vectors
 from shoal.steering.kernels.cycles import WallSamples, deepen
 from shoal.steering.planners.chains import ChainQuery, kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, clipped, disk, hull
@@ -187,7 +188,7 @@ def _disk_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -
         return []
     first, last, slack = angles
     points = [
-        workspace.center + workspace.radius * np.array([np.cos(a), np.sin(a)])
+        workspace.center + workspace.radius * unit_vectors(a)
         for a in (first, last, (first + last) / 2)
     ]
     return [Crossing(1, -1, points[0], points[1], points[2], slack)]
@@ -276,11 +277,11 @@ def _disk_pieces(
     half = float(np.arccos(np.clip(distance / (2 * radius), -1, 1)))
     pieces = []
     for angle in np.linspace(_angle(-before) - half, _angle(-before) + half, contacts):
-        contact = radius * np.array([np.cos(angle), np.sin(angle)])
+        contact = radius * unit_vectors(angle)
         depth = -float(before @ contact) / radius
         chord = float(np.arccos(np.clip(1 - depth / radius, -1, 1)))
         around = np.linspace(angle - chord, angle + chord, corners)
-        piece = radius * np.stack([np.cos(around), np.sin(around)], axis=1) - contact
+        piece = radius * unit_vectors(around) - contact
         pieces.append(piece)
     return pieces
 
@@ -334,14 +335,14 @@ class DiskReach:
         ahead = _ahead(len(self.radii))
         angles = np.concatenate([ahead, 2 * pi - ahead[::-1]])
         radii = np.concatenate([self.radii, self.radii[::-1]])
-        return np.asarray(radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+        return np.asarray(radii[:, None] * unit_vectors(angles))
 
     def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
         """Return for each position difference, shape (..., 2), whether the particles can reach it;
         bool, shape (...).
         """
         given = np.asarray(differences, dtype=np.float64)
-        angles = np.abs(np.arctan2(given[..., 1], given[..., 0]))
+        angles = np.abs(angles_of(given))
         return np.asarray(
             np.hypot(given[..., 0], given[..., 1])
             <= np.interp(angles, _ahead(len(self.radii)), self.radii)

@@ -353,9 +353,10 @@ class SteeringProblem(Problem):
         """
         return self.workspace if isinstance(self.workspace, str) else None
 
-    def place_is_file(self) -> bool:
-        """Return whether the field ``workspace`` names a file."""
-        return isinstance(self.workspace, str) and os.path.exists(self.workspace)
+    def place_files(self) -> tuple[str, ...]:
+        """Return the file that the field ``workspace`` names, if it names one."""
+        name = self.workspace
+        return (name,) if isinstance(name, str) and os.path.exists(name) else ()
 
     def place_digest(self) -> bytes:
         """Return the JSON description of the workspace as bytes."""

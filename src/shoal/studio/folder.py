@@ -5,16 +5,16 @@ too large are refused.
 from __future__ import annotations
 
 import os
-import warnings
 from collections import Counter
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from shoal.core.checks import shortened
-from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.swarm.maps.files import FORMATS as MAP_FORMATS
+from shoal.swarm.maps.pages import size_of_picture
 
 MOST_PIXELS = 50_000_000
 """Maximum number of pixels in a picture that the studio opens. Commands outside the studio can open
@@ -265,43 +265,9 @@ def check_pixels(path: Path) -> None:
     """
     if path.suffix.lower() not in PICTURES or not path.is_file():
         return
-    from PIL import Image, UnidentifiedImageError
-
-    with warnings.catch_warnings():
-        # about decompression bombs in pictures: our own error reports them
-        warnings.simplefilter("ignore")
-        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
-        try:
-            with Image.open(path, formats=("PNG", "TIFF", "BMP", "JPEG")) as image:
-                width, height = image.size
-        except (UnidentifiedImageError, OSError, SyntaxError, ValueError):
-            size = _size_by_tifffile(path)
-            if size is None:
-                raise InvalidInputError(
-                    f"{path.name}: expected a PNG, TIFF, BMP or JPEG picture, got a damaged or"
-                    " other file"
-                ) from None
-            width, height = size
-        finally:
-            Image.MAX_IMAGE_PIXELS = limit
+    width, height = size_of_picture(path)
     if width * height > MOST_PIXELS:
         raise InvalidInputError(
             f"{path.name}: expected a picture of at most {MOST_PIXELS // 10**6} megapixels, got"
             f" {width} x {height}"
         )
-
-
-def _size_by_tifffile(path: Path) -> tuple[int, int] | None:
-    """Return the columns and rows of a TIFF file that Pillow does not know, such as one of wide
-    numbers, or None.
-    """
-    from shoal.swarm.maps.tiff import size_of
-
-    if path.suffix.lower() not in {".tif", ".tiff"}:
-        return None
-    try:
-        return size_of(path)
-    except MissingExtraError:
-        raise
-    except Exception:  # tifffile raises many kinds of exceptions for damaged files
-        return None

@@ -12,8 +12,8 @@ from typing import Any
 
 from shoal.core.checks import check_choice, check_number, check_text, parse_json, shortened
 from shoal.core.errors import InvalidInputError, OutputError
+from shoal.core.version import count_processors
 from shoal.lab.database import sqlite_errors_at, transaction
-from shoal.lab.trials import default_workers
 from shoal.studio.folder import Folder
 from shoal.studio.processes import Worker
 from shoal.studio.work import JOBS
@@ -271,7 +271,7 @@ class JobQueue:
         self._save_ends()
         long = [kind for kind, job in JOBS.items() if job.long]
         while not self._closing and (free := self._free()) > 0:
-            free_for_long = free - (default_workers() > 1)
+            free_for_long = free - (count_processors() > 1)
             job = self.store.begin_next(without=() if free_for_long > 0 else long)
             if job is None:
                 return
@@ -284,7 +284,7 @@ class JobQueue:
 
     def _free(self) -> int:
         """Return the number of processors on which no job is running."""
-        return default_workers() - sum(running.processors for running in self._running.values())
+        return count_processors() - sum(running.processors for running in self._running.values())
 
     async def _follow(self, running: _Running) -> None:
         """Handle the messages of a job's process until it ends. A process that ends without a final

@@ -17,7 +17,7 @@ import numpy as np
 import shoal
 from shoal.core.checks import check_choice, check_integer, check_text, shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError, describe_error
 from shoal.core.files import as_json, atomic, write_json, write_text
 from shoal.lab.batches import MixedVersionsWarning, SweepProgress
 from shoal.lab.coordinator import run_sweep
@@ -93,7 +93,7 @@ def do_job(
             },
         )
     except Exception as error:  # as a last resort, the browser gets any exception as text
-        say("failed", {"error": f"{type(error).__name__}: {error}"[:300]})
+        say("failed", {"error": describe_error(error, most=300)})
 
 
 def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, cached_property
@@ -16,13 +15,14 @@ from shoal.core.checks import check_integer, shortened
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
 from shoal.core.random import world_generators
+from shoal.core.version import count_processors
 from shoal.swarm.grid.board import LETTERS, Board, GridLayout, Words, encode, letters_of, trial_rng
 from shoal.swarm.grid.paths import search_of
 from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState
 from shoal.swarm.grid.tasks import check_reachable
 from shoal.swarm.kernels import batches as kernels
-from shoal.swarm.kernels.batches import Steps, Worlds, begin_worlds, step_worlds
+from shoal.swarm.kernels.batches import Starts, Steps, Worlds, begin_worlds, step_worlds
 from shoal.swarm.kernels.moves import BLOCK_WORDS
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.problem import SwarmProblem
@@ -188,13 +188,13 @@ class WorldBatch:
         check_problems(self.problems)
         count = check_integer(worlds, what="worlds", least=1)
         self.threads = (
-            processors() if threads is None else check_integer(threads, what="threads", least=1)
+            count_processors()
+            if threads is None
+            else check_integer(threads, what="threads", least=1)
         )
         first = self.problems[0]
         self._setups = [one.setup for one in self.problems]
-        self._mapping = self._setups[0].mapping
         self._compiled = first.noise is None and is_compiled(self._setups[0].task)
-        self._rule, self._merge = RULE_CODES[first.rule], first.rule == "merge"
         self._noisy = first.noise is not None
         self._padded = PaddedMaps([setup.workspace for setup in self._setups])
         self.layout = self._padded.layout
@@ -202,7 +202,7 @@ class WorldBatch:
         boards = {
             name: np.zeros((count, self._padded.words), dtype=np.uint64) for name in Boards._fields
         }
-        cells = (rows, 64 * width) if self._merge else (0, 0)
+        cells = (rows, 64 * width) if first.rule == "merge" else (0, 0)
         self.maps, self.seeds = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         self._worlds = Worlds(
             free=self._padded.free,
@@ -212,11 +212,15 @@ class WorldBatch:
             counts=np.zeros((count, *cells), dtype=np.int32),
             layers=self.layout.layers,
             rows=self.layout.rows,
+            columns=self.layout.columns,
             width=width,
+            rule=RULE_CODES[first.rule],
+            mapping=self._setups[0].mapping,
         )
         kinds = (np.int8, np.int32, np.int32, *[np.int64] * 3, *[np.bool_] * 3)
         self._steps = Steps(*(np.zeros(count, kind) for kind in kinds))
         self._work = np.zeros((self.threads, 2, max(BLOCK_WORDS, width)), dtype=np.uint64)
+        self._scratch = [(work,) for work in self._work]
         self._swarms: list[Any] = [None] * count
         self._rngs: list[Generator] = []
         self.moves, self.limits = self._steps.moves, self._steps.limits
@@ -238,7 +242,7 @@ class WorldBatch:
     def memory(self) -> int:
         """Size of all arrays of the batch in bytes, including working memory."""
         own = (self.seeds, self._work, self._all, self._once)
-        return sum(array.nbytes for array in (*self._worlds[:-3], *self._steps, *own))
+        return sum(array.nbytes for array in (*self._worlds[:8], *self._steps, *own))
 
     def reset(
         self,
@@ -298,7 +302,7 @@ class WorldBatch:
         for world, swarm, (_, rng) in zip(chosen.tolist(), swarms, rngs, strict=True):
             self._swarms[world], self._rngs[world] = swarm, rng
         if self._compiled:
-            self._share(begin_worlds, chosen, *boards)
+            self._share(begin_worlds, chosen, self._steps, boards, scratch=self._scratch)
             return
         for column in self._steps[1:5]:
             column[chosen] = 0
@@ -363,7 +367,7 @@ class WorldBatch:
             steps.commands[:], steps.classified[:], steps.travelled[:] = -1, 0, 0
             steps.commands[chosen] = codes
         if self._compiled:
-            self._share(step_worlds, chosen, times)
+            self._share(step_worlds, chosen, steps, times, scratch=self._scratch)
         else:
             self._carry_out(chosen, times)
         return Trace(*steps[:4], steps.commands >= 0)
@@ -432,13 +436,7 @@ class WorldBatch:
         lines = filled.reshape(
             len(chosen), len(names), self.layout.layers * self.layout.rows, self.layout.columns
         )
-
-        def work(_: int, first: int, last: int) -> None:
-            kernels.write_planes(self._worlds, chosen, codes, lines, first, last)
-
-        share_out(
-            work, len(chosen), words=16 * len(names) * self._padded.words, threads=self.threads
-        )
+        self._share(kernels.write_planes, chosen, codes, lines, boards=16 * len(names))
         return filled
 
     def windows(
@@ -474,13 +472,8 @@ class WorldBatch:
         cut = filled.reshape(len(chosen), len(names), -1, side, side)
         middles = np.zeros((len(chosen), 3), dtype=np.int64)
         middles[:, 3 - ndim :] = centers
-
-        def work(_: int, first: int, last: int) -> None:
-            kernels.write_windows(
-                self._worlds, chosen, codes, middles, self.layout.columns, cut, first, last
-            )
-
-        share_out(work, len(chosen), words=side**ndim, threads=self.threads)
+        share = side**ndim / self._padded.words
+        self._share(kernels.write_windows, chosen, codes, middles, cut, boards=share)
         return filled
 
     def measures(self, *, where: ArrayLike | None = None) -> Measures:
@@ -488,13 +481,7 @@ class WorldBatch:
         chosen, ndim = self._chosen(where), self.layout.ndim
         shapes = ((len(chosen), 2 * ndim, 2), (len(chosen), 3, 2), (len(chosen), 3))
         commands, axes, totals = (np.zeros(shape, dtype=np.int64) for shape in shapes)
-
-        def work(_: int, first: int, last: int) -> None:
-            kernels.measure_worlds(
-                self._worlds, chosen, self.layout.columns, commands, axes, totals, first, last
-            )
-
-        share_out(work, len(chosen), words=4 * self._padded.words, threads=self.threads)
+        self._share(kernels.measure_worlds, chosen, commands, axes, totals, boards=4)
         return Measures(
             commands[:, :, kernels.PROBING],
             commands[:, :, kernels.MOVING],
@@ -518,15 +505,9 @@ class WorldBatch:
         ndarray of int64, shape (worlds, ndim)
             Indices, into the planes, of the last cell of each shortest path.
         """
-        chosen, searches = self._chosen(where), self._searches
+        chosen = self._chosen(where)
         found = np.zeros((len(chosen), 5), dtype=np.int64)
-
-        def work(thread: int, first: int, last: int) -> None:
-            kernels.find_nearest(
-                self._worlds, chosen, self._work[thread], searches[thread], found, first, last
-            )
-
-        share_out(work, len(chosen), words=16 * self._padded.words, threads=self.threads)
+        self._share(kernels.find_nearest, chosen, found, boards=16, scratch=self._searches)
         return found[:, 0], found[:, 1], found[:, 5 - self.layout.ndim :]
 
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
@@ -542,25 +523,19 @@ class WorldBatch:
         """
         chosen = self._chosen(where)
         masks = np.ones((len(chosen), len(letters_of(self.layout.ndim))), dtype=np.int8)
-
-        def work(_: int, first: int, last: int) -> None:
-            kernels.mark_commands(self._worlds, chosen, self._merge, masks, first, last)
-
         if not self._noisy:
-            share_out(work, len(chosen), words=self._padded.words, threads=self.threads)
+            self._share(kernels.mark_commands, chosen, masks)
         return masks
 
     def _chosen(self, where: ArrayLike | None) -> NDArray[np.int64]:
         """Return the indices of the worlds that the mask ``where`` selects."""
         return self._all if where is None else check_where(where, len(self))
 
-    def _first_boards(self, numbers: list[int], starts: list[Any]) -> tuple[Any, ...]:
-        """Return the start cells and the target cells of new episodes, as arrays for the kernel
-        that starts worlds.
-        """
+    def _first_boards(self, numbers: list[int], starts: list[Any]) -> Starts:
+        """Return the start cells and the target cells of new episodes."""
         cells = [self._padded.lines(start) for start, _ in starts]
         targets = np.zeros((0, 0), dtype=np.uint64)
-        if not self._mapping:
+        if not self._worlds.mapping:
             targets = np.zeros((len(starts), self._padded.words), dtype=np.uint64)
             for row, number, (start, wanted) in zip(targets, numbers, starts, strict=True):
                 place = self._setups[number].workspace
@@ -571,7 +546,7 @@ class WorldBatch:
                     else self._padded.of_mask(wanted)
                 )
         ends = np.cumsum([len(one) for one in cells], dtype=np.int64)
-        return np.concatenate(cells), ends, targets
+        return Starts(np.concatenate(cells), ends, targets)
 
     def _carry_out(self, chosen: NDArray[np.int64], times: NDArray[np.int64]) -> None:
         """Send commands to worlds that the kernels do not support, one world after the other."""
@@ -618,31 +593,34 @@ class WorldBatch:
                 not steps.terminated[world] and steps.moves[world] >= steps.limits[world]
             )
 
-    def _share(self, kernel: Any, chosen: NDArray[np.int64], *arguments: Any) -> None:
-        """Run a kernel on the selected worlds, in several threads."""
+    def _share(
+        self,
+        kernel: Any,
+        chosen: NDArray[np.int64],
+        *arguments: Any,
+        boards: float = 1,
+        scratch: Sequence[tuple[Any, ...]] | None = None,
+    ) -> None:
+        """Run a kernel on the selected worlds, in several threads.
+
+        The work for a world is that for ``boards`` of its boards. ``scratch`` contains working
+        memory for each thread.
+        """
 
         def work(thread: int, first: int, last: int) -> None:
-            kernel(
-                self._worlds,
-                self._steps,
-                self._work[thread],
-                chosen,
-                *arguments,
-                self._rule,
-                self._mapping,
-                first,
-                last,
-            )
+            own = () if scratch is None else scratch[thread]
+            kernel(self._worlds, chosen, *own, *arguments, first, last)
 
-        share_out(work, len(chosen), words=self._padded.words, threads=self.threads)
+        words = int(boards * self._padded.words)
+        share_out(work, len(chosen), words=words, threads=self.threads)
 
     @cached_property
-    def _searches(self) -> list[Any]:
+    def _searches(self) -> list[tuple[Any, ...]]:
         """Working memory of each thread for the search of shortest paths."""
         size = int(np.prod(self.layout.window))
         return [
-            search_of(self.layout, ties="column-major", neighbours="lurd", plan_size=size)
-            for _ in range(self.threads)
+            (work, search_of(self.layout, ties="column-major", neighbours="lurd", plan_size=size))
+            for work in self._work
         ]
 
 
@@ -707,11 +685,6 @@ class PaddedMaps:
     def of_mask(self, mask: NDArray[np.bool_]) -> Words:
         """Convert a mask of a map's cells to a flat board of the common shape."""
         return self.padded(Board.of_mask(mask))
-
-
-def processors() -> int:
-    """Return the number of processors that the current process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache

@@ -17,7 +17,7 @@ from shoal.core.checks import check_number, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.notices import tell_once
-from shoal.core.problem import Problem, option
+from shoal.core.problem import Problem, option, option_of
 from shoal.core.registry import Registry, name_of
 from shoal.swarm.grid.board import RULES, GridLayout
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
@@ -32,7 +32,7 @@ from shoal.swarm.grid.tasks import (
     place,
 )
 from shoal.swarm.grid.world import check_start
-from shoal.swarm.maps.reading import HIGH, LOW, MAX_CELLS, REASONS, check_channel
+from shoal.swarm.maps.reading import HIGH, LOW, MAX_CELLS, REASONS, MapOptions
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import CONFIDENCE, MOST, PRIOR, SUREST, Noise
 
@@ -369,67 +369,14 @@ class SwarmProblem(Problem):
         above=0,
         most=0.5,
     )
-    threshold: float | None = option(
-        None,
-        help=(
-            "For pictures: minimum brightness of a free pixel, from 0 (black) to 1 (white). By"
-            " default, a picture of two brightnesses is a mask, whose brighter pixels are free, and"
-            " every other picture has the threshold 0.5."
-        ),
-        least=0,
-        most=1,
-    )
-    invert: bool = option(
-        False,
-        help=(
-            "For map files: exchange free cells and obstacles. In a picture, dark pixels are free."
-        ),
-    )
-    scale: float = option(
-        1.0,
-        help=(
-            "For pictures: number of cells for each pixel along each side; what was connected stays"
-            " connected."
-        ),
-        above=0,
-        most=64,
-    )
-    join_diagonals: bool = option(
-        False,
-        help=(
-            "For files: where parts of the map touch only diagonally, open one cell, because"
-            " particles cannot move diagonally."
-        ),
-    )
-    level: float | None = option(
-        None,
-        help=(
-            "For grey pictures, tables, arrays and volumes: minimum number of a free cell, as the"
-            " file stores it."
-        ),
-    )
-    label: int | None = option(
-        None,
-        help=(
-            "For grey pictures, pictures with a palette, tables, arrays and volumes: number (label)"
-            " of all free cells."
-        ),
-    )
-    channel: int | str | None = option(
-        None,
-        help=(
-            "For pictures, arrays and volumes of several channels: the channel that is read, by its"
-            " number from 1 or by its name, such as red, green, blue or alpha."
-        ),
-        metavar="CHANNEL",
-        parse=check_channel,
-        check=check_channel,
-    )
-    frame: int | None = option(
-        None,
-        help="For pictures and volumes with a time axis: the point in time that is read, from 1.",
-        least=1,
-    )
+    threshold: float | None = option_of(MapOptions, "threshold")
+    invert: bool = option_of(MapOptions, "invert")
+    scale: float = option_of(MapOptions, "scale")
+    join_diagonals: bool = option_of(MapOptions, "join_diagonals")
+    level: float | None = option_of(MapOptions, "level")
+    label: int | None = option_of(MapOptions, "label")
+    channel: int | str | None = option_of(MapOptions, "channel")
+    frame: int | None = option_of(MapOptions, "frame")
     largest_component: bool = option(
         False, help="Keep the largest connected part of the free space, and remove all other parts."
     )
@@ -620,10 +567,10 @@ class SwarmProblem(Problem):
             without=("kind", *(name for name in self.declarations() if name not in read))
         )
 
-    def place_is_file(self) -> bool:
-        """Return whether the problem's map is a file or a folder."""
+    def place_files(self) -> tuple[str, ...]:
+        """Return the file or the folder of the problem's map, if it has one."""
         # unlike Path.exists, it accepts names of any length
-        return isinstance(self.map, str) and os.path.exists(self.map)
+        return (self.map,) if isinstance(self.map, str) and os.path.exists(self.map) else ()
 
     def place_digest(self) -> bytes:
         """Return the shape and the free cells of the map as bytes."""

@@ -15,13 +15,13 @@ from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.parts import PARTS
+from shoal.views import search, steering, swarm
 from shoal.views.drawing.charts import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from shoal.core.episode import Episode
-    from shoal.views.drawing.encoding import Clip
 
 
 __all__ = ["figure", "film", "notebook_page", "save_figure"]
@@ -55,7 +55,8 @@ def figure(
         If Shoal has no figure of the given kind for the episode, or if the kind does not have a
         given option.
     """
-    kinds = _figures_of(episode[0] if isinstance(episode, Sequence) and episode else episode)
+    first = episode[0] if isinstance(episode, Sequence) and episode else episode
+    kinds = _views_of(first).figures.FIGURES
     if kind is None:
         kind = next(iter(kinds))
     drawn: Figure = kinds[check_choice(kind, what="kind", choices=kinds)](episode, **options)
@@ -95,11 +96,11 @@ def film(
     suffix = target.suffix.lower()
     with atomic(target) as temporary:
         if suffix == ".html":
-            temporary.write_text(_page_of(episode).player_page(episode), encoding="utf-8")
+            temporary.write_text(_views_of(episode).page.player_page(episode), encoding="utf-8")
         else:
             encode_film(
                 temporary,
-                _clip_of(episode, suffix),
+                _views_of(episode).films.clip_of(episode, suffix),
                 gif=suffix == ".gif",
                 on_frame=on_frame,
             )
@@ -121,7 +122,7 @@ def notebook_page(episode: Episode) -> str:
         else f"{name}<br/>{html.escape(episode.sentence)}"
     )
     try:
-        player = _page_of(episode).player_page(episode)
+        player = _views_of(episode).page.player_page(episode)
     except InvalidInputError:  # the episode is too large for a browser
         player = ""
     frame = (
@@ -143,63 +144,19 @@ def page_data(episode: Episode) -> dict[str, Any]:
     InvalidInputError
         If the episode is too large for a browser.
     """
-    data: dict[str, Any] = _page_of(episode).page_data(episode)
+    data: dict[str, Any] = _views_of(episode).page.page_data(episode)
     return data
 
 
-def _figures_of(episode: Any) -> Any:
-    """Return the functions that draw an episode, by the kind of the figure, the default first."""
-    part = _part_of(episode)
-    if part == "swarm":
-        from shoal.views.swarm import figures as swarm_figures
-
-        return swarm_figures.FIGURES
-    if part == "steering":
-        from shoal.views.steering import figures as steering_figures
-
-        return steering_figures.FIGURES
-    from shoal.views.search import figures as search_figures
-
-    return search_figures.FIGURES
-
-
-def _clip_of(episode: Any, suffix: str) -> Clip[Any]:
-    """Return the film of an episode before its encoding."""
-    part = _part_of(episode)
-    if part == "swarm":
-        from shoal.views.swarm.films import clip_of as swarm_clip_of
-
-        return swarm_clip_of(episode, suffix)
-    if part == "steering":
-        from shoal.views.steering.films import clip_of as steering_clip_of
-
-        return steering_clip_of(episode, suffix)
-    from shoal.views.search.films import clip_of as search_clip_of
-
-    return search_clip_of(episode, suffix)
-
-
-def _page_of(episode: Any) -> Any:
-    """Return the module with the functions ``page_data`` and ``player_page`` for an episode."""
-    part = _part_of(episode)
-    if part == "swarm":
-        from shoal.views.swarm import page as swarm_page
-
-        return swarm_page
-    if part == "steering":
-        from shoal.views.steering import page as steering_page
-
-        return steering_page
-    from shoal.views.search import page as search_page
-
-    return search_page
-
-
-def _part_of(episode: Any) -> str:
+def _views_of(episode: Any) -> Any:
+    """Return the package that draws the episodes of a part, with the modules ``figures``, ``films``
+    and ``page``. Each is imported when it is used, because matplotlib is slow to import.
+    """
     part = getattr(episode, "part", None)
     if part not in PARTS:
         raise InvalidInputError(
             "episode: expected an episode of swarm, steering or search, got"
             f" {type(episode).__name__}"
         )
-    return str(part)
+    packages: dict[str, Any] = {"swarm": swarm, "steering": steering, "search": search}
+    return packages[str(part)]

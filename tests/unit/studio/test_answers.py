@@ -43,6 +43,13 @@ def test_particles_start_in_the_cells_that_were_painted(folder):
     assert "particles" in told["problem"]
 
 
+def test_a_map_given_by_its_cells_is_not_shown_in_place_of_another(folder):
+    for rows in (["...."], ["..", ".."]):
+        problem = {"kind": "swarm", "map": {"name": "own", "rows": rows}, "particles": 1}
+        told = vessels.map_(folder, {"problem": problem, "seed": 0})
+        assert told["shape"] == [len(rows), len(rows[0])]
+
+
 def test_copies_of_an_episode_are_its_own_problem_and_seed(folder):
     episode = shoal.run(
         SwarmProblem("maze:9x7", particles=3, policy="closest-frontier"), seed=2**60 + 1

@@ -71,7 +71,7 @@ def test_jobs_on_a_full_disk_are_refused_and_ends_are_kept_until_there_is_room(
 
 
 def test_long_jobs_leave_a_processor_for_what_somebody_looks_at(tmp_path, monkeypatch):
-    monkeypatch.setattr(queue_module, "default_workers", lambda: 4)
+    monkeypatch.setattr(queue_module, "count_processors", lambda: 4)
     begun = []
 
     async def follow(_queue, running):

@@ -41,6 +41,18 @@ def about(frame, **more):
     return {"problem": problem | more, "drawing": drawing, "frame": frame, "seed": 2}
 
 
+def test_a_zone_may_be_a_file_where_the_region_is_a_name(folder):
+    asked = {"problem": {"kind": "search", "region": "square:100", "robots": 2, "footprint": "10"}}
+    asked["problem"]["no_go"] = ["zone.csv"]
+    areas = []
+    for side in (20, 30):
+        corners = [(30, 30), (30 + side, 30), (30 + side, 30 + side), (30, 30 + side)]
+        rows = "".join(f"{x},{y}\n" for x, y in corners)
+        (folder.root / "zone.csv").write_text("x_m,y_m\n" + rows)
+        areas.append(search.plan(folder, asked)["area"])
+    assert areas == pytest.approx([100**2 - 20**2, 100**2 - 30**2])
+
+
 @pytest.mark.parametrize("frame", [None, [8.5, 47.4]])
 def test_a_drawn_region_is_planned_as_its_file_is(folder, frame):
     asked = about(frame)

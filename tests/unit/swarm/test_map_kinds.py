@@ -174,7 +174,7 @@ def test_axes_without_a_microscope(tmp_path, dtype):
         photometric="minisblack",
         metadata={"axes": "TYX"},
     )
-    with pytest.raises(InvalidInputError, match=r"one point in time \(--frame\), got 3"):
+    with pytest.raises(InvalidInputError, match=r"one frame \(--frame\), got 3"):
         read_map(tmp_path / "film.tif", level=100)
     np.testing.assert_array_equal(
         read_map(tmp_path / "film.tif", level=100, frame=3).free, VOLUME[2] >= 100
@@ -441,7 +441,7 @@ def test_channels_and_times_of_microscopes(tmp_path, name, spacing):
     pytest.importorskip("tifffile")
     write_tiffs(tmp_path)
     with pytest.raises(
-        InvalidInputError, match=r"expected the choice of one point in time \(--frame\), got 2"
+        InvalidInputError, match=r"expected the choice of one frame \(--frame\), got 2"
     ):
         read_map(tmp_path / name, channel=1)
     with pytest.raises(
@@ -503,7 +503,7 @@ def test_nrrd_axes_of_time_and_colour(tmp_path):
     write_nrrd(tmp_path / "film.nrrd", film, kinds=["domain", "domain", "domain", "time"])
     with pytest.raises(
         InvalidInputError,
-        match=r"expected one volume, got a time axis of 2 \(choose one with --frame, from 1 to 2\)",
+        match=r"expected the choice of one frame \(--frame\), got 2: 1, 2",
     ):
         read_map(tmp_path / "film.nrrd", label=220)
     np.testing.assert_array_equal(
@@ -513,7 +513,7 @@ def test_nrrd_axes_of_time_and_colour(tmp_path):
     write_nrrd(
         tmp_path / "colours.nrrd", colours, kinds=["RGB-color", "domain", "domain", "domain"]
     )
-    with pytest.raises(InvalidInputError, match="got channels of 3"):
+    with pytest.raises(InvalidInputError, match=r"choice of one channel \(--channel\), got 3"):
         read_map(tmp_path / "colours.nrrd", label=220)
     np.testing.assert_array_equal(
         read_map(tmp_path / "colours.nrrd", label=110, channel=2).free, VOLUME == 220
@@ -647,9 +647,7 @@ def test_nifti_with_slope_frames_and_vectors(tmp_path):
         assert read_map(tmp_path / f"five{suffix}", frame=2, channel=1, level=level) == read_map(
             tmp_path / "plain.nii", level=level
         )
-        with pytest.raises(
-            InvalidInputError, match=r"got channels of 2 \(choose one with --channel"
-        ):
+        with pytest.raises(InvalidInputError, match=r"choice of one channel \(--channel\), got 2"):
             read_map(tmp_path / f"five{suffix}", frame=2, level=level)
 
 
@@ -802,7 +800,9 @@ def test_films_and_compressed_images_of_scanners(tmp_path):
     more = {"NumberOfFrames": 2, "Rows": 20}
     write_dicom(tmp_path, film, name="film", FrameTime=40, **more)
     one = next((tmp_path / "film").iterdir())
-    with pytest.raises(InvalidInputError, match=r"got a time axis of 2 \(choose one with --frame"):
+    with pytest.raises(
+        InvalidInputError, match=r"expected the choice of one frame \(--frame\), got 2"
+    ):
         read_map(one)
     np.testing.assert_array_equal(read_map(one, frame=2).free, np.roll(FREE, 2, axis=1))
     write_dicom(tmp_path, film, name="volume", SpacingBetweenSlices=2, **more)

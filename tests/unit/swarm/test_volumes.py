@@ -159,7 +159,7 @@ BAD = {
     ),
     "film.nii": (
         nifti(np.ones((4, 5, 6, 7), np.uint8)),
-        "got a time axis of 7 (choose one with --frame, from 1 to 7)",
+        "expected the choice of one frame (--frame), got 7",
     ),
     "colour.nii": (
         nifti(np.ones((2, 2, 2), [("R", "u1"), ("G", "u1"), ("B", "u1")])),

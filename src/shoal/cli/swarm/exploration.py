@@ -147,7 +147,7 @@ def _tell_duration(
     """Say before the first move what auto has chosen for a large map, and how long planning will
     take if it takes long.
     """
-    from shoal.lab.trials import default_workers
+    from shoal.core.version import count_processors
     from shoal.swarm.policies.planners.beam_rollout import BeamRollout, planning_seconds
     from shoal.swarm.run import expected_duration
 
@@ -159,7 +159,7 @@ def _tell_duration(
     if problem.setup.by_size and policy != usual:
         why = f"because best with its usual budget would take about {duration_text(seconds)}"
         say(f"shoal: notice: {workspace.name}: the policy auto chose {policy.name}, {why}")
-    rounds = -(-trials // min(trials, workers or default_workers()))
+    rounds = -(-trials // min(trials, workers or count_processors()))
     if (
         not isinstance(policy, BeamRollout)
         or rounds * planning_seconds(policy, *sizes, noisy=noisy) < TOLD

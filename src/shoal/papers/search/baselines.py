@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.geometry import partial_sums
 from shoal.lab.statistics import summarise
 from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
@@ -81,7 +82,7 @@ def spiral_time(starts: NDArray[np.int64]) -> float:
     for start in starts:
         cells = start + offsets
         cells = cells[((cells >= 0) & (cells < SIDE)).all(axis=1)]
-        when = np.concatenate([[0], np.cumsum(np.abs(np.diff(cells, axis=0)).sum(axis=1))])
+        when = partial_sums(np.abs(np.diff(cells, axis=0)).sum(axis=1))
         np.minimum.at(first, tuple(cells.T), when)
     return float(first.max())
 

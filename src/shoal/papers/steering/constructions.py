@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from shapely import Polygon
 
+from shoal.core.geometry import unit_vectors
 from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
 from shoal.papers.claims import Claim, claim
@@ -60,7 +61,7 @@ def first_contact(
     while True:
         if workspace.round:
             angle = rng.uniform(0, 2 * pi)
-            contact = workspace.center + workspace.radius * np.array([np.cos(angle), np.sin(angle)])
+            contact = workspace.center + workspace.radius * unit_vectors(angle)
         else:
             side, share = rng.integers(len(workspace.vertices)), rng.uniform()
             contact = (1 - share) * workspace.vertices[side] + share * workspace.vertices[
@@ -318,8 +319,8 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     _draw_space(right, place, start, "set of two moves")
     for angle, gamma, colour in zip(angles, gammas, (ORANGE, GREEN), strict=True):
         chord = angle + np.linspace(-gamma, gamma, 60)
-        points = r * np.stack([np.cos(chord), np.sin(chord)], axis=1)
-        contact = r * np.array([np.cos(angle), np.sin(angle)])
+        points = r * unit_vectors(chord)
+        contact = r * unit_vectors(angle)
         middle.fill(*points.T, color=colour, alpha=0.3, lw=0, zorder=1)
         middle.plot(*contact, "o", color=colour, ms=7, zorder=5)
         right.fill(*(points - contact).T, color=colour, alpha=0.45, lw=0, zorder=3)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import angles_of, unit_vectors
 from shoal.papers.steering.shortest_paths import GoalSweep
 from shoal.steering.delta_space import DIRECTIONS, PolygonReach, disk_reach, polygon_reach
 from shoal.steering.planners.chain_search import nearest_cycles
@@ -140,7 +141,7 @@ def swap_antipodes(
     check_integer(cycles, what="cycles", least=1)
     check_number(apart, what="apart", above=0, below=1)
     radius = 0.5
-    ahead = apart / 2 * np.array([np.cos(turn), np.sin(turn)])
+    ahead = apart / 2 * unit_vectors(turn)
     query = ChainQuery(
         normalize_walls(disk(radius)),
         np.stack([-ahead, ahead]),
@@ -282,10 +283,11 @@ class PolygonFractions:
     def outlines(self) -> list[Points]:
         """The outline of each set of reachable position differences; float64, shape (n, 2)."""
         corners = self.workspace.differences.vertices
+        around = pi * (np.arange(2 * DIRECTIONS) + 0.5) / DIRECTIONS
         ahead = np.concatenate(
-            [_around(2 * DIRECTIONS), corners / np.linalg.norm(corners, axis=1)[:, None]]
+            [unit_vectors(around), corners / np.linalg.norm(corners, axis=1)[:, None]]
         )
-        ahead = ahead[np.argsort(np.arctan2(ahead[:, 1], ahead[:, 0]))]
+        ahead = ahead[np.argsort(angles_of(ahead))]
         return [polygon_radii(reach, ahead)[:, None] * ahead for reach in self.sets]
 
     @property
@@ -346,12 +348,6 @@ def border_point(space: ConvexWorkspace, ahead: ArrayLike) -> Points:
     """
     unit = np.asarray(ahead, dtype=np.float64)
     return np.asarray(_ways(space, np.zeros((1, 2)), unit[None])[0, 0] * unit)
-
-
-def _around(count: int) -> Points:
-    """Return ``count`` unit vectors with equally spaced directions."""
-    angles = 2 * pi * (np.arange(count) + 0.5) / count
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 def _ways(workspace: ConvexWorkspace, points: Points, ahead: Points) -> NDArray[np.float64]:
@@ -496,7 +492,7 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
     """
     figure = padded_figure(4.2 * len(distances), 5.0)
     angles = np.linspace(0, 2 * np.pi, 361)
-    border = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    border = unit_vectors(angles)
     for axes, distance in zip(
         figure.subplots(1, len(distances), squeeze=False)[0], distances, strict=True
     ):

@@ -342,11 +342,9 @@ def _fig15_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig15(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    second, nearer, across = (
-        swap_antipodes(toucher="second"),
-        swap_antipodes(),
-        swap_antipodes(turn=pi / 2),
-    )
+    second = swap_antipodes(toucher="second")
+    nearer = swap_antipodes()
+    across = swap_antipodes(turn=pi / 2)
     (coefficient, exponent), (factor, power) = second.law(), PRINTED_LAW
     by_law = (factor / 0.01) ** (1 / power)
     claims = (

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums
 from shoal.search.cells.distances import CellDistances, Distances
 from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers
 from shoal.search.flight.timing import STRAIGHT
@@ -144,7 +145,7 @@ class TourCost:
         """Sum of the costs of the first k cells of four rounds of the tour, for k from 0 to 4 N;
         float64, shape (4 N + 1,).
         """
-        return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
+        return partial_sums(np.tile(self.costs, 4))
 
     @cached_property
     def arrays(self) -> TourArrays:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums
 from shoal.search.cells.clipping import (
     Clipped,
     Lattice,
@@ -399,7 +400,7 @@ def _in_order(
     keys = np.array(sorted(special), dtype=np.int64)
     places = np.searchsorted(flat, keys)
     counts[places] = [sum(len(part) for part in special[key]) for key in keys.tolist()]
-    begins = np.concatenate([[0], np.cumsum(counts)])
+    begins = partial_sums(counts)
     ordered = np.empty((int(begins[-1]), 2))
     ordered[begins[:-1]] = lattice.centers(flat // width, flat % width)
     for key, place in zip(keys.tolist(), places.tolist(), strict=True):

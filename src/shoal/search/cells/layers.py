@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import partial_sums
 from shoal.search.cells.distances import CellDistances, CellPlane, Distances
 from shoal.search.cells.footprint import Footprint
 from shoal.search.cells.grid import CellGrid
@@ -81,7 +82,7 @@ class LayeredGrid:
         """Index of each layer's first cell in `LayeredGrid.cells`, followed by the number of all
         cells; int64, shape (L + 1,).
         """
-        return np.concatenate([[0], np.cumsum([layer.n_cells for layer in self.layers])])
+        return partial_sums([layer.n_cells for layer in self.layers])
 
     @property
     def n_cells(self) -> int:
@@ -111,7 +112,7 @@ class LayeredGrid:
         """Index of each cell's first viewpoint, as in `CellGrid.viewpoint_starts`; int64, shape
         (n_cells + 1,).
         """
-        before = np.concatenate([[0], np.cumsum([len(layer.viewpoints) for layer in self.layers])])
+        before = partial_sums([len(layer.viewpoints) for layer in self.layers])
         found = [
             layer.viewpoint_starts[:-1] + first
             for layer, first in zip(self.layers, before, strict=False)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.visibility_graph import (
     VisibilityGraph,
@@ -306,7 +307,7 @@ class Route:
         in metres.
         """
         between = np.searchsorted(self.stops, np.arange(1, len(self.points)), side="left")
-        far = np.concatenate([[0.0], np.cumsum(leg_lengths(self.points))])
+        far = partial_sums(leg_lengths(self.points))
         stops = np.diff(far[self.stops], prepend=0.0)
         return np.asarray(stops[between] > 1.6 * size) | self.transit
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.geometry import cross
 from shoal.search.regions.outline import Points
 from shoal.search.regions.region import SearchRegion
 
@@ -228,9 +229,7 @@ def _inward_corners(area: Any) -> Points:
             corners = shapely.get_coordinates(ring)[:-1]
             before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
             come, go = corners - before, after - corners
-            inward = come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0] < -_STRAIGHT * np.hypot(
-                *come.T
-            ) * np.hypot(*go.T)
+            inward = cross(come, go) < -_STRAIGHT * np.hypot(*come.T) * np.hypot(*go.T)
             found.append(np.stack([corners[inward], before[inward], after[inward]]))
     return np.asarray(np.concatenate(found, axis=1))
 

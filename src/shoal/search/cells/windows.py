@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.geometry import partial_sums
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.visibility_graph import inside
@@ -182,7 +183,7 @@ def _way(
     stages = [fixed[:1], fixed[1:2], *places, fixed[2:3], fixed[3:]]
     points, starts = (
         np.concatenate(stages),
-        np.concatenate([[0], np.cumsum([len(stage) for stage in stages])]),
+        partial_sums([len(stage) for stage in stages]),
     )
     boxes = np.array([(*stage.min(axis=0), *stage.max(axis=0)) for stage in stages])
     boxes[2:-2] = shapely.bounds(np.array(shapes, dtype=object))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import angles_of, step_lengths, unit_vectors
 from shoal.search.regions.outline import text_of
 
 Floats = NDArray[np.float64]
@@ -68,7 +69,7 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
         np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
     )
     across = (other[..., :2] - one[..., :2]) / radius
-    d, toward = np.hypot(across[..., 0], across[..., 1]), np.arctan2(across[..., 1], across[..., 0])
+    d, toward = np.hypot(across[..., 0], across[..., 1]), angles_of(across)
     a, b = one[..., 2] - toward, other[..., 2] - toward
     # Every word has a mirror image with L and R exchanged: the same formula with -a and -b for a
     # and b. So three formulas give six words. Lengths of words that do not exist are NaN first.
@@ -142,9 +143,7 @@ def dubins_paths(
         )
         bent = (sense != 0) & (radius * np.tan(bend / 2) > _SLIGHT)
         present.append(bent[:, None] & (number < counts[:, None]))
-        ahead = np.where(sense == 0, radius * length, 0.0)[:, None] * np.column_stack(
-            [np.cos(heading), np.sin(heading)]
-        )
+        ahead = np.where(sense == 0, radius * length, 0.0)[:, None] * unit_vectors(heading)
         heading = heading + sense * length
         ended = centre + (sense * radius)[:, None] * np.column_stack(
             [np.sin(heading), -np.cos(heading)]
@@ -354,7 +353,7 @@ def plan_dubins_path(
     >>> bool((flown[:, 0].max() > 450.0) & (len(flown) > 12))
     True
     """
-    moves = np.hypot(*np.diff(way, axis=0).T) > NEAR
+    moves = step_lengths(way) > NEAR
     points = np.asarray(way[np.concatenate([[True], moves])])
     points[-1] = way[-1]  # a last leg shorter than NEAR is not flown, but the path ends at its end
     if len(points) < 3:
@@ -362,7 +361,7 @@ def plan_dubins_path(
     marks = np.zeros(len(points), dtype=np.int8)
     marks[[1, -2, -1]] = _KEPT
     marks[np.cumsum(moves)[np.asarray(cuts, dtype=np.int64) - 1]] = _CUT
-    straight = np.hypot(*np.diff(points, axis=0).T) > max(link, _SAME)
+    straight = step_lengths(points) > max(link, _SAME)
     straight[[0, -1]] = ~moves[[0, -1]]  # where the first or last point is given twice
     airspace = Airspace() if airspace is None else airspace
     loose = set() if loose is None else loose
@@ -486,7 +485,7 @@ def _possible_poses(points: Floats, far: Any) -> _Poses:
     the heading of this leg.
     """
     legs = np.diff(points, axis=0)
-    courses = np.arctan2(legs[:, 1], legs[:, 0])
+    courses = angles_of(legs)
     vertices: list[int] = []
     headings: list[Floats] = []
     straight: list[bool] = []
@@ -681,13 +680,13 @@ def _join_pieces(poses: _Poses, links: Any, curves: list[Floats], marks: Any) ->
         here = int(marks[poses.vertices[place + 1]])
         told += [*[0] * (len(piece) - 1), min(here, _KEPT) if again else here]
     way, mark = np.vstack(pieces), np.array(told)
-    apart = np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])
+    apart = np.concatenate([[True], step_lengths(way) > _SAME])
     # of two at one place the first one stays
     mark[:-1] = np.maximum(mark[:-1], np.where(apart[1:], 0, mark[1:]))
     way, mark = way[apart], mark[apart]
     legs = np.diff(way, axis=0)
     legs /= np.hypot(*legs.T)[:, None]
-    mark[1:-1] = np.maximum(mark[1:-1], np.hypot(*np.diff(legs, axis=0).T) > _SAME)
+    mark[1:-1] = np.maximum(mark[1:-1], step_lengths(legs) > _SAME)
     way, mark = way[mark > 0], mark[mark > 0]
     borders = [0, *np.flatnonzero(mark == _CUT).tolist(), len(way) - 1]
     return [np.asarray(way[begin : end + 1]) for begin, end in pairwise(borders)]

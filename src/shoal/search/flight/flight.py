@@ -15,6 +15,7 @@ import numpy as np
 from shoal.core.checks import check_choice, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums, step_lengths, unit_vectors
 from shoal.search.flight.dubins import NEAR, Airspace, NoRoomError, circles, plan_dubins_path
 from shoal.search.flight.legs import complete_path, lengthen_short_legs, separate_climbs
 from shoal.search.flight.terrain import (
@@ -224,7 +225,7 @@ class Flight:
         ``link``) keeps its rows.
         """
         least = min(_WIDER * (self.vehicle.acceptance_radius or 0.0) + _HAIR, self.link / 4)
-        legs = np.hypot(*np.diff(way[:, :2], axis=0).T)
+        legs = step_lengths(way[:, :2])
         if self.vehicle.radius or not ((legs > 0) & (legs < least)).any():
             return way
         return lengthen_short_legs(way, least, self.airspace.allows)
@@ -322,7 +323,7 @@ class Flight:
         length = lasting * (self.vehicle.cruise * self.rate + self.vehicle.wind)
         count = max(1, ceil(length / (2 * pi * self.radius)))
         way = circles(start, side, count, self.radius)
-        far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+        far = partial_sums(step_lengths(way))
         return np.column_stack([way, place[2] + (top - place[2]) * far / far[-1]])
 
     @cached_property
@@ -331,7 +332,7 @@ class Flight:
         begins at this point.
         """
         angles = np.linspace(0.0, 2 * pi, _DIRECTIONS, endpoint=False)
-        return 2 * self.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        return 2 * self.radius * unit_vectors(angles)
 
     def _directions(self, toward: Points) -> Iterator[tuple[Points, float]]:
         """Yield unit vectors of possible courses, and the ground speed in m/s on each course.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import left_of
 from shoal.search.flight.timing import Floats, Trajectory
 
 HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
@@ -241,7 +242,7 @@ def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats
     square = (normal**2).sum(axis=1)
     there = square > 0
     point = normal * (limits[:, edge] / np.where(there, square, 1.0))[:, None]
-    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    along = left_of(normal)
     low, high = np.full(len(point), -np.inf), np.full(len(point), np.inf)
     low[~there] = np.inf
     for other in range(normals.shape[1]):

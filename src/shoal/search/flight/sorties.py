@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums
 from shoal.search.flight.dubins import NEAR
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.timing import Trajectory
@@ -61,7 +62,7 @@ class Sorties:
         self.most_waypoints = most_waypoints
         self.home, self.limit = flight.home, (1 - _FLAT) * flight.vehicle.usable_seconds - _ROUNDING
         self.returning = replace(flight, landing=None)
-        self.at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+        self.at = partial_sums(np.linalg.norm(np.diff(way, axis=0), axis=1))
         self.searching_from = float(self.at[out])
 
     def trajectories(self) -> list[Trajectory]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_file, check_points, read_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums, step_lengths
 from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import LocalFrame
 
@@ -282,7 +283,7 @@ def limit_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
     >>> limit_climbs(np.array([0.0, 0.0, 10.0, 0.0]), np.full(3, 6.0), np.full(3, 8.0)).tolist()
     [0.0, 4.0, 10.0, 2.0]
     """
-    up, down = (np.concatenate([[0.0], np.cumsum(most)]) for most in (climbs, sinks))
+    up, down = (partial_sums(most) for most in (climbs, sinks))
     raised = np.maximum.accumulate((heights - up)[::-1])[::-1] + up
     return np.asarray(np.maximum.accumulate(raised + down) - down)
 
@@ -313,7 +314,7 @@ def follow_terrain(profile: Profile, clearance: float, error: float) -> Floats:
     """
     wanted = profile.heights + clearance
     most = max(_SHARE * error - profile.rough, 0.0)
-    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(profile.points, axis=0).T))])
+    far = partial_sums(step_lengths(profile.points))
     chosen = np.zeros(len(far), dtype=np.bool_)
     chosen[profile.vertices] = True
     while True:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_points
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import partial_sums, step_lengths
 from shoal.search.flight.dubins import shortest_length
 from shoal.search.flight.vehicle import Vehicle
 
@@ -100,9 +101,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float | Floats = 1.0) 
     # also without motion, so that the rounding of coordinates in files makes no difference
     pauses[[0, -1]] = turning / 2
     stands = pauses > 0
-    arrivals = np.concatenate([[0.0], np.cumsum(legs)]) + np.concatenate(
-        [[0.0], np.cumsum(pauses[:-1])]
-    )
+    arrivals = partial_sums(legs) + partial_sums(pauses[:-1])
     times = np.stack([arrivals, arrivals + pauses], axis=1)
     kept = np.stack([np.ones(len(points), dtype=np.bool_), stands], axis=1).ravel()
     return Trajectory(times.ravel()[kept], np.repeat(points, 2, axis=0)[kept])
@@ -138,7 +137,7 @@ def turns_of(points: Floats, still: float = 0.0) -> NDArray[np.bool_]:
     headings = legs[:, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
     here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
     found = np.zeros(len(points) - 2, dtype=np.bool_)
-    apart = np.hypot(*np.diff(headings[here], axis=0).T) > STRAIGHT
+    apart = step_lengths(headings[here]) > STRAIGHT
     found[here[1:][apart] - 1] = True
     return found
 
@@ -180,7 +179,7 @@ def turn_shares(points: Floats, *, reach: float, cut: float = CUT, still: float 
     here = np.flatnonzero(np.abs(legs).max(axis=1) > still)
     lengths = np.hypot(legs[here, 0], legs[here, 1])
     headings = legs[here, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
-    apart = np.hypot(*np.diff(headings, axis=0).T)
+    apart = step_lengths(headings)
     gentle = (apart > STRAIGHT) & (apart <= CORNER)
     if not gentle.any():
         return shares

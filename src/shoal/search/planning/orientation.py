@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import angles_of
 from shoal.search.allocation.allocate import Allocation, Indices, allocate, numbers_of
 from shoal.search.allocation.costs import Floats, TourCost
 from shoal.search.cells.clipping import rotated_shape
@@ -416,7 +417,7 @@ def _long_sides(area: Any) -> list[float]:
     found: dict[float, float] = {}
     for ring in shapely.get_rings(shapely.get_parts(area)):
         sides = np.diff(shapely.get_coordinates(ring), axis=0)
-        ways = np.round(np.degrees(np.arctan2(sides[:, 1], sides[:, 0])) % 90.0, 1)
+        ways = np.round(np.degrees(angles_of(sides)) % 90.0, 1)
         for way, length in zip(ways.tolist(), np.hypot(*sides.T).tolist(), strict=True):
             found[way % 90.0] = found.get(way % 90.0, 0.0) + length
     best = sorted(found, key=lambda way: -found[way])[:_SIDES]

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums
 from shoal.core.notices import tell_once
 from shoal.search.allocation.allocate import Allocation, Arc, in_passes, numbers_of
 from shoal.search.allocation.costs import TourCost
@@ -841,10 +842,8 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
     grid, tour, paths, whole = laid.grid, laid.tour, laid.paths, laid.route
     index = grid.ordinals(tour.cells)
     firsts = grid.viewpoints[grid.viewpoint_starts[index]]
-    far = np.concatenate([[0.0], np.cumsum(leg_lengths(with_climb_cost(grid, whole.points)))])[
-        whole.stops
-    ]
-    begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
+    far = partial_sums(leg_lengths(with_climb_cost(grid, whole.points)))[whole.stops]
+    begins = partial_sums(np.diff(grid.viewpoint_starts)[index])
     steps = np.diff(far[begins]) / grid.size
     # the last entry of the turns belongs to the first point
     around = np.concatenate([whole.points, whole.points[1:2]])

@@ -652,11 +652,10 @@ class SearchProblem(Problem):
             without=("kind", *(name for name in self.declarations() if name not in kept))
         )
 
-    def place_is_file(self) -> bool:
-        """Return whether the region or a no-go zone is a file."""
-        return any(
-            isinstance(name, str) and os.path.exists(name) for name in (self.region, *self.no_go)
-        )
+    def place_files(self) -> tuple[str, ...]:
+        """Return the files of the region and of the no-go zones."""
+        names = (self.region, *self.no_go)
+        return tuple(name for name in names if isinstance(name, str) and os.path.exists(name))
 
     def place_digest(self) -> bytes:
         """Return the area of the region as bytes in the format well-known binary."""

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError, UnknownNameError, errors_at
+from shoal.core.geometry import unit_vectors
 from shoal.search.regions.formats import read_outlines
 from shoal.search.regions.formats.reading import HIDDEN, Reading
 from shoal.search.regions.outline import (
@@ -417,7 +418,7 @@ def _rectangle(width: float, height: float) -> list[Points]:
 
 def _circle(radius: float) -> Points:
     angles = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return radius * unit_vectors(angles)
 
 
 def _annulus(text: str, sizes: list[float]) -> list[Points]:

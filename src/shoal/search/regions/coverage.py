@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import left_of, unit_vectors
 from shoal.search.regions.outline import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion, polygons_in
 
@@ -65,7 +66,7 @@ class Image:
             if self.yaw is None
             else np.broadcast_to((np.cos(facing), np.sin(facing)), legs.shape)
         )
-        beside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        beside = left_of(ahead)
         offsets = [
             side / 2 * (front * self.along * ahead + left * self.across * beside)
             for front in (-1, 1)
@@ -268,7 +269,7 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
     import shapely
 
     way = np.radians(angle + np.array([225.0, 315.0, 45.0, 135.0]))
-    square = np.sqrt(2) * half * np.stack([np.cos(way), np.sin(way)], axis=1)
+    square = np.sqrt(2) * half * unit_vectors(way)
     if angle == 0:
         square = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     corners = np.concatenate([starts[:, None] + square, ends[:, None] + square], axis=1)

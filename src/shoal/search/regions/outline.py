@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_file, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import segments_of, step_lengths
 
 LARGEST_FILE = 20_000_000
 """Maximum size in bytes of a region file, and of each file unpacked from a zip archive."""
@@ -356,7 +357,7 @@ def check_spikes(area: Any, footprint: float, where: str) -> None:
     points, ring = shapely.get_coordinates(
         shapely.get_rings(shapely.get_parts(area)), return_index=True
     )
-    lengths = np.hypot(*np.diff(points, axis=0).T)[ring[1:] == ring[:-1]]
+    lengths = step_lengths(points)[ring[1:] == ring[:-1]]
     sides = int((lengths > footprint / 4).sum())
     if sides * float(lengths.sum()) * footprint > MOST_CUTS * float(area.area):
         wide = 2 * float(area.area) / float(lengths.sum())
@@ -374,7 +375,7 @@ def _sides(polygon: Any, box: list[float]) -> Any:
     import shapely
 
     points, ring = shapely.get_coordinates(shapely.get_rings(polygon), return_index=True)
-    ends = np.stack([points[:-1], points[1:]], axis=1)[ring[1:] == ring[:-1]]
+    ends = segments_of(points)[ring[1:] == ring[:-1]]
     near = ((ends.max(axis=1) >= box[:2]) & (ends.min(axis=1) <= box[2:])).all(axis=1)
     return shapely.linestrings(ends[near])
 

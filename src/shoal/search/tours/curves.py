@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums
 from shoal.search.tours.tour import (
     MAX_ORDER,
     TOURS,
@@ -199,7 +200,7 @@ def joined(
     points = (
         [np.roll(one, -1, axis=1).astype(np.float64) for one in cells] if points is None else points
     )
-    offsets = np.concatenate([[0], np.cumsum([len(tour) for tour in tours])])
+    offsets = partial_sums([len(tour) for tour in tours])
     places, bent = np.concatenate(points), np.concatenate([_bends(one) for one in points])
     way = np.arange(offsets[1])
     for layer in range(1, len(tours)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.geometry import partial_sums
 from shoal.search.tours.masks import component_after_component, components, smallest_part
 from shoal.search.tours.tour import TOURS, Tour, TourByOrder, hilbert_encode
 
@@ -238,6 +239,4 @@ def _by_component(region: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray
     rank[1:][np.argsort(indices)] = np.arange(len(first))
     members = np.flatnonzero(labels)
     of_member = rank[labels[members]]
-    return members[np.argsort(of_member, kind="stable")], np.concatenate(
-        [[0], np.cumsum(np.bincount(of_member))]
-    )
+    return members[np.argsort(of_member, kind="stable")], partial_sums(np.bincount(of_member))

@@ -6,6 +6,7 @@ from math import inf
 
 import numpy as np
 
+from shoal.core.geometry import angles_of, left_of, unit_vectors
 from shoal.steering.kernels.cycles import is_kept_out
 from shoal.steering.workspaces.convex import ConvexWorkspace, Points, hull
 from shoal.steering.workspaces.walls import normalize_walls
@@ -144,7 +145,7 @@ def _limit_of_barrier(
     ) % (2 * np.pi)
     angles = np.unique(angles)
     angles = angles[np.append(np.diff(angles) > _SAME_ANGLE, True)]
-    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rays = unit_vectors(angles)
     corners = workspace.differences.vertices
     edges = np.roll(corners, -1, axis=0) - corners
     outward = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
@@ -193,7 +194,7 @@ def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
     """Return whether no wall reaction can increase the gauge max(sides @ Δ) of any position
     difference Δ.
     """
-    order = np.argsort(np.arctan2(sides[:, 1], sides[:, 0]))
+    order = np.argsort(angles_of(sides))
     sides = sides[order]
     kept = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)
     sides = sides[kept]
@@ -205,7 +206,7 @@ def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
         for normal in np.vstack([normals, -normals]):  # toucher 1, toucher 2
             if (ends @ normal).max() <= _SLACK:
                 continue
-            along = np.array([-normal[1], normal[0]])
+            along = left_of(normal)
             if any(side @ (-normal + tilt * along) > _SLACK for tilt in (-friction, friction)):
                 return False
     return True

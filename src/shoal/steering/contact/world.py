@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import cross, left_of
 from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.kernels import contact as kernels
 from shoal.steering.kernels import region_contact as region_kernels
@@ -352,7 +353,7 @@ class RegionWorld(SteeringWorld):
         edges = np.ascontiguousarray(self.workspace.edges)
         along = edges[:, 2:] - edges[:, :2]
         lengths = np.hypot(*along.T)
-        normals = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]
+        normals = left_of(along) / lengths[:, None]
         links = np.empty((len(edges), 2), dtype=np.int64)
         first = 0
         for ring in self.workspace.rings:
@@ -360,7 +361,7 @@ class RegionWorld(SteeringWorld):
             links[places] = np.stack([np.roll(places, 1), np.roll(places, -1)], axis=1)
             first += len(ring)
         before = along[links[:, 0]]
-        reflex = before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0] < 0
+        reflex = cross(before, along) < 0
         size = float(self.workspace.size) * self.touch / TOUCH
         return region_kernels.Edges(
             edges, normals, lengths, links, reflex, size, _boxes_of_runs(edges)

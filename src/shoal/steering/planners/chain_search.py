@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
+from shoal.core.geometry import angles_of, unit_vectors
 from shoal.steering.contact.friction import turn_on_the_way
 from shoal.steering.kernels.cycles import (
     CycleModel,
@@ -224,9 +225,7 @@ def backward_nodes(after: Points, *, radius: float, friction: float, margin: flo
     signs = (-1.0) ** np.arange(len(turns))
     for side in (np.ones(len(turns)), -np.ones(len(turns)), signs, -signs):
         angles = np.arctan2(after[1], after[0]) + np.cumsum(side * turns)
-        nodes.append(
-            np.array(sizes[1:])[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        )
+        nodes.append(np.array(sizes[1:])[:, None] * unit_vectors(angles))
     return np.concatenate(nodes)
 
 
@@ -278,7 +277,7 @@ def turning_nodes(before: Points, after: Points, *, radius: float, friction: flo
     bends = begin + np.array(
         [turn_on_the_way(large, float(size), radius, cone) for size in sizes]
     ) * (turn / whole)
-    return np.asarray(sizes[:, None] * np.stack([np.cos(bends), np.sin(bends)], axis=1))
+    return np.asarray(sizes[:, None] * unit_vectors(bends))
 
 
 MAPS = ((300, 60, 1.02, 200), (1500, 120, 1.01, 400))
@@ -354,7 +353,7 @@ def _extreme_nodes(
             ]
         )
     angles = _ray_angles(query)
-    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rays = unit_vectors(angles)
     found = []
     for delta, back in ((query.before, False), (query.after, True)):
         nodes, records = np.empty((count, 2)), np.full(bins, inf if back else 0.0)
@@ -371,7 +370,7 @@ def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
     normals = query.walls.normals
     if not len(normals):
         return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
-    straight = np.arctan2(normals[:, 1], normals[:, 0])
+    straight = angles_of(normals)
     straight = np.concatenate([straight, straight + np.pi])
     edge = float(np.arctan(query.friction)) * (1 - 1e-6)
     return np.concatenate([straight, straight - edge, straight + edge])
@@ -382,7 +381,7 @@ def _random_nodes(query: ChainQuery, rng: np.random.Generator, count: int) -> Po
     angles = 2 * np.pi * rng.random(count)
     sizes = np.where(rng.random(count) < 0.6, rng.random(count), 10 ** (-3 * rng.random(count)))
     far = 2 * float(query.walls.circle[2]) if query.walls.round else 2.0
-    return np.asarray(far * sizes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    return np.asarray(far * sizes[:, None] * unit_vectors(angles))
 
 
 def _chain_over_nodes(nodes: Points, model: CycleModel) -> Chain | None:
@@ -436,7 +435,7 @@ class Cycle(NamedTuple):
         """
         if self.wall == len(walls.normals):
             angle = self.low / walls.circle[2]
-            return self.low, walls.circle[2] * np.array([np.cos(angle), np.sin(angle)])
+            return self.low, walls.circle[2] * unit_vectors(angle)
         middle, along = walls.frames[self.wall]
         place = float(np.clip((point - middle) @ along, self.low, self.high))
         return place, middle + place * along
@@ -535,7 +534,7 @@ def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
         return None
     deltas = [
         *chain.differences(query.before, bottom)[1:],
-        *(size * np.array([np.cos(a), np.sin(a)]) for size, a in steps[-2::-1]),
+        *(size * unit_vectors(a) for size, a in steps[-2::-1]),
     ]
     along = np.concatenate([chain.unknowns[: chain.cycles], radius * np.array(contacts[::-1])])
     touchers = np.concatenate([chain.touchers, np.zeros(len(contacts), dtype=np.int64)])

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import unit_vectors
 from shoal.jit import working_time
 from shoal.steering.kernels.chain import ChainKind, new_work, shorten_chain
 from shoal.steering.kernels.cycles import CycleModel
@@ -222,9 +223,7 @@ class Chain:
         contacts[flat] = frames[:, 0] + np.einsum("mk,mki->mi", along[flat], frames[:, 1:])
         if not flat.all():
             angles = along[~flat, 0] / walls.circle[2]
-            contacts[~flat, :2] = walls.circle[2] * np.stack(
-                [np.cos(angles), np.sin(angles)], axis=1
-            )
+            contacts[~flat, :2] = walls.circle[2] * unit_vectors(angles)
             contacts[~flat, 2:] = along[~flat, 1:]
         return contacts
 

@@ -9,6 +9,7 @@ from math import inf
 
 import numpy as np
 
+from shoal.core.geometry import unit_vectors
 from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.contact.world import ContactWorld, touched_normals
 from shoal.steering.planners.greedy import Greedy
@@ -87,7 +88,7 @@ def with_last_push(task: SteeringTask, planner: Planner) -> Points | None:
     if workspace.dimensions != 2:
         return None
     angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    towards = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    towards = unit_vectors(angles)
     plans: list[Points | None] = []
     for held in (0, 1):
         walls = touched_normals(workspace, task.goal[held], within=task.tolerance / workspace.size)

@@ -9,6 +9,7 @@ from math import inf
 
 import numpy as np
 
+from shoal.core.geometry import unit_vectors
 from shoal.steering.contact.clearance import PLANNED
 from shoal.steering.kernels import shooting
 from shoal.steering.kernels.contact import Walls
@@ -194,7 +195,7 @@ def directions(d: int, count: int) -> Points:
     """Return ``count`` unit vectors with evenly distributed directions in ``d`` dimensions."""
     if d == 2:
         angles = 2 * np.pi * (np.arange(count) + 0.5) / count
-        return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        return unit_vectors(angles)
     # a golden spiral
     turns, heights = (
         np.arange(count) * np.pi * (3 - np.sqrt(5)),

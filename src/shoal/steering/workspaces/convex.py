@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_bool, check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import left_of, unit_vectors
 
 Points = NDArray[np.float64]
 
@@ -307,7 +308,7 @@ class ConvexWorkspace(SteeringWorkspace):
         (walls, dimensions).
         """
         along = np.roll(self.vertices, -1, axis=0) - self.vertices
-        sides: Points = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+        sides: Points = left_of(along) / np.hypot(*along.T)[:, None]
         if self.dimensions == 2:
             return sides
         sides = np.hstack([sides, np.zeros((len(sides), 1))])
@@ -478,10 +479,7 @@ def regular_polygon(sides: int, *, radius: float = 0.5) -> ConvexWorkspace:
     """
     check_integer(sides, what="sides", least=3, most=1000)
     angles = -pi / 2 + pi / sides + 2 * pi * np.arange(sides) / sides
-    return polygon(
-        check_number(radius, what="radius", above=0)
-        * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    )
+    return polygon(check_number(radius, what="radius", above=0) * unit_vectors(angles))
 
 
 def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorkspace:

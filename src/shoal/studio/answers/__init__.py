@@ -14,7 +14,7 @@ from typing import Any
 
 from shoal.core.checks import check_choice
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import ShoalError
+from shoal.core.errors import ShoalError, describe_error
 from shoal.core.files import as_json
 from shoal.studio.answers import files, lab, search, steering, vessels
 from shoal.studio.folder import Folder
@@ -67,7 +67,7 @@ def answer(folder: Folder, what: str, about: dict[str, Any]) -> tuple[str, Any]:
         return "error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}"
     except Exception as error:
         frame = traceback.extract_tb(error.__traceback__)[-1]
-        what = f"{type(error).__name__}: {error}"[:300]
+        what = describe_error(error, most=300)
         return (
             "broken",
             (

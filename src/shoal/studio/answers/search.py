@@ -21,7 +21,6 @@ from shoal.search.regions.builder import build_region
 from shoal.search.regions.outline import RegionOutline, RegionOutlines, Ring
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
-from shoal.studio.answers.shared import opened
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_fields, checked_problem, checked_seed
 
@@ -386,4 +385,4 @@ def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
     )
     problem = checked_problem(given, folder, part="search")
     assert isinstance(problem, SearchProblem)
-    return problem.at_place(opened(problem)) if drawing is None else drawing.placed(problem)
+    return problem.opened() if drawing is None else drawing.placed(problem)

@@ -1,10 +1,9 @@
-"""Code that several answers use: a cache of opened places, and the encoding of pictures."""
+"""The encoding of pictures in answers."""
 
 from __future__ import annotations
 
 import base64
 import io
-import os
 from typing import Any
 
 import numpy as np
@@ -12,23 +11,6 @@ from numpy.typing import NDArray
 
 LARGEST_SHOWN = 1600
 """Maximum length of the larger side of a photograph on a page, in pixels."""
-
-_places: dict[str, Any] = {}
-
-
-def opened(problem: Any) -> Any:
-    """Return the map, workspace or region of a problem. A cache keeps eight opened places while
-    their files are unchanged.
-    """
-    name = next(iter(problem.declarations()))
-    path = getattr(problem, name)
-    stamp = os.stat(path).st_mtime_ns if problem.place_is_file() else 0
-    key = f"{stamp} {problem.place_key()}"
-    if key not in _places:
-        if len(_places) > 7:
-            del _places[next(iter(_places))]
-        _places[key] = problem.place
-    return _places[key]
 
 
 def fit_to_page(pixels: NDArray[Any]) -> NDArray[Any]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 import shoal
 from shoal.core.checks import check_integer
-from shoal.studio.answers.shared import opened
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
 
@@ -45,8 +44,8 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the outline of a workspace, and the starts and goals of the particles."""
     from shoal.views.steering.figures import outlines_of
 
-    problem: Any = checked_problem(about["problem"], folder, part="steering")
-    place, (start, goal) = opened(problem), problem.endpoints(checked_seed(about))
+    problem: Any = checked_problem(about["problem"], folder, part="steering").opened()
+    place, (start, goal) = problem.place, problem.endpoints(checked_seed(about))
     rings = [_for_drawing(ring, place.size).tolist() for ring in outlines_of(place)]
     return {
         "kind": place.kind,
@@ -66,8 +65,8 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
     from shoal.views.steering.figures import outlines_of
 
-    problem: Any = checked_problem(about["problem"], folder, part="steering")
-    place, start = opened(problem), problem.endpoints(checked_seed(about))[0]
+    problem: Any = checked_problem(about["problem"], folder, part="steering").opened()
+    place, start = problem.place, problem.endpoints(checked_seed(about))[0]
     if not isinstance(place, ConvexWorkspace) or place.dimensions == 3 or len(start) != 2:
         return {"sets": [], "rings": []}
     moves = check_integer(
@@ -78,10 +77,8 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     if place.round:
         sets: Any = disk_reach(float(np.hypot(*delta)), moves=moves, radius=place.radius)
         # its sets are rotated as if Δ pointed to the right
-        (cosine, sine), length = (
-            delta,
-            max(float(np.hypot(*delta)), 1e-300),
-        )
+        length = max(float(np.hypot(*delta)), 1e-300)
+        cosine, sine = delta
         turned = np.array([[cosine, sine], [-sine, cosine]]) / length
     else:
         sets = polygon_reach(place, delta, moves=moves)

@@ -19,7 +19,6 @@ from shoal.studio.answers.shared import (
     LARGEST_SHOWN,
     base64_of,
     fit_to_page,
-    opened,
     picture_of,
     picture_of_mask,
 )
@@ -39,7 +38,7 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.swarm.maps.workspace import GridWorkspace
 
     problem: Any = checked_problem(about["problem"], folder, part="swarm")
-    workspace = opened(problem)
+    workspace = problem.opened().place
     if about.get("cells") is not None:
         workspace = GridWorkspace(
             _cells(about["cells"]), name=workspace.name, spacing=workspace.spacing

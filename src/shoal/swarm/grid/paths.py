@@ -120,12 +120,12 @@ def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int)
     )
 
 
-def slides_of(layout: GridLayout) -> kernels.Slides:
+def slides_of(layout: GridLayout, *, used: bool = True) -> kernels.Slides:
     """Return the working memory of a search for the nearest frontier cell under the move rule
-    ``tilt``.
+    ``tilt``, which is empty for a search that is not used.
     """
     rows, words = layout.words
-    size = rows * words * 64
+    size = rows * words * 64 * used
     return kernels.Slides(
         np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64)
     )

@@ -60,7 +60,10 @@ class ScanRule:
 
     def __post_init__(self) -> None:
         if self.kind not in {"equal", "doubling", "hyper", "adaptive"}:
-            raise _unknown(self.kind)
+            raise InvalidInputError(
+                f"scan-every: expected 1 to {LONGEST}, doubling, hyper or adaptive, got"
+                f" {str(self.kind)[:80]!r}"
+            )
         object.__setattr__(
             self, "step", check_integer(self.step, what="scan_every", least=1, most=LONGEST)
         )
@@ -127,12 +130,6 @@ class ScanRule:
 
 
 EVERY_MOVE = ScanRule()
-
-
-def _unknown(every: object) -> InvalidInputError:
-    return InvalidInputError(
-        f"scan-every: expected 1 to {LONGEST}, doubling, hyper or adaptive, got {str(every)[:80]!r}"
-    )
 
 
 def states_of_run(

@@ -128,11 +128,8 @@ class GridWorld:
         if len(letters) != 1:
             raise InvalidInputError(f"expected one command, got {command!r}")
         while True:
-            after = self._push(state, int(letters[0]))
+            after = pushed(self.layout, self.free.words, state, int(letters[0]), self.rule)
             yield after
             if self.rule != "tilt" or after.occupied == state.occupied:
                 return
             state = after
-
-    def _push(self, state: SwarmState, code: int) -> SwarmState:
-        return pushed(self.layout, self.free.words, state, code, self.rule)

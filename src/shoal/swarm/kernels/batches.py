@@ -84,7 +84,7 @@ def count_particles(counts, cells):
 
 
 @in_place_kernel
-def mark_commands(worlds, chosen, merge, masks, first, last):
+def mark_commands(worlds, chosen, masks, first, last):
     """Mark in ``masks``, shape (worlds, commands), the commands for which the belief allows at
     least one particle to move.
 
@@ -100,7 +100,7 @@ def mark_commands(worlds, chosen, merge, masks, first, last):
         masks[i, :] = 0
         for k in range(size):
             room = ~known[k] | open_cells[k]
-            if not merge:
+            if worlds.rule != MERGE:
                 room &= ~here[k]
             entered = here[k] >> ONE
             if k + 1 < size:
@@ -130,7 +130,20 @@ class Worlds(NamedTuple):
     counts: NDArray[np.int32]  # (worlds, rows, 64 x width); (worlds, 0, 0) except for merge
     layers: int
     rows: int
+    columns: int
     width: int
+    rule: int
+    mapping: bool
+
+
+class Starts(NamedTuple):
+    """The start cells and the target cells of new episodes."""
+
+    # rows and columns of the start cells, one world after the other; shape (cells, 2)
+    cells: NDArray[np.int64]
+    ends: NDArray[np.int64]  # index after the last start cell of each world; shape (worlds,)
+    # for coverage; shape (worlds, words), and (0, 0) for mapping
+    targets: NDArray[np.uint64]
 
 
 class Steps(NamedTuple):
@@ -168,7 +181,7 @@ def field_of_world(worlds, world, work):
 
 
 @in_place_kernel
-def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last):
+def step_worlds(worlds, chosen, work, steps, repeat, first, last):
     """Send the command of world ``chosen[i]`` to this world ``repeat[i]`` times, for each i from
     ``first`` to ``last - 1``.
     """
@@ -178,7 +191,9 @@ def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last)
         steps.classified[world] = 0
         field = field_of_world(worlds, world, work)
         for _ in range(repeat[i]):
-            travelled, done, change = step(field, steps.commands[world], rule, mapping)
+            travelled, done, change = step(
+                field, steps.commands[world], worlds.rule, worlds.mapping
+            )
             steps.travelled[world] += travelled
             steps.classified[world] += done
             steps.frontier[world] += change
@@ -194,13 +209,9 @@ def note_end(steps, world):
 
 
 @in_place_kernel
-def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mapping, first, last):
-    """Start episodes in the worlds ``chosen[first:last]``.
-
-    ``cells`` contains the start cells (row and column) of all worlds, one world after the other.
-    ``ends`` contains the index after the last start cell of each world. For coverage, ``targets``
-    contains the target cells of each world. For mapping, ``targets`` is empty.
-    """
+def begin_worlds(worlds, chosen, work, steps, starts, first, last):
+    """Start episodes in the worlds ``chosen[first:last]``. ``starts`` is a `Starts`."""
+    cells, ends, mapping = starts.cells, starts.ends, worlds.mapping
     for i in range(first, last):
         world = chosen[i]
         field = field_of_world(worlds, world, work)
@@ -208,7 +219,7 @@ def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mappin
         field.counts[:] = 0
         for k in range(ends[i - 1] if i > 0 else 0, ends[i]):
             put(field.occupied, field.width, cells[k, 0], cells[k, 1])
-            if rule == MERGE:
+            if worlds.rule == MERGE:
                 field.counts[cells[k, 0], cells[k, 1]] += 1
         remaining = 0
         for k in range(field.occupied.shape[0]):
@@ -216,7 +227,7 @@ def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mappin
             field.known[k] = (
                 field.occupied[k] if mapping else worlds.inside[worlds.map_of[world], k]
             )
-            field.frontier[k] = ZERO if mapping else targets[i, k] & ~field.occupied[k]
+            field.frontier[k] = ZERO if mapping else starts.targets[i, k] & ~field.occupied[k]
             remaining += popcount(field.frontier[k])
         for k in range(field.occupied.shape[0]):
             if mapping and field.occupied[k] != ZERO:
@@ -234,13 +245,12 @@ SUM, SQUARES = 0, 1  # indices of the measures for each axis
 
 
 @in_place_kernel
-def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
+def write_windows(worlds, chosen, planes, centers, out, first, last):
     """Write to ``out`` a window of cells around a centre cell of each world, with one plane for
     each kind of cell.
 
     The array ``out`` is uint8 and has the shape (worlds, planes, layers, rows, columns). A centre
-    cell is given as layer, row and column. Cells outside the boards appear as obstacles. The boards
-    have ``columns`` columns.
+    cell is given as layer, row and column. Cells outside the boards appear as obstacles.
     """
     depth, height, side = out.shape[2], out.shape[3], out.shape[4]
     for i in range(first, last):
@@ -256,7 +266,7 @@ def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
                     for c in range(side):
                         column = centers[i, 2] + c - side // 2
                         cell = 1 if planes[p] == OBSTACLES else 0
-                        if inside and 0 <= column < columns:
+                        if inside and 0 <= column < worlds.columns:
                             if counted:
                                 cell = min(worlds.counts[world, line, column], 255)
                             else:
@@ -268,7 +278,7 @@ def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
 
 
 @in_place_kernel
-def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last):
+def measure_worlds(worlds, chosen, commands, axes, totals, first, last):
     """Compute sums over the particles of each world, and write the sums to three arrays.
 
     All arrays are int64. The array ``commands`` of shape (worlds, commands, 2) counts two kinds of
@@ -303,7 +313,7 @@ def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last)
                     axes[i, axis, SQUARES] += weight * place * place
                 for command in range(commands.shape[1]):
                     r, c = ahead(row, column, command, rows)
-                    if not (0 <= r < worlds.layers * rows and 0 <= c < columns):
+                    if not (0 <= r < worlds.layers * rows and 0 <= c < worlds.columns):
                         continue
                     if has(frontier, width, r, c):
                         commands[i, command, PROBING] += weight

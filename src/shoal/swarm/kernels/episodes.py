@@ -15,6 +15,7 @@ from shoal.swarm.kernels.moves import (
     RIGHT,
     RUNNING,
     STALLED,
+    TILT,
     UP,
     ZERO,
     copy_board,
@@ -181,25 +182,15 @@ class PolicyState(NamedTuple):
     memory: Any  # a record of MEMORY
     search: Search
     scanning: Scanning
-    space: Slides | ElectSpace | DepthFirstSpace | None  # memory that only this policy needs
-
-
-class ElectSpace(NamedTuple):
-    """Working memory of the policy elect-particle."""
-
-    single: NDArray[np.uint64]  # a set of cells that contains only the cell of the elected particle
-
-
-class DepthFirstSpace(NamedTuple):
-    """The memory of the policy depth-first."""
-
-    visited: NDArray[np.uint64]  # the set of cells that the driven particle has visited
-    # the commands from the start cell to the cell of the driven particle
-    commands: NDArray[np.int8]
+    # of elect-particle: only the cell of the elected particle; of depth-first: visited cells
+    board: NDArray[np.uint64]
+    # of depth-first: the commands from the start cell to the cell of the driven particle
+    trail: NDArray[np.int8]
+    slides: Slides  # of closest-frontier under the rule tilt
 
 
 @in_place_kernel
-def decide_elect(field, mapping, policy_state):
+def decide_elect(field, policy_state):
     """Plan a path from the elected particle to the nearest frontier cell. Return the length of the
     path.
 
@@ -208,9 +199,9 @@ def decide_elect(field, mapping, policy_state):
     """
     memory, search = policy_state.memory, policy_state.search
     row, column = memory.row, memory.column
-    put(policy_state.space.single, field.width, row, column)
-    length = nearest(field, search, policy_state.space.single)
-    policy_state.space.single[row * field.width + (column >> 6)] = ZERO
+    put(policy_state.board, field.width, row, column)
+    length = nearest(field, search, policy_state.board)
+    policy_state.board[row * field.width + (column >> 6)] = ZERO
     if length == 0:
         length = nearest(field, search, field.occupied)
         if length == 0:
@@ -224,19 +215,19 @@ def decide_elect(field, mapping, policy_state):
 
 
 @in_place_kernel
-def decide_depth_first(field, mapping, policy_state):
+def decide_depth_first(field, policy_state):
     """Plan one command for depth-first: into the first neighbouring cell that is unknown or
     unvisited, or one step back.
 
     Return the number of planned commands, 0 or 1.
     """
     memory, plan = policy_state.memory, policy_state.search.plan
-    put(policy_state.space.visited, field.width, memory.row, memory.column)
+    put(policy_state.board, field.width, memory.row, memory.column)
     memory.backtracking = 0
     for command in policy_state.search.neighbours:
         row, column = ahead(memory.row, memory.column, command, field.rows)
         fresh = has(field.open, field.width, row, column) and not has(
-            policy_state.space.visited, field.width, row, column
+            policy_state.board, field.width, row, column
         )
         if fresh or not has(field.known, field.width, row, column):
             plan[0] = command
@@ -244,12 +235,12 @@ def decide_depth_first(field, mapping, policy_state):
     if memory.trail_length == 0:
         return 0
     memory.backtracking = 1
-    plan[0] = opposite(policy_state.space.commands[memory.trail_length - 1])
+    plan[0] = opposite(policy_state.trail[memory.trail_length - 1])
     return 1
 
 
 @in_place_kernel
-def decide_sweep(field, mapping, policy_state):
+def decide_sweep(policy_state):
     """Plan one command of the policy sweep. Return the number of planned commands, 0 or 1.
 
     In the first phase, the policy moves left until no particle moves. In the second phase, the
@@ -272,19 +263,20 @@ def decide_sweep(field, mapping, policy_state):
 
 
 @in_place_kernel
-def decide_closest(field, mapping, policy_state):
-    """Plan the shortest path of a particle to a frontier cell. Return the length of the path, or 0
-    if no path exists.
+def decide(code, field, rule, mapping, policy_state):
+    """Write the next plan of a policy to ``policy_state.search.plan``. Return the number of planned
+    commands, or 0 if the policy finds none.
     """
-    return nearest(field, policy_state.search, field.occupied)
-
-
-@in_place_kernel
-def decide_tilts(field, mapping, policy_state):
-    """Plan the fewest tilts that bring a particle to the frontier. Return the number of tilts, or 0
-    if no path exists.
-    """
-    return nearest_by_tilts(field, policy_state.search, policy_state.space, field.occupied, mapping)
+    if code == ELECT:
+        return decide_elect(field, policy_state)
+    if code == DEPTH_FIRST:
+        return decide_depth_first(field, policy_state)
+    if code == SWEEP:
+        return decide_sweep(policy_state)
+    search = policy_state.search
+    if rule == TILT:
+        return nearest_by_tilts(field, search, policy_state.slides, field.occupied, mapping)
+    return nearest(field, search, field.occupied)
 
 
 @in_place_kernel
@@ -303,12 +295,7 @@ def follow(field, policy_state, command):
 
 
 @in_place_kernel
-def notice_no_command(field, policy_state, command, travelled, done):
-    """Do nothing, for policies that keep no memory of their last command."""
-
-
-@in_place_kernel
-def notice_elect(field, policy_state, command, travelled, done):
+def notice_elect(field, policy_state, command):
     """Update the elected particle. If the target cell is no longer a frontier cell, request a new
     plan.
     """
@@ -319,21 +306,21 @@ def notice_elect(field, policy_state, command, travelled, done):
 
 
 @in_place_kernel
-def notice_depth_first(field, policy_state, command, travelled, done):
+def notice_depth_first(field, policy_state, command):
     """Update the path of the driven particle, and the set of visited cells."""
-    memory, trail = policy_state.memory, policy_state.space
+    memory = policy_state.memory
     if not follow(field, policy_state, command):
         return
     if memory.backtracking == 1:
         memory.trail_length -= 1
     else:
-        trail.commands[memory.trail_length] = command
+        policy_state.trail[memory.trail_length] = command
         memory.trail_length += 1
-        put(trail.visited, field.width, memory.row, memory.column)
+        put(policy_state.board, field.width, memory.row, memory.column)
 
 
 @in_place_kernel
-def notice_sweep(field, policy_state, command, travelled, done):
+def notice_sweep(policy_state, travelled, done):
     """Update the phase of the policy sweep. A phase of the sweep ends when its command left or
     right moves no particle.
     """
@@ -366,147 +353,94 @@ def end_run(field, policy_state, scan_planner, given):
     return True
 
 
-def player(decide, notice):
-    """Return the kernels begin_run and play for one policy, compiled with only this policy's
-    kernels ``decide`` and ``notice``.
-
-    Each policy of this module has its own ``play``. The codes MANUAL (a given plan) and RANDOM
-    (commands drawn in advance) work with every ``play``.
-    """
-
-    @in_place_kernel
-    def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
-        """Choose the next run of equal commands. Return whether a next run exists."""
-        memory = policy_state.memory
-        plan = policy_state.search.plan
-        scanning = policy_state.scanning
-        if memory.plan_at >= memory.plan_length:
-            memory.plan_at, memory.last_run = 0, 0
-            if code == RANDOM:
-                plan[0], memory.plan_length = draw, 1
-            elif code == MANUAL:  # at the end of a given plan, no further command exists
-                memory.plan_length = 0
-            elif scan_planner is None:
-                memory.plan_length = decide(field, mapping, policy_state)
-            else:
-                memory.plan_length, memory.last_run = decide_adaptive(
-                    field, rule, mapping, policy_state.search, scan_planner
-                )
-            if memory.plan_length == 0 or memory.idle >= PATIENCE:
-                return False
-        at, length = memory.plan_at, memory.plan_length
-        command, steps = plan[at], 1
-        if scan_planner is not None:
-            steps = stretch(plan, at, length)
-            memory.plan_at += steps
-            if at + steps == length:
-                steps = (
-                    memory.last_run
-                    if memory.last_run > 0
-                    else last_run(field, mapping, plan, at, length, scan_planner)
-                )
-            copy_board(field.known, scan_planner.gain.prior.before)
-        elif scanning.kind == GIVEN or (scanning.kind == EQUAL and scanning.step == 1):
-            memory.plan_at += 1
-        else:
-            memory.streak = memory.streak + 1 if command == memory.run_command else 0
-            limit = interval(scanning.kind, scanning.step, memory.streak)
-            steps = stretch(plan, at, length)
-            # A run must end at each change of direction. The last run of a plan may continue into
-            # unknown cells.
-            steps = limit if at + steps == length and code != MANUAL else min(limit, steps)
-            memory.plan_at += steps
-        memory.run_left, memory.run_command, memory.learnt, memory.changed = steps, command, 0, 0
-        return True
-
-    @in_place_kernel
-    def play(code, field, rule, mapping, policy_state, scan_planner, trace):
-        """Continue an episode until the trace is full or the episode ends.
-
-        Return the number of moves played, and the status RUNNING, COMPLETE or STALLED. For all scan
-        rules except ADAPTIVE, ``scan_planner`` is None. For RANDOM, ``trace.commands`` contains the
-        commands, drawn in advance. If scans are GIVEN, ``trace.scanned`` contains the scans. The
-        policy learns the effect of a run of equal commands only from the scan after the run.
-        """
-        memory = policy_state.memory
-        for move in range(trace.commands.shape[0]):
-            if memory.run_left == 0:
-                if memory.remaining == 0 and (
-                    memory.scanned == 1 or policy_state.scanning.kind != GIVEN
-                ):
-                    return move, COMPLETE
-                if not begin_run(
-                    code, field, rule, mapping, policy_state, scan_planner, trace.commands[move]
-                ):
-                    return move, STALLED
-            command = np.int8(memory.run_command)
-            memory.run_left -= 1
-            travelled, done, change = step(field, command, rule, mapping)
-            memory.remaining += change
-            memory.changed |= 1 if travelled != 0 or done != 0 else 0
-            memory.learnt += done if mapping else 0
-            trace.commands[move], trace.classified[move] = command, done
-            trace.frontier[move], trace.travelled[move] = memory.remaining, travelled
-            notice(field, policy_state, command, travelled, done)
-            scan = False
-            if memory.run_left == 0:
-                memory.idle = 0 if memory.changed else memory.idle + 1
-                scan = end_run(field, policy_state, scan_planner, trace.scanned[move])
-            trace.scanned[move] = scan
-            memory.scanned = 1 if scan else 0
-        done = memory.remaining == 0 and memory.run_left == 0
-        return trace.commands.shape[0], COMPLETE if done else RUNNING
-
-    return begin_run, play
-
-
-_begin_closest, _play_closest = player(decide_closest, notice_no_command)
-_play_tilts = player(decide_tilts, notice_no_command)[1]
-_play_elect = player(decide_elect, notice_elect)[1]
-_play_depth_first = player(decide_depth_first, notice_depth_first)[1]
-_play_sweep = player(decide_sweep, notice_sweep)[1]
-
-
 @in_place_kernel
 def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
-    """Choose the next run of equal commands, for closest-frontier or an adaptive scan rule. Return
-    whether a next run exists.
+    """Choose the next run of equal commands. Return whether a next run exists."""
+    memory = policy_state.memory
+    plan = policy_state.search.plan
+    scanning = policy_state.scanning
+    if memory.plan_at >= memory.plan_length:
+        memory.plan_at, memory.last_run = 0, 0
+        if code == RANDOM:
+            plan[0], memory.plan_length = draw, 1
+        elif code == MANUAL:  # at the end of a given plan, no further command exists
+            memory.plan_length = 0
+        elif scan_planner is None:
+            memory.plan_length = decide(code, field, rule, mapping, policy_state)
+        else:
+            memory.plan_length, memory.last_run = decide_adaptive(
+                field, rule, mapping, policy_state.search, scan_planner
+            )
+        if memory.plan_length == 0 or memory.idle >= PATIENCE:
+            return False
+    at, length = memory.plan_at, memory.plan_length
+    command, steps = plan[at], 1
+    if scan_planner is not None:
+        steps = stretch(plan, at, length)
+        memory.plan_at += steps
+        if at + steps == length:
+            steps = (
+                memory.last_run
+                if memory.last_run > 0
+                else last_run(field, mapping, plan, at, length, scan_planner)
+            )
+        copy_board(field.known, scan_planner.gain.prior.before)
+    elif scanning.kind == GIVEN or (scanning.kind == EQUAL and scanning.step == 1):
+        memory.plan_at += 1
+    else:
+        memory.streak = memory.streak + 1 if command == memory.run_command else 0
+        limit = interval(scanning.kind, scanning.step, memory.streak)
+        steps = stretch(plan, at, length)
+        # A run must end at each change of direction. The last run of a plan may continue into
+        # unknown cells.
+        steps = limit if at + steps == length and code != MANUAL else min(limit, steps)
+        memory.plan_at += steps
+    memory.run_left, memory.run_command, memory.learnt, memory.changed = steps, command, 0, 0
+    return True
+
+
+@in_place_kernel
+def play(code, field, rule, mapping, policy_state, scan_planner, trace):
+    """Continue an episode of a policy that is not a planner until the trace is full or the episode ends.
+
+    Return the number of moves played, and the status RUNNING, COMPLETE or STALLED. For all scan
+    rules except ADAPTIVE, ``scan_planner`` is None. For RANDOM, ``trace.commands`` contains the
+    commands, drawn in advance. If scans are GIVEN, ``trace.scanned`` contains the scans. The
+    policy learns the effect of a run of equal commands only from the scan after the run.
     """
-    return _begin_closest(code, field, rule, mapping, policy_state, scan_planner, draw)
-
-
-@in_place_kernel
-def play_closest(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play closest-frontier, a given plan, or commands drawn in advance. See ``play`` in `player`
-    for the arguments.
-    """
-    return _play_closest(code, field, rule, mapping, policy_state, scan_planner, trace)
-
-
-@in_place_kernel
-def play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy closest-frontier under the rule tilt. See ``play`` in `player` for the
-    arguments.
-    """
-    return _play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace)
-
-
-@in_place_kernel
-def play_elect(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy elect-particle. See ``play`` in `player` for the arguments."""
-    return _play_elect(code, field, rule, mapping, policy_state, scan_planner, trace)
-
-
-@in_place_kernel
-def play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy depth-first. See ``play`` in `player` for the arguments."""
-    return _play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace)
-
-
-@in_place_kernel
-def play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy sweep. See ``play`` in `player` for the arguments."""
-    return _play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace)
+    memory = policy_state.memory
+    for move in range(trace.commands.shape[0]):
+        if memory.run_left == 0:
+            if memory.remaining == 0 and (
+                memory.scanned == 1 or policy_state.scanning.kind != GIVEN
+            ):
+                return move, COMPLETE
+            if not begin_run(
+                code, field, rule, mapping, policy_state, scan_planner, trace.commands[move]
+            ):
+                return move, STALLED
+        command = np.int8(memory.run_command)
+        memory.run_left -= 1
+        travelled, done, change = step(field, command, rule, mapping)
+        memory.remaining += change
+        memory.changed |= 1 if travelled != 0 or done != 0 else 0
+        memory.learnt += done if mapping else 0
+        trace.commands[move], trace.classified[move] = command, done
+        trace.frontier[move], trace.travelled[move] = memory.remaining, travelled
+        if code == ELECT:
+            notice_elect(field, policy_state, command)
+        elif code == DEPTH_FIRST:
+            notice_depth_first(field, policy_state, command)
+        elif code == SWEEP:
+            notice_sweep(policy_state, travelled, done)
+        scan = False
+        if memory.run_left == 0:
+            memory.idle = 0 if memory.changed else memory.idle + 1
+            scan = end_run(field, policy_state, scan_planner, trace.scanned[move])
+        trace.scanned[move] = scan
+        memory.scanned = 1 if scan else 0
+    done = memory.remaining == 0 and memory.run_left == 0
+    return trace.commands.shape[0], COMPLETE if done else RUNNING
 
 
 # codes of planners, which continue the policy codes of `policy_episode`

@@ -27,7 +27,17 @@ from shoal.swarm.maps.pictures import (
     read_pixels,
     read_slices,
 )
-from shoal.swarm.maps.reading import HIGH, KINDS, LOW, Cells, Kind, MapOptions, Mask, check_used
+from shoal.swarm.maps.reading import (
+    HIGH,
+    KINDS,
+    LOW,
+    Cells,
+    Kind,
+    MapOptions,
+    Mask,
+    check_used,
+    map_options,
+)
 from shoal.swarm.maps.resampling import (
     factors_of_width,
     join_diagonals,
@@ -145,7 +155,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     MissingExtraError
         Raised if the file needs a library that is not installed.
     """
-    source, chosen = Path(path), MapOptions(**options)
+    source, chosen = Path(path), map_options(options)
     suffix = _suffix(source)
     # unlike Path.is_dir, it accepts names of any length
     folder = bool(source.name) and os.path.isdir(source)
@@ -155,13 +165,13 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
         )
     try:
         if folder and (files := dicom_files(source)):
-            check_used(KINDS["volume"], chosen.given, where=str(source))
+            check_used(KINDS["volume"], chosen.given_values, where=str(source))
             free, spacing = read_series(source, files, chosen)
         elif folder:
-            check_used(KINDS["slices"], chosen.given, where=str(source))
+            check_used(KINDS["slices"], chosen.given_values, where=str(source))
             free, spacing = read_slices(source, chosen), None
         else:
-            check_used(FORMATS[suffix].kind, chosen.given, where=str(source))
+            check_used(FORMATS[suffix].kind, chosen.given_values, where=str(source))
             check_file(source, what="map", most=LARGEST_FILE)
             free, spacing = FORMATS[suffix].read(source, chosen)
     except OSError as error:
@@ -283,7 +293,7 @@ def open_map(
     #.
     .#
     """
-    chosen = MapOptions(**options)  # checks all values, whatever the source of the map
+    chosen = map_options(options)  # checks all values, whatever the source of the map
     if width is not None:
         check_integer(width, what="width", least=1)
     of_vessels = {
@@ -295,7 +305,7 @@ def open_map(
         "thickest": thickest,
     }
     given = {name: value for name, value in of_vessels.items() if value is not None} | dict(
-        chosen.given
+        chosen.given_values
     )
     if isinstance(place, GridWorkspace):
         check_used(KINDS["workspace"], given)
@@ -324,7 +334,8 @@ def open_map(
     if vessels:
         check_used(KINDS["photograph"], given, where=text)
         limits = {name: given[name] for name in ("low", "high") if name in given}
-        mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **_axes(chosen)).mask
+        axes: dict[str, Any] = {"channel": chosen.channel, "frame": chosen.frame}
+        mask = vessels_in(path, **limits, bright=bright, thickest=thickest, **axes).mask
         mapped = imaging.VesselMap(mask, width=width)
         tell_once(mapped.notice(str(path)))
         return named_after(path, mapped.free)
@@ -334,7 +345,7 @@ def open_map(
     check_used(
         Kind(
             "a file that is no picture" if "vessels" in given else "a map file",
-            frozenset((*chosen.given, *beside)),
+            frozenset((*chosen.given_values, *beside)),
         ),
         given,
         where=text,
@@ -369,10 +380,6 @@ def fit_width(workspace: GridWorkspace, width: int | None, *, where: str = "map"
         for size, before, after in zip(workspace.spacing, workspace.shape, free.shape, strict=True)
     )
     return GridWorkspace(free, name=workspace.name, spacing=spacing)
-
-
-def _axes(options: MapOptions) -> dict[str, Any]:
-    return {"channel": options.channel, "frame": options.frame}
 
 
 def vessels_in(

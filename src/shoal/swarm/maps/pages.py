@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, MissingExtraError, ShoalError
 from shoal.swarm.maps import tiff
 from shoal.swarm.maps.reading import (
     LARGEST_PICTURE,
@@ -460,10 +460,24 @@ def scale_of_width(path: Path, width: int, scale: float) -> float | None:
     A very large picture becomes smaller while it is read. Returns None for all other files, and for
     TIFF files that are small enough to be maps, which may contain a size of their pixels.
     """
-    from PIL import Image
-
     if path.suffix.lower() not in PICTURES or not path.is_file():
         return None
+    try:
+        columns, rows = size_of_picture(path)
+    except ShoalError:  # the reader of the picture says what is wrong with it
+        return None
+    larger, cells = max(columns, rows), columns * rows * scale**2
+    most = MAX_CELLS if path.suffix.lower().startswith(".tif") else MOST_COUNTED
+    return width / larger if cells > most and width < larger * scale else None
+
+
+def size_of_picture(path: Path) -> tuple[int, int]:
+    """Return the columns and rows of a picture, of which only the header is read."""
+    from PIL import Image
+
+    other = InvalidInputError(
+        f"{path.name}: expected a PNG, TIFF, BMP or JPEG picture, got a damaged or other file"
+    )
     try:
         with (
             _any_size(),
@@ -471,8 +485,13 @@ def scale_of_width(path: Path, width: int, scale: float) -> float | None:
             Image.open(path, formats=[*set(PICTURES.values())]) as image,
         ):
             warnings.simplefilter("ignore")
-            larger, cells = max(image.size), image.width * image.height * scale**2
-            most = MAX_CELLS if image.format == "TIFF" else MOST_COUNTED
-    except Exception:  # the reader of the picture says what is wrong with it
-        return None
-    return width / larger if cells > most and width < larger * scale else None
+            return image.size
+    except Exception:  # Pillow, as tifffile, raises many kinds of exceptions for damaged files
+        if not path.suffix.lower().startswith(".tif"):
+            raise other from None
+    try:
+        return tiff.size_of(path)
+    except MissingExtraError:
+        raise
+    except Exception:
+        raise other from None

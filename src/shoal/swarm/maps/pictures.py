@@ -29,6 +29,7 @@ from shoal.swarm.maps.reading import (
     check_layers,
     check_size,
     index_of,
+    map_options,
     reading,
 )
 from shoal.swarm.maps.resampling import (
@@ -123,7 +124,7 @@ def read_pixels(
             f"{path}: expected a picture ({' '.join(PICTURES)}), got {path.suffix!r}"
         )
     check_file(path, what="picture", most=LARGEST_FILE)
-    options = MapOptions(channel=channel, frame=frame)
+    options = map_options({"channel": channel, "frame": frame})
     with open_picture(path, options, most=LARGEST_PHOTOGRAPH) as picture:
         bands: list[Page] = []
         for band in picture:

@@ -7,18 +7,17 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import field, fields
-from importlib import import_module
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_bool, check_integer, check_number, shortened
+from shoal.core.checks import check_integer, shortened
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, MissingExtraError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.problem import Problem, option
 
 Mask = NDArray[np.bool_]
 
@@ -53,11 +52,6 @@ responses of the filters.
 
 WHITE = 0.5
 """Smallest brightness of a free pixel if no ``threshold`` is given."""
-
-NOT_GIVEN: Any = None
-"""Value of an option that the user has not given. An option that is given, also at its default, is
-used or refused.
-"""
 
 
 @dataclass(frozen=True)
@@ -158,8 +152,35 @@ def check_used(kind: Kind, given: Mapping[str, Any], *, where: str = "") -> None
             )
 
 
-@dataclass(frozen=True)
-class MapOptions:
+def check_channel(given: Any) -> int | str | None:
+    """Check the name or the number of a channel. A text of digits is a number.
+
+    Examples
+    --------
+    >>> check_channel("2"), check_channel("green")
+    (2, 'green')
+    """
+    if given is None:
+        return None
+    if isinstance(given, str) and given.strip() and not given.strip().isdecimal():
+        return given.strip()
+    number = (
+        int(given)
+        if isinstance(given, str)
+        and given.strip().isdecimal()
+        and given.isascii()
+        and len(given) < 10
+        else given
+    )
+    if isinstance(number, str):
+        raise InvalidInputError(
+            f"channel: expected the name of a channel or its number from 1, got {shortened(given)}"
+        )
+    return check_integer(number, what="channel", least=1)
+
+
+@dataclass(frozen=True, eq=False)
+class MapOptions(Problem):
     """Options for the conversion of a file to a map.
 
     Parameters
@@ -188,12 +209,6 @@ class MapOptions:
         Whether parts of the map that touch only diagonally are joined, by one more free cell at
         each contact.
 
-    Attributes
-    ----------
-    given : mapping
-        Name and value of each option that the user has given, also at its default. None stands for
-        an option that is not given.
-
     Raises
     ------
     InvalidInputError
@@ -201,48 +216,87 @@ class MapOptions:
         ``label`` is given.
     """
 
-    threshold: float | None = None
-    invert: bool = NOT_GIVEN
-    scale: float = NOT_GIVEN
-    level: float | None = None
-    label: int | None = None
-    channel: int | str | None = None
-    frame: int | None = None
-    join_diagonals: bool = NOT_GIVEN
-    given: Mapping[str, Any] = field(init=False, repr=False, compare=False)
+    part: ClassVar[str] = "map"
 
-    def __post_init__(self) -> None:
-        names = [one.name for one in fields(self) if one.init]
-        object.__setattr__(
-            self,
-            "given",
-            {name: value for name in names if (value := getattr(self, name)) is not None},
-        )
-        for name, value in {"invert": False, "scale": 1.0, "join_diagonals": False}.items():
-            if name not in self.given:
-                object.__setattr__(self, name, value)
-        if self.threshold is not None:
-            check_number(self.threshold, what="threshold", least=0, most=1)
-        for name in ("invert", "join_diagonals"):
-            check_bool(getattr(self, name), what=name)
-        check_number(self.scale, what="scale", above=0, most=64)
-        if self.level is not None:
-            check_number(self.level, what="level")
-        if self.label is not None:
-            check_integer(self.label, what="label")
-        check_channel(self.channel)
-        if self.frame is not None:
-            check_integer(self.frame, what="frame", least=1)
-        if self.level is not None and self.label is not None:
+    threshold: float | None = option(
+        None,
+        help=(
+            "For pictures: minimum brightness of a free pixel, from 0 (black) to 1 (white). By"
+            " default, a picture of two brightnesses is a mask, whose brighter pixels are free, and"
+            " every other picture has the threshold 0.5."
+        ),
+        least=0,
+        most=1,
+    )
+    invert: bool = option(
+        False,
+        help=(
+            "For map files: exchange free cells and obstacles. In a picture, dark pixels are free."
+        ),
+    )
+    scale: float = option(
+        1.0,
+        help=(
+            "For pictures: number of cells for each pixel along each side; what was connected stays"
+            " connected."
+        ),
+        above=0,
+        most=64,
+    )
+    level: float | None = option(
+        None,
+        help=(
+            "For grey pictures, tables, arrays and volumes: minimum number of a free cell, as the"
+            " file stores it."
+        ),
+    )
+    label: int | None = option(
+        None,
+        help=(
+            "For grey pictures, pictures with a palette, tables, arrays and volumes: number (label)"
+            " of all free cells."
+        ),
+    )
+    channel: int | str | None = option(
+        None,
+        help=(
+            "For pictures, arrays and volumes of several channels: the channel that is read, by its"
+            " number from 1 or by its name, such as red, green, blue or alpha."
+        ),
+        metavar="CHANNEL",
+        parse=check_channel,
+        check=check_channel,
+    )
+    frame: int | None = option(
+        None,
+        help="For pictures and volumes with a time axis: the point in time that is read, from 1.",
+        least=1,
+    )
+    join_diagonals: bool = option(
+        False,
+        help=(
+            "For files: where parts of the map touch only diagonally, open one cell, because"
+            " particles cannot move diagonally."
+        ),
+    )
+
+    def check_together(self) -> None:
+        """Refuse more than one of a threshold, a level and a label."""
+        decided = [
+            (name, value)
+            for name in ("threshold", "level", "label")
+            if (value := getattr(self, name)) is not None
+        ]
+        if len(decided) > 1:
+            (first, value), (second, other) = decided[:2]
             raise InvalidInputError(
-                f"level: expected a level or a label, got both: {self.level:g} and {self.label}"
+                f"{first}: expected a {first} or a {second}, got both: {value:g} and {other:g}"
             )
-        for name, value in (("level", self.level), ("label", self.label)):
-            if self.threshold is not None and value is not None:
-                raise InvalidInputError(
-                    f"threshold: expected a threshold or a {name}, got both: {self.threshold:g} and"
-                    f" {value:g}"
-                )
+
+    @property
+    def given_values(self) -> dict[str, Any]:
+        """Name and value of each option that the user has given, also at its default."""
+        return {name: getattr(self, name) for name in self.declarations() if name in self.given}
 
     @property
     def by_number(self) -> bool:
@@ -250,40 +304,13 @@ class MapOptions:
         return self.level is not None or self.label is not None
 
 
-def check_channel(given: Any) -> int | str | None:
-    """Check the name or the number of a channel. A text of digits is a number.
-
-    Examples
-    --------
-    >>> check_channel("2"), check_channel("green")
-    (2, 'green')
-    """
-    if given is None:
-        return None
-    if isinstance(given, str) and given.strip() and not given.strip().isdecimal():
-        return given.strip()
-    number = (
-        int(given)
-        if isinstance(given, str)
-        and given.strip().isdecimal()
-        and given.isascii()
-        and len(given) < 10
-        else given
-    )
-    if isinstance(number, str):
-        raise InvalidInputError(
-            f"channel: expected the name of a channel or its number from 1, got {shortened(given)}"
-        )
-    return check_integer(number, what="channel", least=1)
+def map_options(options: Mapping[str, Any]) -> MapOptions:
+    """Return the options for reading a map. An option that is None is not given."""
+    return MapOptions(**{name: value for name, value in options.items() if value is not None})
 
 
 def index_of(
-    names: list[str],
-    channel: int | str | None,
-    *,
-    where: str,
-    axis: str = "channel",
-    flag: str = "",
+    names: list[str], channel: int | str | None, *, where: str, axis: str = "channel"
 ) -> int:
     """Return the index of the chosen entry of an axis, such as the channels or the points in time.
 
@@ -296,9 +323,8 @@ def index_of(
         be None.
     where : str
         Name of the file in error messages.
-    axis, flag : str
-        Word for an entry of the axis, and the command line option that chooses it (by default, the
-        option of the same name).
+    axis : str
+        Word for an entry of the axis, and name of the option that chooses it.
 
     Raises
     ------
@@ -306,7 +332,6 @@ def index_of(
         Raised if the axis has several entries and none is chosen, or if the axis does not contain
         the chosen entry.
     """
-    flag = flag or f"--{axis}"
     named = [
         f"{number} ({name})" if name else str(number)
         for number, name in enumerate(names[:8], start=1)
@@ -316,7 +341,7 @@ def index_of(
         if len(names) == 1:
             return 0
         raise InvalidInputError(
-            f"{where}: expected the choice of one {axis} ({flag}), got {len(names)}: {there}"
+            f"{where}: expected the choice of one {axis} (--{axis}), got {len(names)}: {there}"
         )
     number = check_channel(channel)
     if len(names) == 1 and not names[0] and number == 1:
@@ -349,27 +374,17 @@ class AxisChoices:
             name: value for name in AXES if (value := getattr(options, name)) is not None
         }
 
-    def take(self, axis: str) -> int | str | None:
-        """Return the choice for an axis that the file has, or None if the user has made none."""
-        return self._unused.pop(axis, None)
-
-    def index(self, axis: str, count: int) -> int:
-        """Return the index of the chosen one of ``count`` volumes along an axis.
+    def index(self, axis: str, names: list[str]) -> int:
+        """Return the index of the chosen entry of an axis, with ``names`` as in `index_of`.
 
         Raises
         ------
         InvalidInputError
-            Raised if there are several volumes and none is chosen, or if a choice has no effect.
+            Raised if there are several entries and none is chosen, or if a choice has no effect.
         """
-        if count == 1 and self._unused.get(axis, 1) != 1:
+        if names == [""] and self._unused.get(axis, 1) != 1:
             self.check_used(axis)
-        choice = self.take(axis)
-        if count > 1 and choice is None:
-            raise InvalidInputError(
-                f"{self.path}: expected one volume, got {AXES[axis]} of {count} (choose one with"
-                f" --{axis}, from 1 to {count})"
-            )
-        return index_of([""] * count, choice, where=str(self.path), axis=axis)
+        return index_of(names, self._unused.pop(axis, None), where=str(self.path), axis=axis)
 
     def check_used(self, axis: str = "") -> None:
         """Refuse a choice that was not taken, of the given axis or of any."""
@@ -420,16 +435,6 @@ def reading(path: Path, what: str) -> Iterator[None]:
             raise InvalidInputError(
                 f"{path}: expected {what}, got a damaged or truncated file: {why}"
             ) from None
-
-
-def library(module: str, needed: str, *, extra: str) -> Any:
-    """Import a library of an extra. ``needed`` says what needs it, such as "NRRD volumes need
-    pynrrd".
-    """
-    try:
-        return import_module(module)
-    except ImportError:
-        raise MissingExtraError(f"{needed}: pip install 'shoal[{extra}]'") from None
 
 
 _MILLIMETRES = {

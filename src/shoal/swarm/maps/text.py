@@ -50,7 +50,7 @@ def read_rows(path: Path, options: MapOptions) -> Mask:
     lines = _lines(path)
     if any(line[:1].isdigit() or line[:1] in {"+", "-"} for line in map(str.lstrip, lines[:100])):
         return _table(path, lines, options)
-    check_used(KINDS["letters"], options.given, where=str(path))
+    check_used(KINDS["letters"], options.given_values, where=str(path))
     free = _cells(path, lines, 1, free=".", blocked="#")
     return ~free if options.invert else free
 

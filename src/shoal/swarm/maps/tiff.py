@@ -12,15 +12,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import (
     AxisChoices,
     MapOptions,
     check_data,
     check_layers,
-    index_of,
-    library,
     millimetres,
 )
 
@@ -73,7 +71,7 @@ def needs_tifffile(path: Path, tags: Any) -> bool:
 
 def _tifffile() -> Any:
     needed = "TIFF files of floats, planes, many channels or microscopes need tifffile"
-    return library("tifffile", needed, extra="imaging")
+    return import_extra("tifffile", needed, extra="imaging")
 
 
 def size_of(path: Path) -> tuple[int, int]:
@@ -161,18 +159,10 @@ class Tiff:
                 self.samples = side
             elif axis == "C":
                 some = names if len(names) == side else [""] * side
-                index.append(index_of(some, choices.take("channel"), where=str(self.path)))
+                index.append(choices.index("channel", some))
                 self.channels_chosen = side > 1
             elif axis == "T":
-                index.append(
-                    index_of(
-                        [""] * side,
-                        choices.take("frame"),
-                        where=str(self.path),
-                        axis="point in time",
-                        flag="--frame",
-                    )
-                )
+                index.append(choices.index("frame", [""] * side))
             elif axis in LAYERS and depth == 1:
                 index.append(slice(None))
                 depth = side
@@ -186,7 +176,6 @@ class Tiff:
         choices.check_used("frame")  # a channel may be one of the samples of a pixel
         check_layers(self.path, depth)
         self.size, self.depth, self._index = (rows, columns), depth, index
-        self.sample_axis_first = "S" in axes and axes.index("S") < axes.index("Y")
         self._spacing(axes)
 
     def pages(self) -> Iterator[NDArray[Any]]:

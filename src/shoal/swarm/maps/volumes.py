@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_file
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, import_extra
 from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import (
     LARGEST_DATA,
@@ -33,7 +33,6 @@ from shoal.swarm.maps.reading import (
     check_layers,
     check_size,
     index_of,
-    library,
     millimetres,
     reading,
 )
@@ -102,7 +101,7 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         infinite values, or has a time axis or channels of which none is chosen.
     MissingExtraError
     """
-    nibabel = library("nibabel", "NIfTI volumes need nibabel", extra="volumes")
+    nibabel = import_extra("nibabel", "NIfTI volumes need nibabel", extra="volumes")
     with _silent(nibabel.imageglobals.logger), reading(path, "a NIfTI volume"):
         image = _nifti_kind(path, nibabel).from_filename(path)
         shape = tuple(int(side) for side in image.shape)
@@ -121,9 +120,9 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         check_data(path, whole if path.name.lower().endswith(".gz") else size)
         times, channels = (*shape[3:], 1, 1)[:2]
         choices = AxisChoices(path, options)
-        time = choices.index("frame", times)
+        time = choices.index("frame", [""] * times)
         # the colours of a voxel are channels, too
-        channel = 0 if colours and channels == 1 else choices.index("channel", channels)
+        channel = 0 if colours and channels == 1 else choices.index("channel", [""] * channels)
         skipped = size * (time + times * channel)
         colour = index_of(colours, options.channel, where=str(path)) if colours else None
         slope, shift = (
@@ -139,9 +138,9 @@ def read_nifti(path: Path, options: MapOptions) -> Cells:
         free = np.concatenate(free_by_number(pieces, options, where=str(path))).reshape(
             shape[:3], order="F"
         )
-        sides = tuple(
-            float(side) * _nifti_unit(image.header) for side in image.header.get_zooms()[:3]
-        )
+        # in a header without a unit, lengths count as millimetres
+        unit = millimetres(image.header.get_xyzt_units()[0]) or 1.0
+        sides = tuple(float(side) * unit for side in image.header.get_zooms()[:3])
         if not np.isfinite(image.affine).all():
             raise ValueError("the place of the volume in space is not finite")
         turned, sides = in_front_of_body(free, sides, image.affine[:3, :3])
@@ -192,7 +191,7 @@ def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
     """Return a map as the bytes of a NIfTI file, with 1 for each free cell, 0 for each obstacle,
     and the voxel size.
     """
-    nibabel = library("nibabel", "NIfTI volumes need nibabel", extra="volumes")
+    nibabel = import_extra("nibabel", "NIfTI volumes need nibabel", extra="volumes")
     data = workspace.free.transpose(2, 0, 1)[::-1, ::-1, ::-1].astype(np.uint8)
     sides = workspace.spacing or (1.0, 1.0, 1.0)
     image = nibabel.Nifti1Image(data, np.diag([sides[2], sides[0], sides[1], 1.0]))
@@ -213,17 +212,6 @@ def _nifti_kind(path: Path, nibabel: Any) -> Any:
     raise InvalidInputError(
         f"{path}: expected a NIfTI volume, got a damaged, truncated or other file (it begins with"
         f" {begin!r})"
-    )
-
-
-def _nifti_unit(header: Any) -> float:
-    """Return the length unit of a NIfTI header, in millimetres. In a header without a unit, lengths
-    count as millimetres.
-    """
-    return (
-        (millimetres(header.get_xyzt_units()[0]) or 1.0)
-        if hasattr(header, "get_xyzt_units")
-        else 1.0
     )
 
 
@@ -283,7 +271,7 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
         unknown encoding.
     MissingExtraError
     """
-    nrrd = library("nrrd", "NRRD volumes need pynrrd", extra="volumes")
+    nrrd = import_extra("nrrd", "NRRD volumes need pynrrd", extra="volumes")
     with reading(path, "a NRRD file"):
         with path.open("rb") as file:
             # a header ends at an empty line, and other files may have lines without end
@@ -301,7 +289,8 @@ def read_nrrd(path: Path, options: MapOptions) -> Cells:
             if kind in {"domain", "space", "none", "???"}:
                 domain.append(axis)
                 continue
-            picked[axis] = choices.index("frame" if kind in {"time", "list"} else "channel", side)
+            name = "frame" if kind in {"time", "list"} else "channel"
+            picked[axis] = choices.index(name, [""] * side)
         choices.check_used()
         if len(domain) not in (2, 3) or min(sides, default=0) < 1:
             raise InvalidInputError(
@@ -452,7 +441,7 @@ def read_dicom(path: Path, options: MapOptions) -> Cells:
     """Return the free cells of one DICOM file, and the size of a cell. A file of one image is a map
     in two dimensions.
     """
-    pydicom = library("pydicom", "DICOM files need pydicom", extra="volumes")
+    pydicom = import_extra("pydicom", "DICOM files need pydicom", extra="volumes")
     with _silent(logging.getLogger("pydicom")), reading(path, "a DICOM file"):
         one = _dicom_header(path, pydicom)
         return _dicom_cells(path, [path], [one], pydicom, options)
@@ -470,17 +459,12 @@ def dicom_files(folder: Path) -> list[Path]:
     files = [
         path
         for path in islice(entries, 4 * MAX_LAYERS)
-        if path.suffix.lower() in DICOM or (_unnamed(path) and is_dicom(path))
+        # names in DICOM folders are unique identifiers, of digits with dots
+        if path.suffix.lower() in DICOM
+        or ((not path.suffix or path.suffix[1:].isdigit()) and is_dicom(path))
     ]
     check_layers(folder, len(files))
     return sorted(files)
-
-
-def _unnamed(path: Path) -> bool:
-    """Return whether a file has no suffix but digits, as the names in DICOM folders (unique
-    identifiers with dots) have.
-    """
-    return not path.suffix or path.suffix[1:].isdigit()
 
 
 def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
@@ -493,7 +477,7 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
         Raised if the files belong to several series, or if their sizes or distances differ.
     MissingExtraError
     """
-    pydicom = library("pydicom", "DICOM files need pydicom", extra="volumes")
+    pydicom = import_extra("pydicom", "DICOM files need pydicom", extra="volumes")
     with _silent(logging.getLogger("pydicom")), reading(folder, "a DICOM series"):
         heads = []
         for file in files:
@@ -503,7 +487,7 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
         if len(series) > 1:
             counts = ", ".join(
                 f"{sum(str(head.get('SeriesInstanceUID', '')) == uid for head in heads)} of"
-                f" {_end_of(uid)}"
+                f" {uid if len(uid) < 16 else f'…{uid[-12:]}'}"  # the part that differs
                 for uid in series[:4]
             )
             raise InvalidInputError(
@@ -511,11 +495,6 @@ def read_series(folder: Path, files: list[Path], options: MapOptions) -> Cells:
                 " folder"
             )
         return _dicom_cells(folder, files, heads, pydicom, options)
-
-
-def _end_of(uid: str) -> str:
-    """Return the end of a unique identifier, which is the part that differs."""
-    return uid if len(uid) < 16 else f"…{uid[-12:]}"
 
 
 def _dicom_header(path: Path, pydicom: Any) -> Any:
@@ -544,7 +523,6 @@ def _dicom_cells(
         raise InvalidInputError(
             f"{files[0]}: expected 1 or 3 numbers for each pixel, got {samples}"
         )
-    colour = index_of(DICOM_COLOURS, options.channel, where=str(where)) if samples > 1 else None
     for file, head in zip(files, heads, strict=True):
         if (int(head.Rows), int(head.Columns)) != (rows, columns):
             raise InvalidInputError(
@@ -572,9 +550,8 @@ def _dicom_cells(
         name in first for name in ("FrameTime", "FrameTimeVector", "CineRate")
     )
     choices = AxisChoices(where, options)
-    moment = choices.index("frame", frames[0]) if film else None
-    if colour is not None:
-        choices.take("channel")
+    moment = choices.index("frame", [""] * frames[0]) if film else None
+    colour = choices.index("channel", DICOM_COLOURS) if samples > 1 else None
     choices.check_used()
     order, distance, directions = _dicom_order(where, files, heads)
 
@@ -591,20 +568,13 @@ def _dicom_cells(
     layers = free_by_number(pieces, options, where=str(where))
     spacing = first.get("PixelSpacing") or first.get("ImagerPixelSpacing")
     within = None if spacing is None else (float(spacing[0]), float(spacing[1]))
-    if len(layers) == 1 and layers[0].ndim == 2:
-        return layers[0], within and _checked_sides(where, within)
-    if layers[0].ndim == 3:  # the images of one file
-        thick = first.get("SpacingBetweenSlices") or first.get("SliceThickness")
-        sides: tuple[float, ...] | None = (
-            None if within is None or thick is None else (float(thick), *within)
-        )
-        return layers[0], sides and _checked_sides(where, sides)
-    free = np.stack(layers)
-    sides = None if within is None or distance is None else (distance, *within)
-    if directions is None or sides is None:
-        return free, sides and _checked_sides(where, sides)
-    turned, sides = in_front_of_body(free, sides, directions)
-    return turned, _checked_sides(where, sides)
+    free = layers[0] if len(layers) == 1 else np.stack(layers)
+    sides: tuple[float, ...] | None = within
+    if free.ndim == 3:
+        sides = None if within is None or distance is None else (distance, *within)
+    if directions is not None and sides is not None:
+        free, sides = in_front_of_body(free, sides, directions)
+    return free, sides and _checked_sides(where, sides)
 
 
 def _dicom_pixels(path: Path, image: Any) -> NDArray[Any]:
@@ -632,8 +602,10 @@ def _dicom_order(
     """Return the order of the images, their distance in millimetres, and the directions of layers,
     rows and columns (RAS).
     """
+    thick = heads[0].get("SpacingBetweenSlices") or heads[0].get("SliceThickness")
+    thickness = None if thick is None else float(thick)
     if len(heads) == 1:
-        return [0], None, None
+        return [0], thickness, None
     turns = [head.get("ImageOrientationPatient") for head in heads]
     places = [head.get("ImagePositionPatient") for head in heads]
     if any(one is None for one in (*turns, *places)):
@@ -642,8 +614,7 @@ def _dicom_order(
                 f"{where}: expected the place or the number of each image, got images without them"
             )
         order = sorted(range(len(heads)), key=lambda index: int(heads[index].InstanceNumber))
-        thick = heads[0].get("SpacingBetweenSlices") or heads[0].get("SliceThickness")
-        return order, None if thick is None else float(thick), None
+        return order, thickness, None
     axes = np.array(turns, dtype=np.float64)
     if not np.allclose(axes, axes[0], atol=1e-3):
         raise InvalidInputError(

@@ -45,10 +45,6 @@ class Compiled:
         ]
         return self.kind + (":" + ",".join(changed) if changed else "")
 
-    def check(self, layout: GridLayout, rule: str) -> None:
-        """Refuse a move rule or a number of dimensions that the policy does not support."""
-        _check_stated(self, layout, rule)
-
 
 @dataclass(frozen=True)
 class Searching(Compiled):
@@ -301,30 +297,18 @@ class Manual(Compiled):
     code: ClassVar[int] = kernels.MANUAL
     commands: str = ""
 
-    def check(self, layout: GridLayout, rule: str) -> None:
-        """Refuse a text with letters that are not commands."""
-        super().check(layout, rule)
-        encode(self.commands, ndim=layout.ndim)
-
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return all commands at the first decision, and no commands at later decisions."""
         return (self.commands if memory is None else ""), "sent"
 
 
 def check_rules(policy: Policy, layout: GridLayout, rule: str) -> None:
-    """Refuse a move rule that the policy's ``rules`` omit, or a number of dimensions that the
-    policy's ``dimensions`` omit.
+    """Refuse a move rule that the policy's ``rules`` omit, a number of dimensions that the
+    policy's ``dimensions`` omit, or letters of the policy ``manual`` that are not commands.
 
     A policy without the attributes ``rules`` and ``dimensions`` supports all move rules, and two
     and three dimensions.
     """
-    if isinstance(policy, Compiled):
-        policy.check(layout, rule)
-    else:
-        _check_stated(policy, layout, rule)
-
-
-def _check_stated(policy: Policy | Compiled, layout: GridLayout, rule: str) -> None:
     name = getattr(policy, "kind", policy.name)
     rules = getattr(policy, "rules", RULES)
     dimensions = getattr(policy, "dimensions", (2, 3))
@@ -335,6 +319,8 @@ def _check_stated(policy: Policy | Compiled, layout: GridLayout, rule: str) -> N
     if layout.ndim not in dimensions:
         able = " or ".join(f"{number}-D" for number in dimensions)
         raise InvalidInputError(f"policy {name}: expected a {able} workspace, got {layout.ndim}-D")
+    if isinstance(policy, Manual):
+        encode(policy.commands, ndim=layout.ndim)
 
 
 def check_scanning(scanning: ScanRule, policy: Policy, rule: str) -> None:

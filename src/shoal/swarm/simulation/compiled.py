@@ -29,7 +29,7 @@ from shoal.swarm.grid.state import (
 from shoal.swarm.grid.tasks import Coverage, Mapping
 from shoal.swarm.kernels import episodes as planner_episode
 from shoal.swarm.kernels import moves
-from shoal.swarm.kernels.moves import COMPLETE, RUNNING, STALLED, new_record
+from shoal.swarm.kernels.moves import BLOCK, COMPLETE, RUNNING, STALLED, TILT, new_record
 from shoal.swarm.kernels.planning import adaptive_scans
 from shoal.swarm.noise import Lookout, NoisyBelief
 from shoal.swarm.policies import PlannerPolicy
@@ -127,30 +127,6 @@ def compiled_loop(
     return trace, Status.INTERRUPTED if stopped and status is Status.LIMIT else status
 
 
-def trail_of(layout: GridLayout) -> planner_episode.DepthFirstSpace:
-    """Return the working memory in which the policy depth-first stores its path."""
-    return planner_episode.DepthFirstSpace(
-        empty_boards(layout, 1)[0], np.zeros(int(np.prod(layout.window)), dtype=np.int8)
-    )
-
-
-PLAYED: dict[int, tuple[Any, Callable[[GridLayout], Any]]] = {
-    planner_episode.CLOSEST: (planner_episode.play_closest, lambda _: None),
-    planner_episode.ELECT: (
-        planner_episode.play_elect,
-        lambda layout: planner_episode.ElectSpace(empty_boards(layout, 1)[0]),
-    ),
-    planner_episode.DEPTH_FIRST: (planner_episode.play_depth_first, trail_of),
-    planner_episode.SWEEP: (planner_episode.play_sweep, lambda _: None),
-}
-"""For each policy code, the kernel that runs the policy, and the function that makes the policy's
-working memory.
-
-The policies manual and random-moves have no entry, because their commands are fixed or drawn before
-the kernel runs.
-"""
-
-
 class SearchGame:
     """An episode of a built-in policy in compiled code, for all policies that are not planners.
 
@@ -177,16 +153,14 @@ class SearchGame:
             name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)
         }
         plan = getattr(policy, "commands", "")
-        self.play, space_of = PLAYED.get(policy.code, PLAYED[planner_episode.CLOSEST])
-        if swarm.rule == "tilt" and policy.code == planner_episode.CLOSEST:
-            self.play, space_of = planner_episode.play_tilts, slides_of
         self.policy_state = policy_state_of(
             self.layout,
             swarm.world.workspace.n_free,
             belief,
+            code=policy.code,
+            rule=self.rule,
             plan=plan,
             scanning=scanning,
-            space=space_of(self.layout),
             **options,
         )
         self.scan_planner = scan_planner_of(self.layout, scanning)
@@ -201,7 +175,7 @@ class SearchGame:
             trace.commands[:] = self.rng.integers(
                 0, len(self.policy_state.search.neighbours), size=trace.moves
             )
-        played, status = self.play(
+        played, status = planner_episode.play(
             self.code,
             self.field,
             self.rule,
@@ -416,11 +390,12 @@ def policy_state_of(
     n_free: int,
     belief: Belief,
     *,
+    code: int = planner_episode.CLOSEST,
+    rule: int = BLOCK,
     ties: str = "column-major",
     neighbours: str = "lurd",
     plan: str = "",
     scanning: ScanRule | None = EVERY_MOVE,
-    space: Any = None,
 ) -> planner_episode.PolicyState:
     """Return the initial memory of a built-in policy. A policy with fixed commands follows
     ``plan``.
@@ -437,7 +412,16 @@ def policy_state_of(
     if plan:
         search.plan[: len(plan)] = encode(plan, ndim=layout.ndim)
         memory.plan_length = len(plan)
-    return planner_episode.PolicyState(memory, search, scanning_of(scanning), space)
+    driven = code in {planner_episode.ELECT, planner_episode.DEPTH_FIRST}
+    trail = int(np.prod(layout.window)) if code == planner_episode.DEPTH_FIRST else 0
+    return planner_episode.PolicyState(
+        memory,
+        search,
+        scanning_of(scanning),
+        board=empty_boards(layout, 1)[0] if driven else np.zeros(0, dtype=np.uint64),
+        trail=np.zeros(trail, dtype=np.int8),
+        slides=slides_of(layout, used=rule == TILT and code == planner_episode.CLOSEST),
+    )
 
 
 def choose_driven(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from shoal.core.episode import Status
-from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError, describe_error
 from shoal.swarm.grid.board import LETTERS, encode, letters_of
 from shoal.swarm.grid.scans import Recorder, Row, ScanRule, Trace
 from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState, field_of
@@ -138,7 +138,7 @@ class AdaptiveRuns:
     due = False
 
     def __init__(
-        self, belief: Belief, *, rule: str, mapping: bool, scanning: ScanRule, **options: str
+        self, belief: Belief, *, rule: str, mapping: bool, scanning: ScanRule, **options: Any
     ) -> None:
         layout = belief.open.layout
         size = int(np.prod(layout.window))
@@ -256,10 +256,9 @@ def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[st
         raise
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
-        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise InvalidInputError(
             f"policy {policy.name}: the method decide failed at {place.filename}, line"
-            f" {place.lineno}: {what}"
+            f" {place.lineno}: {describe_error(error)}"
         ) from error
     if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[0], str):
         raise InvalidInputError(

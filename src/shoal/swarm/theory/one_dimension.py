@@ -8,7 +8,6 @@ section III.A, with errata.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field, fields
@@ -23,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.core.version import count_processors
 
 __all__ = [
     "Distribution",
@@ -681,7 +681,7 @@ def sample(
         return len(part)
 
     done = 0
-    with ThreadPoolExecutor(workers or os.cpu_count()) as threads:
+    with ThreadPoolExecutor(workers or count_processors()) as threads:
         try:
             for count in threads.map(measure, range(len(starts))):
                 done += count

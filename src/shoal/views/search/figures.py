@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import count_text
+from shoal.core.geometry import left_of, segments_of
 from shoal.search import SearchEpisode, Tour
 from shoal.search.episode import duration_text
 from shoal.search.regions.region import SearchRegion
@@ -439,11 +440,13 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
             )
         )
     if len(route.points) < 2:
-        _draw_unfinished(axes, history, robot)
+        way = history.trajectories[robot].points  # it failed before it had searched a cell
+        if len(way) > 1:
+            axes.plot(*way.T, color=colour, lw=0.8, ls=(0, (3, 1.8)), zorder=3)
         return
     located = history.ways.of(robot)
     way = history.on_picture(located)
-    pieces = np.stack([way[:-1], way[1:]], axis=1)
+    pieces = segments_of(way)
     ends = history.ways.stop_ends(robot)
     cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
     taken = (history.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
@@ -468,13 +471,6 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
     _draw_arrows(axes, pieces[~far], colour, float(np.clip(0.3 * side, 2.2, 4.8)) * size / side)
 
 
-def _draw_unfinished(axes: Axes, history: SearchHistory, robot: int) -> None:
-    """Draw the path of a robot that failed before it had searched a cell."""
-    way = history.trajectories[robot].points
-    if len(way) > 1:
-        axes.plot(*way.T, color=robot_colour(robot), lw=0.8, ls=(0, (3, 1.8)), zorder=3)
-
-
 def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: float) -> None:
     """Draw arrowheads at regular distances on a path."""
     from matplotlib.collections import PolyCollection
@@ -491,7 +487,7 @@ def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: flo
         )
     ]
     along = (pieces[chosen, 1] - pieces[chosen, 0]) / lengths[chosen, None]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    across = left_of(along)
     middle = pieces[chosen].mean(axis=1)
     heads = np.stack(
         [
@@ -771,7 +767,7 @@ def _pieces(tour: Tour, way: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
     """Return the steps from the first to the last cell of a tour, shape (N - 1, 2, dimensions), and
     a mask of steps across gaps.
     """
-    return np.stack([way[:-1], way[1:]], axis=1), tour.steps[: len(way) - 1] > 1.5
+    return segments_of(way), tour.steps[: len(way) - 1] > 1.5
 
 
 def _draw_picture(axes: Axes, tour: Tour) -> None:

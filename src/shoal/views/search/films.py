@@ -50,10 +50,8 @@ class SearchFilm:
         self._unit = unit = max(height / 720, 0.7)
         head, foot, side = 64 * unit, 92 * unit, 32 * unit
         across = float(np.clip((right - left) / (top - bottom), 0.9, 1.9))
-        self.height, self.width = (
-            height,
-            2 * round(((height - head - foot) * across + 2 * side) / 2),
-        )
+        self.height = height
+        self.width = 2 * round(((height - head - foot) * across + 2 * side) / 2)
         self._scale = min(
             (self.width - 2 * side) / (right - left), (height - head - foot) / (top - bottom)
         )

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.search import Arc, RobotLog, SearchEpisode
+from shoal.core.geometry import partial_sums
+from shoal.search import RobotLog, SearchEpisode
 from shoal.search.allocation.allocate import partition
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid
@@ -86,11 +87,9 @@ class RobotWays:
         belongs to the layer with the nearer altitude. If the altitudes of both cells are equally
         near, a point between them belongs to the layer of the second cell.
         """
-        plan, route, log = (
-            self.episode.plan,
-            self.episode.routes[robot],
-            self.episode.trace.robots[robot],
-        )
+        plan = self.episode.plan
+        route = self.episode.routes[robot]
+        log = self.episode.trace.robots[robot]
         if route.points.shape[1] == 2 or not len(log.cells):
             return route.points[:, :2]
         ends, layers = self.stop_ends(robot), plan.tour.cells[log.cells, 0]
@@ -107,7 +106,7 @@ class RobotWays:
         ups = np.array(plan.altitudes)
         if len(ups) == 1:
             found = plan.leg(start, end)
-            return found, np.concatenate([[0.0], np.cumsum(plan.leg_lengths(found))])
+            return found, partial_sums(plan.leg_lengths(found))
         ends = np.array(
             [[*place[:2], place[2] if len(place) == 3 else 0.0] for place in (start, end)]
         )
@@ -118,7 +117,7 @@ class RobotWays:
             found = plan.leg(start, end)
             found = np.column_stack([found, np.where(np.arange(len(found)) == 0, *heights)])
         nearer = np.argmin(np.abs(found[:, 2, None] - ups[ends[:, 2].astype(np.int64)]), axis=1)
-        far = np.concatenate([[0.0], np.cumsum(plan.leg_lengths(found))])
+        far = partial_sums(plan.leg_lengths(found))
         return np.column_stack([found[:, :2], ends[nearer, 2]]), far
 
     def _rate(self, robot: int, times: Floats) -> Floats:
@@ -141,7 +140,7 @@ class RobotWays:
         route, size = self.episode.routes[robot], self.episode.plan.grid.size
         ends = self.stop_ends(robot)
         way = self.of(robot)
-        far = np.concatenate([[0.0], np.cumsum(self.episode.plan.leg_lengths(route.points))])
+        far = partial_sums(self.episode.plan.leg_lengths(route.points))
         lengths = np.diff(far[ends]) / size
         rates = self._rate(robot, log.times)
         arrivals = log.times.copy()
@@ -167,11 +166,9 @@ class RobotWays:
 
         The time between the two searches shows that the robot recharged.
         """
-        plan, log, brief = (
-            self.episode.plan,
-            self.episode.trace.robots[robot],
-            self.episode.scenario.brief,
-        )
+        plan = self.episode.plan
+        log = self.episode.trace.robots[robot]
+        brief = self.episode.scenario.brief
         # the latter's paths home are part of the route
         if brief.energy == inf or plan.tour_cost.stepwise:
             return trajectory
@@ -179,19 +176,15 @@ class RobotWays:
         times, points, home = trajectory.times, trajectory.points, self._home(robot)
         for k in range(len(log.cells) - 1, 0, -1):
             one, other = int(log.cells[k - 1]), int(log.cells[k])
-            there, back = (
-                plan.tour_cost.length(one, start) / rates[k],
-                plan.tour_cost.length(start, other) / rates[k],
-            )
+            there = plan.tour_cost.length(one, start) / rates[k]
+            back = plan.tour_cost.length(start, other) / rates[k]
             if (
                 abs(log.times[k] - log.times[k - 1] - there - brief.recharge - back - 1 / rates[k])
                 > 1e-6
             ):
                 continue
-            first, last = (
-                np.searchsorted(times, log.times[k - 1], side="right"),
-                np.searchsorted(times, log.times[k], side="left"),
-            )
+            first = np.searchsorted(times, log.times[k - 1], side="right")
+            last = np.searchsorted(times, log.times[k], side="left")
             left = log.times[k - 1]
             ways = [self._way(points[first - 1], home), self._way(home, points[last])]
             moments = [
@@ -479,11 +472,9 @@ class SearchHistory:
         contains the cell. The rank of a robot is its position in the order of the robots along the
         tour, counted from 0. The dictionary of the ranks has the numbers of the robots as keys.
         """
-        episode, tour_cost, scenario = (
-            self.episode,
-            self.episode.plan.tour_cost,
-            self.episode.scenario,
-        )
+        episode = self.episode
+        tour_cost = self.episode.plan.tour_cost
+        scenario = self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
             works = list(enumerate(episode.plan.allocation.arcs, start=1))
@@ -509,12 +500,6 @@ class SearchHistory:
         for number, arcs in works:
             owner[episode.plan.numbers(arcs)] = number
         return owner, {number: rank for rank, (number, _) in enumerate(works)}
-
-    def arcs(self, robot: int) -> tuple[Arc, ...]:
-        """Return the arcs (stretches of the tour) that the plan gives to the robot with the index
-        ``robot``, counted from 0.
-        """
-        return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
         """Return, for each stop of a robot, the number of the other robot in whose part the stop

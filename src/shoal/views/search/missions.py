@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shoal.core.checks import count_text
+from shoal.core.geometry import unit_vectors
 from shoal.missions.approach import MissionApproach
 from shoal.missions.mission import Mission
 from shoal.missions.rules import inside_of, searching
@@ -278,7 +279,7 @@ def label_offsets(places: Any) -> list[tuple[float, float]]:
     or label. Of equally good directions, the function prefers down, and then up.
     """
     angles = np.radians([270, 90, 180, 0, 225, 315, 135, 45])
-    around = _BESIDE * np.column_stack([np.cos(angles), np.sin(angles)])
+    around = _BESIDE * unit_vectors(angles)
     known, found = places, []
     for number, place in enumerate(places):
         others = np.delete(known, number, axis=0)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import unit_vectors
 from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode
 from shoal.steering.delta_space import two_move_pieces
 from shoal.views.drawing.charts import (
@@ -95,7 +96,7 @@ class MoveNumbers:
         return float(np.where(inside < 0, inside, outside).min())
 
 
-_WAYS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+_WAYS = unit_vectors(_ANGLES)
 _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 
 
@@ -153,9 +154,7 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
         return list(workspace.rings)
     if workspace.round:
         angles = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)
-        return [
-            workspace.center + workspace.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        ]
+        return [workspace.center + workspace.radius * unit_vectors(angles)]
     return [workspace.vertices]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from math import pi, sin
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import left_of, unit_vectors
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
@@ -80,9 +80,7 @@ def wall_shape(
     if wall == len(workspace.normals):
         angle = np.arctan2(*(contact[:2] - workspace.center)[::-1])
         turns = np.linspace(angle - _ARC, angle + _ARC, 15)
-        line = workspace.center + workspace.radius * np.stack(
-            [np.cos(turns), np.sin(turns)], axis=1
-        )
+        line = workspace.center + workspace.radius * unit_vectors(turns)
     elif wall < sides:
         line = workspace.vertices[[wall, (wall + 1) % sides]]
     else:
@@ -96,7 +94,7 @@ def wall_shape(
     return np.concatenate([low, high[::-1]])
 
 
-class Panel(ABC):
+class Panel:
     """Base class of the panels of a frame; line widths and text sizes are multiples of ``unit``
     pixels.
     """
@@ -109,23 +107,18 @@ class Panel(ABC):
         box: Box,
         unit: float,
     ) -> None:
-        self._episode, self._trajectories, self._canvas, self._unit = (
-            episode,
-            trajectories,
-            canvas,
-            unit,
-        )
+        self._episode = episode
+        self._trajectories = trajectories
+        self._canvas = canvas
+        self._unit = unit
         self._prepare(box)
 
-    @abstractmethod
     def _prepare(self, box: Box) -> None:
         """Compute the data that all frames of the film share, for a panel inside ``box``."""
 
-    @abstractmethod
     def draw_background(self) -> None:
         """Draw the parts of the panel that are the same in all frames."""
 
-    @abstractmethod
     def draw(self, moment: FilmMoment, turn: float) -> None:
         """Draw the moving parts of the panel at a moment of the film, seen by a camera with the
         azimuth ``turn`` in radians.
@@ -186,9 +179,6 @@ class SpacePanel(Panel):
             [box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2]
         )
 
-    def draw_background(self) -> None:
-        """Draw nothing, because all parts of the panel turn with the camera."""
-
     def draw(self, moment: FilmMoment, turn: float) -> None:
         """Draw all parts of the panel from back to front, seen by a camera with the azimuth
         ``turn`` in radians.
@@ -207,15 +197,9 @@ class SpacePanel(Panel):
         self._draw_shadows(here, moment)
         self._draw_ends()
         draw_trails(canvas, self._trajectories, moment, self._at, unit)
-        for particle in np.argsort(self._camera.project(here)[:, 2]):  # the nearest last
-            x, y, larger = self._camera.project(here[particle])
-            draw_particle(
-                canvas,
-                self._center + self._scale * np.array([x, -y]),
-                10.5 * unit * larger,
-                int(particle),
-                unit,
-            )
+        places, sizes = self._at(here), 10.5 * unit * self._camera.project(here)[:, 2]
+        for particle in np.argsort(sizes):  # the nearest last
+            draw_particle(canvas, places[particle], sizes[particle], int(particle), unit)
         canvas.lines(list(self._at(np.array(front))), INK, 1.6 * unit, alpha=0.75)
 
     def _at(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -268,15 +252,11 @@ class SpacePanel(Panel):
                 self._floor_ring(goal, 7 * unit), colour, 1.2 * unit, closed=True, alpha=0.6
             )
             canvas.line(self._at([flattened(goal), goal]), colour, 1.1 * unit, alpha=0.35)
-            x, y, larger = self._camera.project(goal)
-            canvas.disc(
-                self._center + self._scale * np.array([x, -y]),
-                13 * unit * larger,
-                None,
-                edge=colour,
-                width=2.4 * unit,
+            of_start, of_goal = (
+                float(larger) for larger in self._camera.project([start, goal])[:, 2]
             )
-            square = self._at(start) + 7 * unit * float(self._camera.project(start)[2]) * _SQUARE
+            canvas.disc(self._at(goal), 13 * unit * of_goal, None, edge=colour, width=2.4 * unit)
+            square = self._at(start) + 7 * unit * of_start * _SQUARE
             canvas.area([square], colour, alpha=0.25)
             canvas.line(square, colour, 1.4 * unit, closed=True)
 
@@ -557,7 +537,7 @@ def draw_arrow(
     if long < 1:
         return
     along = (tip - tail) / long
-    across = np.array([-along[1], along[0]])
+    across = left_of(along)
     head = min(4.2 * width, long)
     foot = tip - head * along
     canvas.line([tail, foot + 0.3 * head * along], INK, width)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import left_of, unit_vectors
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.steering.delta_space import two_move_pieces
 from shoal.steering.simulation import executed_moves
@@ -159,7 +160,7 @@ def _touching(
     if isinstance(workspace, Region):
         ends = workspace.edges.reshape(-1, 2, 2)
         along = ends[:, 1] - ends[:, 0]
-        normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        normals = left_of(along)
         part = np.sum((points[:, None] - ends[:, 0]) * along, axis=-1) / np.sum(
             along * along, axis=-1
         )
@@ -385,9 +386,7 @@ class Frame3D:
         """Return the floor and the ceiling of a three-dimensional workspace as a Frame3D."""
         if workspace.round:
             angles = 2 * np.pi * np.arange(CORNERS) / CORNERS
-            base = workspace.center + workspace.radius * np.stack(
-                [np.cos(angles), np.sin(angles)], axis=1
-            )
+            base = workspace.center + workspace.radius * unit_vectors(angles)
         else:
             base = workspace.vertices
         low, high = (
@@ -432,10 +431,8 @@ def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Ca
     """Return a camera that sees the whole workspace and all particles at all positions in
     ``states``.
     """
-    low, high = (
-        min(0.0, float(states[..., 2].min())),
-        max(workspace.height, float(states[..., 2].max())),
-    )
+    low = min(0.0, float(states[..., 2].min()))
+    high = max(workspace.height, float(states[..., 2].max()))
     reach_flat = (
         workspace.radius
         if workspace.round

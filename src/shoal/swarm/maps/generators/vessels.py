@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.core.geometry import angles_of
 from shoal.jit.kernels.connected import connected_parts
 from shoal.swarm.kernels.search import nearest_cells
 from shoal.swarm.maps.reading import Mask
@@ -81,7 +82,7 @@ class OrganOutline:
         half = 1.6 * self.radius
         points = rng.uniform(-half, half, (int((2 * half / spacing) ** 2) + 8, 2))
         flat = points / (self.stretch, 1 / self.stretch)
-        inside = np.hypot(flat[:, 0], flat[:, 1]) < self.limit(np.arctan2(flat[:, 1], flat[:, 0]))
+        inside = np.hypot(flat[:, 0], flat[:, 1]) < self.limit(angles_of(flat))
         return np.asarray(points[inside])
 
 

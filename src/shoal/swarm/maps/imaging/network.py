@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import one_line
 from shoal.core.errors import InvalidInputError
+from shoal.core.geometry import partial_sums, step_lengths
 from shoal.jit.kernels.connected import connected_parts
 from shoal.swarm.maps.imaging.segmentation import find_vessels, imaging_module
 from shoal.swarm.maps.reading import HIGH, LOW, Mask
@@ -253,10 +254,10 @@ def _segment(chain: list[int], node_of: dict[int, int], at: Indices, area: Point
         at[chain].astype(np.float64), ((beyond, beyond), (0, 0)), mode="reflect", reflect_type="odd"
     )
     points = ndimage.gaussian_filter1d(line, min(SMOOTHING, len(chain) / 6), axis=0)[beyond:-beyond]
-    steps = np.hypot(*np.diff(points, axis=0).T)
+    steps = step_lengths(points)
     return Segment(
         points - 1,
-        np.concatenate([[0.0], np.cumsum(steps)]),
+        partial_sums(steps),
         area[chain],
         (node_of[chain[0]], node_of[chain[-1]]),
     )

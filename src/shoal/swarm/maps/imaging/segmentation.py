@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass, one_line
-from shoal.core.errors import InvalidInputError
-from shoal.swarm.maps.reading import HIGH, LOW, Mask, library
+from shoal.core.errors import InvalidInputError, import_extra
+from shoal.swarm.maps.reading import HIGH, LOW, Mask
 
 Grey = NDArray[np.float64]
 
@@ -560,7 +560,7 @@ def _check_thresholds(low: float, high: float) -> None:
 def imaging_module(module: str) -> Any:
     """Import a module of scikit-image, which has no type annotations and is slow to import."""
     needed = "finding vessels in a picture needs scikit-image"
-    return library(f"skimage.{module}", needed, extra="imaging")
+    return import_extra(f"skimage.{module}", needed, extra="imaging")
 
 
 def levels_of(picture: Photograph, thickest: float) -> int:

@@ -20,6 +20,7 @@ from shoal.swarm.kernels import episodes as planner_episode
 from shoal.swarm.kernels.moves import RUNNING
 from shoal.swarm.kernels.planning import anneal, plan_search
 from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.policies.compiled import check_rules
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
 from shoal.swarm.policies.planners.state import Tuning, planner_of, seed_of
 from shoal.swarm.policies.protocol import Decision, View
@@ -161,7 +162,7 @@ def plan_coverage(
 
 def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> str:
     """Return commands that cover the remaining frontier cells of a known map."""
-    FirstPlan().check(state.occupied.layout, rule)
+    check_rules(FirstPlan(), state.occupied.layout, rule)
     if belief.complete:
         return ""
     planner, first = first_plan(belief, state, rule, budget * FIRST_SHARE, rng)
