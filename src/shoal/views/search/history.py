@@ -478,18 +478,24 @@ class SearchHistory:
             return self.episode.trace.robots
         found = []
         for robot, log in enumerate(self.episode.trace.robots):
-            states, cells = (
-                tuple(
-                    zip(
-                        self.drawn_times(robot, [moment for moment, _ in pairs]).tolist(),
-                        (what for _, what in pairs),
-                        strict=True,
-                    )
+            times, begins, finds = (
+                self.drawn_times(robot, moments).tolist()
+                for moments in (
+                    log.times,
+                    [moment for moment, _ in log.states],
+                    [moment for moment, _ in log.obstructed],
                 )
-                for pairs in (log.states, log.obstructed)
             )
-            times = self.drawn_times(robot, log.times)
-            found.append(replace(log, times=times, states=states, obstructed=cells))
+            states = zip(begins, (state for _, state in log.states), strict=True)
+            obstructed = zip(finds, (cell for _, cell in log.obstructed), strict=True)
+            found.append(
+                replace(
+                    log,
+                    times=np.array(times, dtype=np.float64),
+                    states=tuple(states),
+                    obstructed=tuple(obstructed),
+                )
+            )
         return tuple(found)
 
     @cached_property
