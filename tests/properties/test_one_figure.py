@@ -9,11 +9,12 @@ import json
 import numpy as np
 import pytest
 import shapely
+from matplotlib.colors import to_rgb
 
 from shoal.missions import MissionOptions, MissionSet, check_missions, lint
 from shoal.search.episode import duration_text
 from shoal.search.flight.vehicle import vehicle_of
-from shoal.search.planning.plan import plan_search
+from shoal.search.planning.plan import end_of, plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.network import Crash
 from shoal.search.regions.coverage import Image, coverage_check
@@ -21,6 +22,8 @@ from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.search.run import run
 from shoal.views.search.figures import timeline_figure
+from shoal.views.search.history import robot_colour
+from shoal.views.search.page import page_data
 
 VEHICLES = (
     "multirotor",
@@ -48,13 +51,54 @@ def random_problem(rng, kind):
     if kind < 2 and rng.random() < 0.5:
         vehicle, footprint = f"{vehicle},{CAMERA}{rng.choice([0, 0.2, 0.4])}", None
     if kind == 0 and rng.random() < 0.5:
-        vehicle += ",endurance=7,recharge=2"
+        vehicle += ",endurance=4,recharge=2"  # several sorties
     if kind != 2 and rng.random() < 0.4:
         vehicle += f",wind_speed=3,wind_from={rng.integers(360)}"
     options = {"margin": 5.0} if rng.random() < 0.5 else {}
     if kind != 2:
         options["launch"] = [(-200.0 - 15 * robot, 0.0) for robot in range(robots)]
     return SearchProblem(region, robots=robots, footprint=footprint, vehicle=vehicle, **options)
+
+
+def robot_ends(episode, check):
+    """Return the time in seconds at which each robot is back, by the check of the written missions,
+    the plan, the simulation, the timeline and the player; shape (5, robots).
+    """
+    robots = range(len(episode.trace.robots))
+    flown = np.zeros(len(robots))
+    starts = {one.name: (one.robot - 1, one.start or 0.0) for one in check.missions}
+    for flight in check.flights:
+        robot, start = starts[flight["mission"]]
+        flown[robot] = max(flown[robot], start + flight["duration_s"])
+    figure = timeline_figure(episode)
+    drawn = np.zeros(len(robots))
+    for bars in figure.axes[0].collections:
+        for robot in robots:
+            if np.allclose(bars.get_facecolor()[0, :3], to_rgb(robot_colour(robot))):
+                drawn[robot] = max(
+                    drawn[robot], *(path.vertices[:, 0].max() for path in bars.get_paths())
+                )
+    page = page_data(episode)
+    played = [
+        max([end for _, end, kind, _ in robot["activities"] if kind == "own"], default=0.0)
+        for robot in page["robots"]
+    ]
+    last = [float(log.times[-1]) if log.times.size else 0.0 for log in episode.trace.robots]
+    return np.array(
+        [
+            flown,
+            [end_of(sorties) for sorties in episode.plan.sorties],
+            [float(episode.clock(last[robot], robot)) for robot in robots],
+            60.0 * drawn,
+            page["climb"] + page["cellTime"] * np.array(played),
+        ]
+    )
+
+
+def assert_one_time_a_robot(episode, check):
+    ends = robot_ends(episode, check)
+    np.testing.assert_allclose(ends, np.broadcast_to(ends[0], ends.shape), rtol=0.02)
+    assert episode.makespan == pytest.approx(ends[0].max(), rel=0.02)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -76,6 +120,7 @@ def test_plan_simulation_timeline_and_missions_agree(seed, tmp_path):
         episode.makespan,
     ):
         assert time == pytest.approx(back, rel=0.02)
+    assert_one_time_a_robot(episode, check)
     compared = [one.seconds for one in episode.plan.compared if one.allocation is not None]
     assert not compared or min(compared) == compared[0]
     assert check.coverage.covered_fraction == pytest.approx(
@@ -124,6 +169,7 @@ def test_vehicles_that_depart_late_fly_their_own_missions(seed, tmp_path):
     )
     back = max((one.start or 0.0) + one.duration(episode.plan.vehicle) for one in missions.missions)
     assert episode.makespan == episode.plan.planned_seconds == pytest.approx(back)
+    assert_one_time_a_robot(episode, check)
     assert episode.trace.takeovers == 0
     for robot, log in enumerate(episode.trace.robots):
         assert log.cells.tolist() == episode.plan.stops(robot).tolist()
@@ -154,7 +200,7 @@ def test_the_timeline_ends_at_the_headline(tmp_path):
     assert duration_text(episode.makespan) in episode.reason
     assert (
         duration_text(episode.makespan) in words
-        or duration_text(episode.clock(max(episode.trace.declared.values()))) in words
+        or duration_text(float(episode.clock(max(episode.trace.declared.values())))) in words
     )
 
 

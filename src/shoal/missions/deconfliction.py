@@ -92,6 +92,8 @@ def plan_missions(
             grown(region.barred, region.margin),
             None if airspace is None else region.free.buffer(airspace),
             region.free,
+            # exclusion polygons contain the zones: where these leave no room, there is none
+            dead_ends={key: dict(known) for key, known in plan.airspace.dead_ends.items()},
         )
 
     def sorties(robot: int, layer: int) -> Sorties:

@@ -128,13 +128,19 @@ class MissionSet:
             try:
                 plan = plan_at_margin(fenced, seed=seed)
                 made = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
-            except NoRoomError:
+                break
+            except InvalidInputError as error:
+                # a narrower margin is tried for room alone, but may fail for any reason
+                if fenced.margin == widest and not isinstance(error, NoRoomError):
+                    raise
                 if share is None:
                     raise
                 narrower = problem.replaced(margin=share * widest).at_place(problem.place)
                 fenced = _with_fence(narrower, options)
-            else:
-                break
+        if not fenced.margin:
+            tell_once(
+                "margin: paths may touch the fence and no-go zones, because the margin is 0 m"
+            )
         if fenced.margin != widest:
             tell_once(narrower_margin_text(fenced.margin or 0.0, widest))
         return made
@@ -337,8 +343,6 @@ def _with_fence(problem: SearchProblem, options: MissionOptions) -> SearchProble
             places=np.concatenate(problem.known_places(region)),
             wing=problem.chosen_vehicle.kind == "fixed-wing",
         )
-    if not region.margin:
-        tell_once("margin: paths may touch the fence and no-go zones, because the margin is 0 m")
     return problem.replaced(margin=region.margin).at_place(region)
 
 

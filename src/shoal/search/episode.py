@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import (
     check_bool,
@@ -142,18 +142,24 @@ class SearchEpisode(Episode):
         """
         if self.trace.covered_at == inf:
             return None
-        return self._back if self.plan.flies else self.plan.seconds(self.trace.covered_at)
+        if not self.plan.flies:
+            return self.plan.seconds(self.trace.covered_at)
+        return max((end for end in self.returns if end is not None), default=0.0)
 
     @cached_property
-    def _back(self) -> float:
-        """Time in seconds at which the last working vehicle is back, by the flights along the cells
-        that the vehicles searched.
+    def returns(self) -> tuple[float | None, ...]:
+        """Time in seconds at which each vehicle is back from its last sortie, by the flights along
+        the cells that it searched.
+
+        None stands for a vehicle that died, and for a vehicle that searched nothing.
         """
-        plan, times = self.plan, []
+        plan = self.plan
         if self._faultless:
-            return plan.planned_seconds
+            return tuple(end_of(sorties) if sorties else None for sorties in plan.sorties)
+        times: list[float | None] = []
         for robot, log in enumerate(self.trace.robots):
             if not log.cells.size or log.status == "dead":
+                times.append(None)
                 continue
             if not any(log.detours) and np.array_equal(log.cells, plan.stops(robot)):
                 sorties = plan.sorties[robot]
@@ -161,42 +167,78 @@ class SearchEpisode(Episode):
                 sorties = plan.sorties_along(
                     robot, log.cells, log.detours, cells=float(log.times[-1])
                 )
-            times.append(end_of(sorties) + self._waited(log) * plan.cell_seconds)
-        return max(times, default=0.0)
+            waited = sum(then - since for since, then in self._waits(log))
+            times.append(end_of(sorties) + waited * plan.cell_seconds)
+        return tuple(times)
 
     @property
     def _faultless(self) -> bool:
         """Whether nothing can go wrong in the search. Then every vehicle flies its missions, and
         needs no help.
         """
-        scenario = self.scenario
-        return (
-            not (scenario.faults or scenario.network.media or scenario.obstacles)
-            and self.problem.live is None
-        )
+        return self.problem.live is None and not self.scenario.uncertain
 
     @staticmethod
-    def _waited(log: RobotLog) -> float:
-        """Return how long a robot waited or paused between its searches, in units of
-        `cell_time`.
+    def _waits(log: RobotLog) -> list[tuple[float, float]]:
+        """Return when a robot waited or paused between its searches: pairs of begin and end, in
+        units of `cell_time`.
         """
         last = float(log.times[-1])
-        moments = [*log.states, (last, "")]
-        return sum(
-            max(min(then, last) - since, 0.0)
-            for (since, state), (then, _) in pairwise(moments)
-            if state in ("waiting", "paused")
-        )
+        return [
+            (since, min(then, last))
+            for (since, state), (then, _) in pairwise([*log.states, (last, "")])
+            if state in ("waiting", "paused") and since < last
+        ]
 
-    def clock(self, moment: float) -> float:
-        """Convert a moment of the trace to seconds since the start of the search.
+    def clock(self, moments: ArrayLike, robot: int | None = None) -> NDArray[np.float64]:
+        """Convert moments of the trace to seconds since the start of the search.
 
         The end of the search is at `makespan`. If the problem names a vehicle, earlier moments are
-        in proportion.
+        in proportion: those of the search to `makespan`, and those of robot number ``robot``
+        (counted from 0) to its departure and its own return.
         """
-        if not self.plan.flies or not 0 < self.trace.covered_at < inf:
-            return self.plan.seconds(moment)
-        return moment * (self.makespan or 0.0) / self.trace.covered_at
+        moments = np.asarray(moments, dtype=np.float64)
+        if not self.plan.flies:
+            return self.plan.seconds(0.0) + moments * self.plan.cell_seconds
+        seconds = moments * self._pace
+        if robot is None or (end := self.returns[robot]) is None:
+            return seconds
+        own, known = self._own_clock(self.trace.robots[robot], float(self.plan.delays[robot]), end)
+        # when its work is done, a robot waits for what the others do
+        return np.where(
+            moments <= own[-1], np.interp(moments, own, known), np.maximum(seconds, end)
+        )
+
+    @cached_property
+    def _pace(self) -> float:
+        """Duration in seconds of one unit of the trace's time, in the whole search of vehicles."""
+        if 0 < self.trace.covered_at < inf:
+            return (self.makespan or 0.0) / self.trace.covered_at
+        paces = [
+            end / float(log.times[-1])
+            for end, log in zip(self.returns, self.trace.robots, strict=True)
+            if end is not None and log.times.size
+        ]
+        return max(paces, default=self.plan.cell_seconds)
+
+    def _own_clock(
+        self, log: RobotLog, delay: float, end: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return moments of a robot's log up to its last search, and their times in seconds.
+
+        Delays and waits take their own time. The rest of the time is that of the robot's flights.
+        """
+        cell, last = self.plan.cell_seconds, float(log.times[-1]) if log.times.size else 0.0
+        rests = [(0.0, delay / cell)] + ([] if self._faultless else self._waits(log))
+        moments = np.unique(np.clip([0.0, last, *np.ravel(rests)], 0.0, last))
+        begins, spans = moments[:-1], np.diff(moments)
+        resting = np.zeros(len(spans), dtype=np.bool_)
+        for since, then in rests:
+            resting |= (since <= begins) & (begins < then)
+        rest = float(spans[resting].sum())
+        pace = (end - rest * cell) / max(last - rest, 1e-12)
+        lasting = spans * np.where(resting, cell, pace)
+        return moments, np.concatenate([[0.0], np.cumsum(lasting)])
 
     @property
     def cell_time(self) -> float:

@@ -176,6 +176,8 @@ _TOUCH = 0.004  # metres by which a path may enter a blocked area; below the rou
 _SAME = 1e-6  # metres, and radians
 # lengths of straight ends of a detour, divided by the radius
 _AHEAD = np.array([0.0, 1.0, 2.0, 4.0])
+# numbers of points before an unreachable point that are tested alone, the fewest first
+_SECTIONS = 3, 6, 10
 _RETRIED = 4  # number of links before an unreachable point that may become detours
 
 
@@ -213,12 +215,19 @@ class Airspace:
         lengths of the shortest unblocked curves, and their types. The key of a link consists of its
         two end points, their possible headings, and whether curves may make detours. All flights in
         one airspace share these costs.
+    dead_ends : dict
+        For each turning radius and link length, sections of paths through which no vehicle with
+        this radius can fly: each an array of consecutive points, by the bytes of its first point.
+        A path that contains such a section is refused at once.
     """
 
     blocked: Any = None
     area: Any = None
     free: Any = None
     curves: dict[float, dict[tuple[bytes, bool], tuple[Floats, Any]]] = field(
+        default_factory=dict, repr=False
+    )
+    dead_ends: dict[tuple[float, float], dict[bytes, Floats]] = field(
         default_factory=dict, repr=False
     )
 
@@ -273,6 +282,17 @@ class Airspace:
             chords = shapely.linestrings(np.stack([points[begins], points[ends]], axis=1))
             wrong |= ~shapely.covers(area, lines) & shapely.covers(area, chords)
         return wrong
+
+    def blocks_legs(self, starts: Floats, stops: Floats) -> Any:
+        """Return whether straight legs cross a blocked area; bool, shape (n,)."""
+        import shapely
+
+        blocked = self._bounds[0]
+        if blocked is None:
+            return np.zeros(len(starts), dtype=np.bool_)
+        return shapely.intersects(
+            blocked, shapely.linestrings(np.stack([starts[:, :2], stops[:, :2]], axis=1))
+        )
 
     def circle_side(self, start: Floats, radius: float) -> str:
         """Return the side on which a vehicle at a given pose has room for a circle: "L", "R", or an
@@ -364,6 +384,9 @@ def plan_dubins_path(
     straight = step_lengths(points) > max(link, _SAME)
     straight[[0, -1]] = ~moves[[0, -1]]  # where the first or last point is given twice
     airspace = Airspace() if airspace is None else airspace
+    dead_ends = airspace.dead_ends.setdefault((radius, link), {})
+    _refuse_dead_ends(points, dead_ends, radius, airspace)
+    given = points
     loose = set() if loose is None else loose
     loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in loose]
     detours = False
@@ -381,17 +404,65 @@ def plan_dubins_path(
             detours, loosen = True, []
             continue
         if exhausted:
-            allowed = (
-                "outside the no-go zones"
-                if airspace.area is None
-                else "in the airspace around the region"
-            )
-            raise NoRoomError(
-                f"turn_radius: expected room for turns of {radius:.4g} m {allowed}, got none at"
-                f" {text_of(points[lost])}"
-            )
+            for count in _SECTIONS:
+                section = _section_before(given, points[: lost + 1], count)
+                if len(section) and not _is_passable(section, radius, link, airspace):
+                    dead_ends[section[0].tobytes()] = section
+                    break
+            raise _no_room(points[lost], radius, airspace)
         loose.update(points[vertex].tobytes() for vertex in stuck)
         loosen = stuck
+
+
+def _no_room(point: Floats, radius: float, airspace: Airspace) -> NoRoomError:
+    allowed = (
+        "outside the no-go zones" if airspace.area is None else "in the airspace around the region"
+    )
+    return NoRoomError(
+        f"turn_radius: expected room for turns of {radius:.4g} m {allowed}, got none at"
+        f" {text_of(point)}"
+    )
+
+
+def _refuse_dead_ends(
+    points: Floats, dead_ends: dict[bytes, Floats], radius: float, airspace: Airspace
+) -> None:
+    """Refuse a path that contains a section through which no vehicle can fly.
+
+    The ends of a path are passed in other directions than its inner points, so a section counts
+    only inside the path.
+    """
+    if not dead_ends:
+        return
+    for first in range(1, len(points) - 1):
+        section = dead_ends.get(points[first].tobytes())
+        if section is None or first + len(section) >= len(points):
+            continue
+        if np.array_equal(points[first : first + len(section)], section):
+            raise _no_room(section[-2], radius, airspace)
+
+
+def _section_before(given: Floats, passed: Floats, count: int) -> Floats:
+    """Return the last ``count`` points of a given path up to an unreachable one, and the next point,
+    without the ends of the path; no points if too few are left.
+
+    The array ``passed`` holds the points up to the unreachable one: given points, and points
+    between them.
+    """
+    last = 0
+    for point in passed:
+        last += last < len(given) and np.array_equal(point, given[last])
+    first = max(last - count, 1)
+    return given[first : last + 1] if last - first > 1 and last + 1 < len(given) else given[:0]
+
+
+def _is_passable(section: Floats, radius: float, link: float, airspace: Airspace) -> bool:
+    """Return whether a vehicle can fly along a section of a path, from and to any direction."""
+    try:
+        plan_dubins_path(section, radius, link=link, airspace=airspace)
+    except NoRoomError:
+        return False
+    return True
 
 
 def _shorten_straight_legs(
@@ -576,6 +647,11 @@ def _clear_costs(
     )
     if detours:
         lengths[:, : len(WORDS)] = np.inf  # without straight legs: already blocked
+        for point, side, which in ((link, 1.0, before), (link + 1, -1.0, after)):
+            index = ones if point == link else others
+            blocked = _blocked_ends(poses, point, side * radius, airspace)
+            wrong = blocked[index][:, np.searchsorted(_AHEAD, which)]
+            lengths[np.repeat(wrong, len(WORDS), axis=1)] = np.inf
     ranks = np.argsort(lengths, axis=-1, kind="stable")
     left = np.arange(len(ones))
     for rank in range(lengths.shape[1]):  # the shortest first; a longer one only if it is blocked
@@ -597,6 +673,18 @@ def _clear_costs(
         left = left[~clear]
     known[key] = best, kinds
     return known[key]
+
+
+def _blocked_ends(poses: _Poses, point: int, radius: float, airspace: Airspace) -> Any:
+    """Return whether each straight end of a detour crosses a blocked area, for each heading at a
+    point; bool, shape (`HEADINGS`, number of lengths). A negative radius is for ends before the
+    point.
+    """
+    place = np.tile(poses.points[point], (HEADINGS, 1))
+    here = np.column_stack([place, np.nan_to_num(poses.headings[point])])
+    there = _move_ahead(here[:, None], radius * _AHEAD[None])
+    starts = np.repeat(here, len(_AHEAD), axis=0)
+    return airspace.blocks_legs(starts, there.reshape(-1, 3)).reshape(HEADINGS, len(_AHEAD))
 
 
 def _move_ahead(poses: Floats, lengths: Floats) -> Floats:

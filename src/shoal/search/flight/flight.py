@@ -253,9 +253,11 @@ class Flight:
         ups = np.concatenate(
             [np.full(begin, ups[begin - 1]), ups[begin : len(ups) - end], np.full(end, ups[-end])]
         )[: len(ups)]
-        climb = self._plan_departure(whole[min(begin, len(whole) - 1)], ups[0] - base)
-        # its first leg is flown straight
-        whole = np.vstack([whole[[0, 0]], climb, whole[begin - (begin > 1) :]])
+        then = whole[min(begin, len(whole) - 1)]
+        climb = self._plan_departure(then, ups[0] - base)
+        # its first leg is flown straight; or back over home: the way from there is free
+        over_home = begin > 1 or not self._passes(climb, then)
+        whole = np.vstack([whole[[0, 0]], climb, whole[begin - over_home :]])
         ups = np.append(np.full(len(whole) - len(ups) + begin, ups[0]), ups[begin:])
         changes = np.flatnonzero(np.diff(ups)) + 1
         changes = changes[
@@ -386,9 +388,9 @@ class Flight:
                         and self._has_room(self.home, end, course)
                         and self._clears_terrain(self.home, end, height)
                     ):
-                        found.append(
-                            (float(np.hypot(*(then - end))) + around * (lasting < whole), end)
-                        )
+                        over = [end, then] if self._passes(end, then) else [end, self.home, then]
+                        length = float(np.hypot(*np.diff(over, axis=0).T).sum())
+                        found.append((length + around * (lasting < whole), end))
                 if found:
                     return min(found, key=lambda one: one[0])[1]
         raise NoRoomError(

@@ -529,6 +529,8 @@ def _allotted(robot: Robot, time: float) -> Robot:
     allotted = robot.but(
         parts=parts, own=own, status="searching", allotted_to=len(known), allotted_at=time
     )
+    if not brief.helping:
+        return allotted.but(deadline=inf)
     rest = reachable(allotted, -inf)[0] & ~(settled(allotted, -inf) | allotted.mine)
     last = max(
         time + _cost_alone(allotted, rest, robot.cell, robot.fresh) / robot.rate,

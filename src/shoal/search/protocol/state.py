@@ -46,6 +46,9 @@ class Brief:
     delays : tuple of float
         Departure delay of each robot, in the order of the robots' numbers, or an empty tuple if no
         departures are planned.
+    helping : bool
+        Whether robots help late ones, and search what others left until their deadline. Vehicles
+        that fly planned missions do neither.
     """
 
     tour_cost: TourCost
@@ -57,6 +60,7 @@ class Brief:
     recharge: float = 0.0
     ways_out: WaysOut | None = None
     delays: tuple[float, ...] = ()
+    helping: bool = True
 
     def listening(self, number: int) -> float:
         """Return how long the robot with a given number listens before it departs."""
@@ -479,6 +483,8 @@ def is_late(robot: Robot, number: int, time: float) -> bool:
     A robot has a higher limit for its own lag than for the lag of another robot, so that other
     robots notice the lag before the late robot does.
     """
+    if not robot.brief.helping:
+        return False
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)
     peer = robot.peers.get(number)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
 from math import inf
@@ -135,6 +135,11 @@ class Scenario:
                 " wrong position"
             )
 
+    @property
+    def uncertain(self) -> bool:
+        """Whether something can go wrong: faults, lost or changed messages, or obstacles."""
+        return bool(self.faults or self.network.media or self.obstacles)
+
     @cached_property
     def blocked(self) -> int:
         """Bitset of the cells with obstacles."""
@@ -206,7 +211,7 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         ),
     )
     cells = np.arange(len(plan.tour_cost))
-    return Scenario(
+    scenario = Scenario(
         brief,
         tuple(plan.starts.tolist()),
         tuple(plan.rates.tolist()),
@@ -223,6 +228,9 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         packet=problem.packet or 0,
         seed=seed,
     )
+    if plan.flies and not scenario.uncertain and problem.live is None:
+        return replace(scenario, brief=replace(brief, helping=False))
+    return scenario
 
 
 def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:

@@ -134,12 +134,14 @@ class _Clock:
 
     def at(self, moment: float) -> float:
         """Return the position on the time axis of a moment in cell times."""
-        return moment if self.unit == "cells" else self.episode.clock(moment) / 60
+        return moment if self.unit == "cells" else float(self.episode.clock(moment)) / 60
 
     def text(self, moment: float) -> str:
         """Return a moment in cell times as text."""
         return (
-            f"{moment:.4g}" if self.unit == "cells" else duration_text(self.episode.clock(moment))
+            f"{moment:.4g}"
+            if self.unit == "cells"
+            else duration_text(float(self.episode.clock(moment)))
         )
 
 
@@ -420,8 +422,8 @@ def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float6
     )
     part = np.where(history.taken, _TAKEN, _OWN) * ((times <= time) & (by > 0))
     colours = 1.0 - part[:, None] * (1.0 - palette[by])
-    colours[[cell for cell, moment in history.episode.obstacles.items() if moment <= time]] = (
-        to_rgb(OBSTACLE)
+    colours[[cell for cell, moment in history.obstacles.items() if moment <= time]] = to_rgb(
+        OBSTACLE
     )
     return np.asarray(colours)
 

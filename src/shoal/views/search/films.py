@@ -258,7 +258,7 @@ class SearchFilm:
             share = f"{history.n_cells - done} cells left"
         width = canvas.text((left, level - 20 * unit), share, INK, 19 * unit, bold=True)
         clock = " of ".join(
-            duration_text(history.episode.clock(moment)) for moment in (time, history.end)
+            duration_text(float(history.episode.clock(moment))) for moment in (time, history.end)
         )
         canvas.text((left + width + 14 * unit, level - 20 * unit), clock, MUTED, 14 * unit)
         kinds = [activity.kind for activity in now]

@@ -8,7 +8,7 @@ from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.geometry import partial_sums
@@ -443,6 +443,9 @@ class Activity:
 class SearchHistory:
     """A search episode with additional data for drawing.
 
+    All times are in cell times of the whole search. The times of each robot are those of its own
+    flights (see `SearchEpisode.clock`), so `clock` of a drawn time gives its seconds.
+
     The class computes the robots' parts of the tour as if all robots knew about each other. A robot
     that is dead from the beginning has no part.
     """
@@ -455,13 +458,46 @@ class SearchHistory:
             fault.robot for fault in episode.scenario.faults if isinstance(fault, Liar)
         )
 
+    def drawn_times(self, robot: int, moments: ArrayLike) -> Floats:
+        """Return the times at which a drawing shows moments of a robot's log."""
+        clock = self.episode.clock
+        zero = clock(0.0)
+        return np.asarray((clock(moments, robot) - zero) / (clock(1.0) - zero))
+
+    @cached_property
+    def logs(self) -> tuple[RobotLog, ...]:
+        """The log of each robot, with the times of the drawing."""
+        if not self.episode.plan.flies:
+            return self.episode.trace.robots
+        found = []
+        for robot, log in enumerate(self.episode.trace.robots):
+            times, begins, finds = (
+                self.drawn_times(robot, moments).tolist()
+                for moments in (
+                    log.times,
+                    [moment for moment, _ in log.states],
+                    [moment for moment, _ in log.obstructed],
+                )
+            )
+            states = zip(begins, (state for _, state in log.states), strict=True)
+            obstructed = zip(finds, (cell for _, cell in log.obstructed), strict=True)
+            found.append(
+                replace(
+                    log,
+                    times=np.array(times, dtype=np.float64),
+                    states=tuple(states),
+                    obstructed=tuple(obstructed),
+                )
+            )
+        return tuple(found)
+
     @cached_property
     def end(self) -> float:
         """Time of the last event of the search, in cell times (the time that a robot of speed 1
         needs for one cell); at least 1.
         """
-        moments = [state[0] for log in self.episode.trace.robots for state in log.states]
-        moments += [float(log.times[-1]) for log in self.episode.trace.robots if log.times.size]
+        moments = [state[0] for log in self.logs for state in log.states]
+        moments += [float(log.times[-1]) for log in self.logs if log.times.size]
         return max([1.0, *moments, *self.episode.trace.declared.values()])
 
     @cached_property
@@ -542,7 +578,7 @@ class SearchHistory:
         A search by a robot with the fault `Liar` does not count.
         """
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
-        for number, log in enumerate(self.episode.trace.robots, start=1):
+        for number, log in enumerate(self.logs, start=1):
             if number not in self.liars and log.cells.size:
                 cells, earliest = _earliest(self.episode.seen[number - 1], log)
                 new = earliest < times[cells]
@@ -553,7 +589,7 @@ class SearchHistory:
         """Return, in increasing order, the times at which a robot first saw the cells that it
         searched; float64, shape (k,).
         """
-        log = self.episode.trace.robots[robot]
+        log = self.logs[robot]
         return (
             np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
         )
@@ -581,7 +617,7 @@ class SearchHistory:
 
     def death(self, robot: int) -> float:
         """Return the time at which a robot failed, or infinity if it never failed."""
-        return death_of(self.episode.trace.robots[robot])
+        return death_of(self.logs[robot])
 
     @cached_property
     def activities(self) -> tuple[tuple[Activity, ...], ...]:
@@ -589,7 +625,7 @@ class SearchHistory:
         return tuple(tuple(self._activities(robot)) for robot in range(self.n_robots))
 
     def _activities(self, robot: int) -> list[Activity]:
-        log = self.episode.trace.robots[robot]
+        log = self.logs[robot]
         found: list[Activity] = []
         bounds = [moment for moment, _ in log.states] + [self.end]
         others = self.others(robot)
@@ -604,8 +640,21 @@ class SearchHistory:
     @cached_property
     def trajectories(self) -> tuple[RobotTrajectory, ...]:
         """The trajectory of each robot in drawing coordinates (see `on_picture`)."""
-        found = (self.ways.trajectory(robot) for robot in range(self.n_robots))
-        return tuple(RobotTrajectory(one.times, self.on_picture(one.points)) for one in found)
+        trajectories = map(self.ways.trajectory, range(self.n_robots))
+        return tuple(
+            RobotTrajectory(self.drawn_times(robot, one.times), self.on_picture(one.points))
+            for robot, one in enumerate(trajectories)
+        )
+
+    @cached_property
+    def obstacles(self) -> dict[int, float]:
+        """The time of discovery of each obstacle that robots found, by the tour index of its
+        cell.
+        """
+        found: dict[int, float] = {}
+        for moment, cell in sorted(entry for log in self.logs for entry in log.obstructed):
+            found.setdefault(cell, moment)
+        return found
 
     def on_picture(self, points: Floats) -> Floats:
         """Convert points of the region to drawing coordinates in metres, in which the rows of cells

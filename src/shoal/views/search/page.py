@@ -101,8 +101,8 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "seed": episode.seed,
         "takeovers": episode.trace.takeovers,
         "cells": history.n_cells,
-        "cellTime": episode.clock(1.0) - episode.clock(0.0),
-        "climb": episode.clock(0.0),
+        "cellTime": float(episode.clock(1.0) - episode.clock(0.0)),
+        "climb": float(episode.clock(0.0)),
         "end": history.end,
         "covered": episode.trace.covered_at if episode.trace.covered_at < inf else None,
         "box": _box(history.extent),
@@ -122,7 +122,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "robots": [_robot(history, robot) for robot in range(count)],
         "obstacles": [
             [int(square), moment]
-            for cell, moment in episode.obstacles.items()
+            for cell, moment in history.obstacles.items()
             for square in np.flatnonzero(history.panels.numbers.ravel() == cell)
         ],
         "findings": [
@@ -144,7 +144,7 @@ def _found_at(history: SearchHistory, finding: Finding) -> float:
 
     An earlier search of the cell by a robot that found nothing does not count.
     """
-    logs, seen = history.episode.trace.robots, history.episode.seen
+    logs, seen = history.logs, history.episode.seen
     moments = [
         float(moment)
         for robot in finding.found_by
