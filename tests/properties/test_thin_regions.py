@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from shoal.core.errors import InvalidInputError
@@ -35,7 +35,6 @@ def thin(kind, width, height, angle, *, earth):
     return region_of(shape, frame=LocalFrame(8.5, 47.4) if earth else None)
 
 
-@settings(max_examples=40)
 @given(
     kind=st.sampled_from(sorted(SHAPES)),
     width=st.floats(0.2, 3),

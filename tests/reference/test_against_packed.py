@@ -79,7 +79,7 @@ def same_log(episode: SwarmEpisode, reference: dict) -> None:
 @pytest.mark.parametrize("task", ["mapping", "coverage"])
 def test_random_commands(rule, task):
     rng = np.random.default_rng(11)
-    for _ in range(60):
+    for _ in range(120):
         free, start = random_case(rng)
         targets = (
             reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
@@ -111,7 +111,7 @@ PLAYED = [(policy, rule) for policy in POLICIES for rule in sorted(make_policy(p
 def test_policies(policy, rule, task):
     name, _, option = policy.partition(":")
     rng = np.random.default_rng(12)
-    for seed in range(40):
+    for seed in range(80):
         free, start = random_case(rng)
         targets = (
             reachable(free, start) & (rng.random(free.shape) < 0.5) if task == "coverage" else None
@@ -143,7 +143,7 @@ def test_policies(policy, rule, task):
 @pytest.mark.parametrize("rule", ["block", "merge", "tilt"])
 def test_random_moves(rule):
     rng = np.random.default_rng(13)
-    for seed in range(25):
+    for seed in range(40):
         free, start = random_case(rng)
         reference = plain.run(
             free, start, policy="random-moves", rule=rule, rng=trial_rng(seed), max_moves=300

@@ -33,14 +33,14 @@ def sweep(trials=60):
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Three worker processes on this machine, without a page to watch them."""
+    """Four worker processes on this machine, without a page to watch them."""
     root = str(Path(__file__).parents[2])
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.syspath_prepend(root)
         patch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
         warnings.simplefilter("ignore")
         made = distributed.LocalCluster(
-            n_workers=3,
+            n_workers=4,
             threads_per_worker=1,
             processes=True,
             dashboard_address=None,
@@ -60,7 +60,7 @@ def rows_of(path):
 @pytest.mark.filterwarnings("ignore")  # of Dask's own, when a worker is killed
 def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     processes = {worker.process.process.pid for worker in cluster.workers.values()}
-    assert len(processes) == 3
+    assert len(processes) == 4
     victim = sorted(processes)[0]
 
     def kill_midway(progress):
@@ -78,8 +78,9 @@ def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     )
     assert killed.is_set()
     assert status.complete
-    run_sweep(sweep(), tmp_path / "one", workers=0)
-    assert rows_of(tmp_path / "dask") == rows_of(tmp_path / "one")
+    for name, workers in (("here", 0), ("two", 2)):
+        run_sweep(sweep(), tmp_path / name, workers=workers, batch_seconds=0.05)
+        assert rows_of(tmp_path / "dask") == rows_of(tmp_path / name), name
     with Store(tmp_path / "dask") as store:
         workers = {worker for (worker,) in store.ask("SELECT DISTINCT worker FROM batches")}
     # who gets how much is Dask's choice; the one killed may not have given anything yet

@@ -10,7 +10,7 @@ from numba.core import config
 
 from shoal import jit
 from shoal.core import notices
-from shoal.jit import entry
+from shoal.jit import cache, entry
 from shoal.steering import SteeringProblem
 from shoal.steering.planners.task import SteeringTask
 
@@ -46,6 +46,7 @@ def fresh(tmp_path, monkeypatch):
     told = []
     monkeypatch.setattr(notices, "listeners", [told.append])
     monkeypatch.setattr(notices, "_told", set())
+    monkeypatch.delenv(cache.ENVIRONMENT, raising=False)  # names a folder for all caches
     path = tmp_path / "some_kernels.py"
     path.write_text(SOURCE)
 

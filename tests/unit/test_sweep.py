@@ -358,12 +358,14 @@ def test_same_rows_for_any_workers_and_batches(tmp_path):
     tables = []
     for name, options in (
         ("a", {"workers": 0}),
-        ("b", {"workers": 2, "batch_seconds": 0.001}),
-        ("c", {"workers": 0, "batch_seconds": 50}),
+        ("b", {"workers": 1, "batch_seconds": 0.001}),
+        ("c", {"workers": 2, "batch_seconds": 0.001}),
+        ("d", {"workers": 4, "batch_seconds": 0.001}),
+        ("e", {"workers": 0, "batch_seconds": 50}),
     ):
         assert run_sweep(numbers(), tmp_path / name, **options).complete
         tables.append(rows_of(tmp_path / name))
-    assert tables[0] == tables[1] == tables[2]
+    assert all(table == tables[0] for table in tables)
     assert [row[:2] for row in tables[0]] == [
         (factor, trial) for factor in (1, 2, 3) for trial in range(7)
     ]

@@ -64,6 +64,9 @@ class Sorties:
         self.returning = replace(flight, landing=None)
         self.at = partial_sums(np.linalg.norm(np.diff(way, axis=0), axis=1))
         self.searching_from = float(self.at[out])
+        # what was tried is flown, too: most paths are one sortie, tried once
+        self._tried: dict[tuple[float, float], NDArray[np.float64]] = {}
+        self._flown: dict[tuple[float, float], Trajectory] = {}
 
     def trajectories(self) -> list[Trajectory]:
         """Return the trajectory of each sortie, from take-off to landing.
@@ -74,11 +77,7 @@ class Sorties:
             If the battery or the memory is too small for a point of the path, or if the vehicle has
             no room for a turn.
         """
-        *early, last = [waypoints for waypoints, _, _ in self.parts()]
-        return [
-            *(self.returning.trajectory(waypoints) for waypoints in early),
-            self.flight.trajectory(last),
-        ]
+        return [self._trajectory(begin, until) for begin, until in self._sections()]
 
     def parts(self) -> list[tuple[NDArray[np.float64], int, int]]:
         """Return the waypoints of each sortie, with the columns of `Flight.waypoints`.
@@ -86,15 +85,20 @@ class Sorties:
         Besides the waypoints, each element of the list contains the number of waypoints on the way
         out, and the number on the way home.
         """
+        return [
+            (waypoints, *self._count_beside(waypoints, begin, until))
+            for begin, until in self._sections()
+            for waypoints in (self._sortie(begin, until),)
+        ]
+
+    def _sections(self) -> list[tuple[float, float]]:
+        """Return the distances along the path at which each sortie joins and leaves the path."""
         begin, end = 0.0, float(self.at[-1])
-        found: list[tuple[NDArray[np.float64], int, int]] = []
-        while True:
-            until = self._latest(begin)
-            waypoints = self._sortie(begin, until)
-            found.append((waypoints, *self._count_beside(waypoints, begin, until)))
-            if until >= end:
-                return found
-            begin = until
+        found = [(begin, self._latest(begin))]
+        while found[-1][1] < end:
+            begin = found[-1][1]
+            found.append((begin, self._latest(begin)))
+        return found
 
     def _latest(self, begin: float) -> float:
         """Return the largest distance along the path at which a sortie that joins the path at
@@ -125,16 +129,28 @@ class Sorties:
         return until
 
     def _fits(self, begin: float, until: float) -> bool:
-        waypoints = self._sortie(begin, until)
         return (
-            len(waypoints) <= self.most_waypoints
-            and self._flight(until).trajectory(waypoints).duration <= self.limit
+            len(self._sortie(begin, until)) <= self.most_waypoints
+            and self._trajectory(begin, until).duration <= self.limit
         )
+
+    def _trajectory(self, begin: float, until: float) -> Trajectory:
+        """Return the trajectory of a sortie, from take-off to landing."""
+        key = begin, until
+        if key not in self._flown:
+            self._flown[key] = self._flight(until).trajectory(self._sortie(begin, until))
+        return self._flown[key]
 
     def _sortie(self, begin: float, until: float) -> NDArray[np.float64]:
         """Return the waypoints of a sortie: from home to a section of the path, along this section,
         and back home.
         """
+        key = begin, until
+        if key not in self._tried:
+            self._tried[key] = self._waypoints(begin, until)
+        return self._tried[key]
+
+    def _waypoints(self, begin: float, until: float) -> NDArray[np.float64]:
         flight = self._flight(until)
         out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
         out, between, back = map(
