@@ -23,6 +23,9 @@ from shoal.swarm.noise import Noise
 CRITICAL = 1e-9  # of the scans under the stated rates, from which on the rates cannot be true
 DEMONSTRATED = 1e-3  # of the scans if a command moved nothing, from which on it moves particles
 LEAPING = 1e-2  # of the motions by two cells, from which on they mark the result
+DECEPTION = 1e-3  # of the scans if all commands were carried out, from which on some were not
+DECISIVE = 1e3  # the most that one scan counts for in this
+SHARES = np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5])  # of such commands
 # of a particle: from which on a cell surely holds one, up to which it has none
 SURE, EMPTY = 0.9, 0.1
 
@@ -180,8 +183,7 @@ class NoiseMonitor:
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
             self.stays[command] += self._see_motion(cells, ahead, first, second, inside, free)
-            if len(after):
-                self._follow(cells, after, ahead, inside)
+            self._follow(cells, after, ahead, inside)
 
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         flat: NDArray[np.int64] = (cells + 4) @ self._strides
@@ -234,6 +236,9 @@ class NoiseMonitor:
         )
         singles = cells[crowd < EMPTY]
         if not len(singles):
+            return
+        if not len(after):
+            self.missed.add(len(singles), len(singles))
             return
         for cell, near in zip(
             singles, KDTree(after).query_ball_point(singles, NEAR, p=np.inf), strict=True
@@ -505,6 +510,72 @@ def find_change(numbers: NDArray[np.float64]) -> tuple[float, float] | None:
         return None
     start, now = settled[: min(WINDOW, before[split])], settled[-min(WINDOW, after[split]) :]
     return float(start.mean()), float(now.mean())
+
+
+@dataclass(frozen=True)
+class Misdeed:
+    """What a rig did with some of its commands instead of carrying them out once.
+
+    Parameters
+    ----------
+    kind : str
+        The kind of the alarm.
+    share : float
+        The likeliest share of such commands.
+    text : str
+        The alarm, for people.
+    """
+
+    kind: str
+    share: float
+    text: str
+
+
+MISDEEDS = (
+    ("commands", "not carried out"),
+    ("twice", "carried out twice"),
+    ("commands", "carried out in another direction"),
+    ("commands", "carried out late, together with the next command"),
+)
+
+
+def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
+    """Return what the rig did with some of its commands instead of carrying them out once, or None.
+
+    Let L_i(t) be the probability of scan t if the command before it was carried out in the way i,
+    and L_0(t) if it was carried out once. If the rig is honest, L_i(t) / L_0(t) is 1 on average,
+    and so is the product over t of 1 - s + s L_i(t) / L_0(t) for every share s of such commands:
+    the average of these products over shares and ways exceeds 1 / `DECEPTION` with at most the
+    probability `DECEPTION` (Ville's inequality). One scan never decides: its ratio counts for at
+    most `DECISIVE`, because the belief may have lost a particle.
+
+    Parameters
+    ----------
+    deeds : ndarray of float64, shape (scans, 5)
+        Log-likelihoods as `NoisyBelief.weigh_deeds` returns them.
+
+    Examples
+    --------
+    >>> honest = np.zeros((60, 5)) - [0, 9, 9, 9, 9]  # each scan explained by "once"
+    >>> find_misdeed(honest)
+    >>> honest[::5, 2] = 4  # each fifth by "twice"
+    >>> find_misdeed(honest).text
+    'about 20 % of the commands were carried out twice, or the stated error rates are too low'
+    """
+    if not len(deeds):
+        return None
+    ratios = np.exp(np.minimum(deeds[:, 1:] - deeds[:, :1], log(DECISIVE)))
+    products = np.log1p(SHARES[:, None, None] * (ratios - 1)).sum(axis=1)  # shares, ways
+    ways = np.logaddexp.reduce(products, axis=0) - log(len(SHARES))
+    if np.logaddexp.reduce(ways) - log(len(ways)) < -log(DECEPTION):
+        return None
+    kind, what = MISDEEDS[way := int(np.argmax(ways))]
+    share = float(SHARES[np.argmax(products[:, way])])
+    text = (
+        f"about {100 * share:.0f} % of the commands were {what}, or the stated error rates are too"
+        " low"
+    )
+    return Misdeed(kind, share, text)
 
 
 def change_text(first: float, last: float) -> str:

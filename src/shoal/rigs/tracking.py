@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
-from shoal.rigs.monitor import NoiseMonitor, Rate, change_text, find_change
+from shoal.rigs.monitor import NoiseMonitor, Rate, change_text, find_change, find_misdeed
 from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
@@ -429,7 +429,10 @@ class NoisyRigSwarm(RigSwarm):
         """Return why the evidence for the walls is not enough."""
         doubts = []
         if not self.counted:
-            doubts.append("Ctrl-C left no time to see whether the number of particles changed")
+            doubts.append(
+                "Ctrl-C left no time to see whether the number of particles changed, and whether"
+                " all commands were carried out"
+            )
         if not self.moved:
             return doubts
         if unshown := self.unshown:
@@ -547,14 +550,21 @@ class NoisyRigSwarm(RigSwarm):
             return [Alarm("number", self.moves, text), *marks]
         work = len(self.observations) * int(np.prod(padded_shape(self.layout.shape)))
         self.counted = not quick or work <= QUICK
-        change = find_change(self._recounted()) if self.counted else None
-        if change is not None:
-            marks.append(Alarm("number", self.moves, change_text(*change)))
+        if self.counted:
+            numbers, deeds = self._review()
+            change = find_change(numbers)
+            if change is not None:
+                marks.append(Alarm("number", self.moves, change_text(*change)))
+            misdeed = find_misdeed(deeds)
+            # an alarm that has stopped the drive says more
+            if misdeed is not None and self.monitor.contradiction(self.moves) is None:
+                marks.append(Alarm(misdeed.kind, self.moves, misdeed.text))
         return marks
 
-    def _recounted(self) -> NDArray[np.float64]:
-        """Return the expected number of particles after each scan, if the map is as it is believed
-        now.
+    def _review(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Go through all scans once more, as if the map had been known from the start. Return the
+        expected number of particles after each scan, and of each scan after the first what
+        `NoisyBelief.weigh_deeds` returns.
 
         In a map that is still unknown, the belief overestimates the number: a particle may or may
         not have entered an unknown cell. With the map of the end, the number is off by the same
@@ -564,16 +574,21 @@ class NoisyRigSwarm(RigSwarm):
         seen = Board.of_cells(self.layout, first)
         belief = NoisyBelief(self.layout.shape, seen, noise, confidence, loss=LOSS)
         belief.state.logit[:] = self.noisy.state.logit
-        numbers, scans = [belief.particles], iter(self.observations[1:])
+        numbers, scans, before = [belief.particles], iter(self.observations[1:]), ""
+        deeds = []
         for command, scanned in self._sent:
-            if not scanned:
+            if scanned:
+                seen = Board.of_cells(self.layout, next(scans))
+                deeds.append(belief.weigh_deeds(command, before, seen))
+                belief.update(command, seen)
+                belief.state.logit[:] = self.noisy.state.logit
+                numbers.append(belief.particles)
+            else:
                 belief.spread(command)
-                continue
-            belief.update(command, Board.of_cells(self.layout, next(scans)))
-            belief.state.logit[:] = self.noisy.state.logit
-            numbers.append(belief.particles)
+            before = command
         detections = sum(map(len, self.observations)) / (1 - noise.miss)
-        return np.array(numbers) * (detections / max(sum(numbers), 1e-9))
+        scale = detections / max(sum(numbers), 1e-9)
+        return np.array(numbers) * scale, np.array(deeds).reshape(-1, 5)
 
     def rates(self) -> dict[str, Rate]:
         """Return the stated and the observed error rates, by name."""

@@ -231,6 +231,23 @@ class NoisyBelief:
         self.state.inside[:] *= 1 - self.loss
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
+    def weigh_deeds(self, command: str, before: str, seen: Board) -> NDArray[np.float64]:
+        """Return the log-likelihoods (float64, shape (5,)) of a scan after a command that the rig
+        may have carried out once, not at all, twice, in another direction, or late, together with
+        the command before it.
+
+        The belief stays as it is before the command. ``before`` is empty for the first command.
+        """
+        found, kept = np.zeros(5), self.state.inside.copy()
+        self._show(seen)
+        self.state.inside[:] *= 1 - self.loss
+        codes = [encode(letter, ndim=self.layout.ndim)[0] for letter in command + before]
+        kernels.weigh_deeds(
+            self.state, codes[0], codes[1] if before else np.int8(-1), np.empty_like(kept), found
+        )
+        self.state.inside[:] = kept
+        return found
+
     def learn(self, code: np.int8) -> int:
         """Update the belief after one command and one scan, as `update` does. ``code`` is the
         number of the command.
