@@ -248,6 +248,26 @@ class NoisyBelief:
         self.state.inside[:] = kept
         return found
 
+    def weigh_scan(self, command: str, seen: Board) -> float:
+        """Return the log-likelihood of a scan after a command. The belief stays as it is."""
+        self._show(seen)
+        code = encode(command, ndim=self.layout.ndim)[0]
+        return float(kernels.scan_likelihood(self.state, code))
+
+    def assume_number(self, number: int) -> None:
+        """Believe after the first scan that about ``number`` particles are in the cells that are
+        free, instead of only those that the scan shows.
+        """
+        state, noise = self.state, self.noise
+        hit = (1 - noise.miss) * (1 - noise.misplace)
+        share = (1 - noise.miss) * noise.misplace / len(state.offsets)
+        free = 1 / (1 + np.exp(-state.logit))
+        density = min(0.9, number / max(1.0, float(free.sum())))
+        shown = np.where(state.seen, hit / max(share, kernels.UNKNOWN), 1 - hit)
+        odds = free * density / (1 - density) * shown
+        state.inside[:] = odds / (1 + odds)
+        state.inside[free < 1 - self.confidence] = 0
+
     def learn(self, code: np.int8) -> int:
         """Update the belief after one command and one scan, as `update` does. ``code`` is the
         number of the command.
