@@ -464,14 +464,14 @@ class NoiseMonitor:
 
 def find_change(
     likelihoods: dict[int, NDArray[np.float64]], counts: NDArray[np.int64]
-) -> tuple[int, int] | None:
-    """Return the number of particles at the start and now, or None if the scans do not show that
-    the number has changed.
+) -> tuple[int, int, float] | None:
+    """Return the number of particles at the start and now, and the evidence, or None if the scans
+    do not show that the number has changed.
 
     Let L_n(t) be the probability of scan t if there are n particles all the time. The probability
     of all scans if the number is n before some moment and m from then on, averaged over the
-    moments, is compared with the probability for the best constant number. If the number has not
-    changed, the ratio exceeds 1 / `CHANGED` with at most the probability `CHANGED` (Ville's
+    moments, is compared with the probability for the best constant number. The evidence is the
+    logarithm of the ratio of the two. If the number has not changed, the ratio exceeds 1 / `CHANGED` with at most the probability `CHANGED` (Ville's
     inequality). One scan never decides: its ratio counts for at most `DECISIVE`.
 
     Parameters
@@ -486,7 +486,7 @@ def find_change(
     >>> counts = np.full(80, 3)
     >>> counts[:6] = 4
     >>> likelihoods = {3: np.zeros(79), 4: np.zeros(79) - 0.5}
-    >>> find_change(likelihoods, counts)
+    >>> find_change(likelihoods, counts)[:2]
     (4, 3)
     >>> find_change(likelihoods, np.full(80, 3))
     """
@@ -506,7 +506,7 @@ def find_change(
         for first, before in sums.items():
             changed = np.logaddexp.reduce(before) - log(len(before)) - constant
             if first != last and changed > best:
-                best, change = changed, (first, last)
+                best, change = changed, (first, last, float(changed))
     return change
 
 
@@ -570,11 +570,14 @@ class Misdeed:
         The likeliest share of such commands.
     text : str
         The alarm, for people.
+    evidence : float
+        Logarithm of the ratio that `find_misdeed` describes.
     """
 
     kind: str
     share: float
     text: str
+    evidence: float
 
 
 MISDEEDS = (
@@ -613,7 +616,8 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
     ratios = np.exp(np.minimum(deeds[:, 1:] - deeds[:, :1], log(DECISIVE)))
     products = np.log1p(SHARES[:, None, None] * (ratios - 1)).sum(axis=1)  # shares, ways
     ways = np.logaddexp.reduce(products, axis=0) - log(len(SHARES))
-    if np.logaddexp.reduce(ways) - log(len(ways)) < -log(DECEPTION):
+    evidence = float(np.logaddexp.reduce(ways)) - log(len(ways))
+    if evidence < -log(DECEPTION):
         return None
     kind, what = MISDEEDS[way := int(np.argmax(ways))]
     share = float(SHARES[np.argmax(products[:, way])])
@@ -621,7 +625,7 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
         f"about {100 * share:.0f} % of the commands were {what}, or the stated error rates are too"
         " low"
     )
-    return Misdeed(kind, share, text)
+    return Misdeed(kind, share, text, evidence)
 
 
 def change_text(first: int, last: int) -> str:

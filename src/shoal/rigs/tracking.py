@@ -559,17 +559,24 @@ class NoisyRigSwarm(RigSwarm):
             return [Alarm("number", self.moves, text), *marks]
         work = len(self.observations) * int(np.prod(padded_shape(self.layout.shape)))
         self.counted = not quick or work <= QUICK
-        if self.counted:
-            counts = np.array([len(cells) for cells in self.observations])
-            numbers = numbers_in_question(counts, self.noisy.noise.miss)
-            change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
-            if change is not None:
-                marks.append(Alarm("number", self.moves, change_text(*change)))
-            misdeed = find_misdeed(self._weigh_deeds())
-            # an alarm that has stopped the drive says more
-            if misdeed is not None and self.monitor.contradiction(self.moves) is None:
-                marks.append(Alarm(misdeed.kind, self.moves, misdeed.text))
+        if self.counted and self.monitor.contradiction(self.moves) is None:
+            marks += self._review()
         return marks
+
+    def _review(self) -> list[Alarm]:
+        """Return the alarm for what all scans together say about the number of particles, or about
+        the commands. Each of the two may look like the other, so that the stronger evidence counts.
+
+        If an alarm has stopped the drive, it explains more than the review, which assumes that most
+        commands were carried out.
+        """
+        counts = np.array([len(cells) for cells in self.observations])
+        numbers = numbers_in_question(counts, self.noisy.noise.miss)
+        change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
+        misdeed = find_misdeed(self._weigh_deeds())
+        if change is not None and (misdeed is None or misdeed.evidence < change[2]):
+            return [Alarm("number", self.moves, change_text(*change[:2]))]
+        return [] if misdeed is None else [Alarm(misdeed.kind, self.moves, misdeed.text)]
 
     def _weigh_deeds(self) -> NDArray[np.float64]:
         """Go through all scans once more, as if the map had been known from the start. Return for
