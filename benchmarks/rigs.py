@@ -35,14 +35,16 @@ MOST_MOVES = 3000
 class LosingRig(NoisyRig):
     """A rig with noise from which particles disappear: one for good, or one every so many moves."""
 
-    def __init__(self, *arguments: Any, at: int | None = None, every: int | None = None) -> None:
+    def __init__(
+        self,
+        *arguments: Any,
+        at: int | None = None,
+        every: int | None = None,
+        luck: int | None = None,
+    ) -> None:
         super().__init__(*arguments)
-        self._at, self._every, self._sent, self._luck = (
-            at,
-            every,
-            0,
-            np.random.default_rng(len(self.observe())),
-        )
+        self._at, self._every, self._sent = at, every, 0
+        self._luck = np.random.default_rng(len(self.observe()) if luck is None else luck)
 
     def _move(self, command: str) -> None:
         super()._move(command)
@@ -217,6 +219,15 @@ def driven_in_small(
     return drive(rig, **vars(noise), policy="closest-frontier", max_moves=800)
 
 
+def driven_with_loss(name: str, particles: int, noise: Noise, seed: int, lost: int | None) -> Drive:
+    """Return one drive of a rig that loses a particle at a move."""
+    workspace = open_map(name)
+    start = place(workspace, particles, "uniform", np.random.default_rng([seed, 1]))
+    scans = np.random.default_rng([seed, 2, lost or 0])
+    rig = LosingRig(workspace, start, noise, scans, at=lost, luck=1)
+    return drive(rig, **vars(noise), policy="closest-frontier", max_moves=600)
+
+
 def measure_small(seeds: int) -> int:
     """Print how often lies now and then, and losses within the first moves, pass without an alarm,
     and how often honest rigs are accused; return the number of accusations.
@@ -233,12 +244,12 @@ def measure_small(seeds: int) -> int:
             passed[every] = levels.count("high")
         print(f"{lie}, every 3rd to 10th command: trust high {passed} of {len(levels)}", flush=True)
     accused = 0
-    for noise in (SMALL_NOISES[0], OTHER_NOISES[0]):
+    for noise in (OTHER_NOISES[0], SMALL_NOISES[0]):
         said: Counter[int | None] = Counter()
         for lost in LOST_AT:
             for name, particles in LOSING_PLACES:
                 for seed in range(2 * seeds):
-                    result, *_ = driven(LosingRig, name, particles, noise, seed, at=lost)
+                    result = driven_with_loss(f"{name}:{seed}", particles, noise, seed, lost)
                     said[lost] += any(alarm.kind == "number" for alarm in result.alarms)
         accused += said[None]
         print(
@@ -248,9 +259,9 @@ def measure_small(seeds: int) -> int:
         )
     alarms: Counter[str] = Counter()
     drives = 0
-    for at in (*SMALL_PLACES, ("room", 1), ("maze:15x11:1", 3), ("cave:16x12:2", 12)):
+    for at in (*SMALL_PLACES, ("maze:15x11:1", 2), ("cave:16x12:2", 12), ("room", 1)):
         for noise in (*SMALL_NOISES, *OTHER_NOISES):
-            for seed in range(100, 100 + 4 * seeds):
+            for seed in range(100, 100 + 7 * seeds // 2):
                 drives += 1
                 alarms.update(
                     alarm.kind for alarm in driven_in_small(at, noise, seed, "", 1).alarms
