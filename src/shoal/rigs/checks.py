@@ -25,6 +25,7 @@ KINDS = {
     "number": "the number of particles changed",
     "outside": "a position lies outside the field of view",
     "twice": "a command was carried out or answered twice",
+    "commands": "some commands were not carried out, or late, or in another direction",
     "drift": "the particles move without a command",
     "rule": "a position does not follow from the command and the known free cells",
     "rates": "the observed rates of errors are far from the stated rates",

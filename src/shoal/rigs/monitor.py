@@ -22,7 +22,10 @@ from shoal.swarm.noise import Noise
 # may hit a few in a thousand.
 CRITICAL = 1e-9  # of the scans under the stated rates, from which on the rates cannot be true
 DEMONSTRATED = 1e-3  # of the scans if a command moved nothing, from which on it moves particles
-LEAPING = 1e-2  # of the motions by two cells, from which on they mark the result
+CHANGED = 0.02  # of the scans if the number of particles is constant, from which on it is not
+DECEPTION = 1e-3  # of the scans if all commands were carried out, from which on some were not
+DECISIVE = 1e3  # the most that one scan counts for in this
+SHARES = np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5])  # of such commands
 # of a particle: from which on a cell surely holds one, up to which it has none
 SURE, EMPTY = 0.9, 0.1
 
@@ -31,12 +34,7 @@ INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 PLAUSIBLE = 7.0  # log-likelihood ratio up to which a cell may still hold a particle at rest
 FEW = 30  # observations from which on a rate is judged
 LEAST = 8  # observations of other particles from which on they say how many stay
-# of the number of particles, from scan to scan (`find_change`)
-SETTLED = 5  # first scans, in which the number is not yet settled
-SIDE = 8  # fewest scans on each side of a change
-CHANGE = 4.6  # standard errors from which on the number has changed, at the likeliest moment of all
-SMALLEST = 0.6  # of a change: one particle that is gone takes .8 to 1.3 with it
-WINDOW = 30  # scans over which the number at the start and now is averaged
+WINDOW = 30  # scans that suggest a number of particles at the start and at the end
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
 RECENT = 100  # particles with a free cell ahead whose motion is remembered
 
@@ -180,8 +178,7 @@ class NoiseMonitor:
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
             self.stays[command] += self._see_motion(cells, ahead, first, second, inside, free)
-            if len(after):
-                self._follow(cells, after, ahead, inside)
+            self._follow(cells, after, ahead, inside)
 
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         flat: NDArray[np.int64] = (cells + 4) @ self._strides
@@ -234,6 +231,9 @@ class NoiseMonitor:
         )
         singles = cells[crowd < EMPTY]
         if not len(singles):
+            return
+        if not len(after):
+            self.missed.add(len(singles), len(singles))
             return
         for cell, near in zip(
             singles, KDTree(after).query_ball_point(singles, NEAR, p=np.inf), strict=True
@@ -369,14 +369,13 @@ class NoiseMonitor:
                 rates[name] = Rate(stated, observed, low, high, tally.trials)
         return rates
 
-    def _leaping(self, *, doubtful: bool) -> float:
+    @property
+    def _leaping(self) -> float:
         """Probability of as many motions by two cells as scans show, if particles are misplaced as
-        stated or as often as they are surely seen aside (``doubtful``: as often as they may be).
+        often as stated, or as they may be according to what was observed.
         """
         seen = self.rates().get("misplace")
-        misplace = self.noise.misplace
-        if seen is not None:
-            misplace = max(misplace, seen.high if doubtful else seen.low)
+        misplace = max(self.noise.misplace, 0.0 if seen is None else seen.high)
         leaps = self.leapt.events
         return tail(leaps, self.leapt.trials, misplace / self.ndim + 1e-3) if leaps > 1 else 1.0
 
@@ -421,7 +420,7 @@ class NoiseMonitor:
                     " explain: this direction of the magnets does nothing"
                 )
                 return Alarm("still", move, f"move {move}: {text}")
-        if self._leaping(doubtful=True) < CRITICAL:
+        if self._leaping < CRITICAL:
             return Alarm("twice", move, f"move {move}: {self._leaps}")
         # as long as nothing moves along the commands, the scans are exchangeable, and motion to the
         # sides shows as well
@@ -439,8 +438,7 @@ class NoiseMonitor:
         drift, numbers.
         """
         alarms = []
-        rates = self.rates()
-        for name, rate in rates.items():
+        for name, rate in self.rates().items():
             if rate.wrong:
                 text = (
                     f"{name}: stated {rate.stated:g}, observed {rate.observed:.3f} (99.9 % interval"
@@ -449,9 +447,6 @@ class NoiseMonitor:
                     " not hold"
                 )
                 alarms.append(Alarm("rates", move, text))
-        strayed = "misplace" in rates and rates["misplace"].wrong  # the alarm above may explain it
-        if self._leaping(doubtful=strayed) < LEAPING:
-            alarms.append(Alarm("twice", move, self._leaps))
         trials = max(1, self.aside.trials)
         axis = int(np.argmax(np.abs(self.drift)))
         if (
@@ -467,59 +462,180 @@ class NoiseMonitor:
         return alarms
 
 
-def find_change(numbers: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return the mean numbers of particles at the start and now, or None if chance explains all
-    differences between scans.
+def find_change(
+    likelihoods: dict[int, NDArray[np.float64]], counts: NDArray[np.int64]
+) -> tuple[int, int, float] | None:
+    """Return the number of particles at the start and now, and the evidence, or None if the scans
+    do not show that the number has changed.
 
-    The means before and after each possible moment are compared. Their difference has the standard
-    error s sqrt((1 + r) / (1 - r) (1 / n_before + 1 / n_after)), where s is the standard deviation
-    around the means of the best fit with one step, and r is the correlation of consecutive scans.
+    Let L_n(t) be the probability of scan t if there are n particles all the time. The probability
+    of all scans if the number is n before some moment and m from then on, averaged over the
+    moments, is compared with the probability for the best constant number. The evidence is the
+    logarithm of the ratio of the two. If the number has not changed, the ratio exceeds 1 / `CHANGED` with at most the probability `CHANGED` (Ville's
+    inequality). One scan never decides: its ratio counts for at most `DECISIVE`.
 
     Parameters
     ----------
-    numbers : ndarray of float64, shape (scans,)
-        The expected number of particles after each scan.
+    likelihoods : dict of int to ndarray of float64, shape (scans - 1,)
+        The logarithm of L_n for each number n that comes into question, without the first scan.
+    counts : ndarray of int64, shape (scans,)
+        The number of cells that each scan shows. No scan shows more cells than particles.
 
     Examples
     --------
-    >>> numbers = 20 + np.random.default_rng(1).normal(0, 0.5, 200)
-    >>> find_change(numbers)
-    >>> np.round(find_change(numbers - (np.arange(200) >= 120)), 1).tolist()
-    [20.0, 19.0]
+    >>> counts = np.full(80, 3)
+    >>> counts[:6] = 4
+    >>> likelihoods = {3: np.zeros(79), 4: np.zeros(79) - 0.5}
+    >>> find_change(likelihoods, counts)[:2]
+    (4, 3)
+    >>> find_change(likelihoods, np.full(80, 3))
     """
-    settled = numbers[SETTLED:]
-    before = np.arange(SIDE, len(settled) - SIDE + 1)
-    if not len(before):
-        return None
-    after = len(settled) - before
-    sums = np.cumsum(settled)
-    left, right = sums[before - 1] / before, (sums[-1] - sums[before - 1]) / after
-    shares = before * after / len(settled)
-    split = int(np.argmax(np.abs(left - right) * np.sqrt(shares)))
-    rest = settled - np.where(np.arange(len(settled)) < before[split], left[split], right[split])
-    variance = max(0.01, float(rest.var()))
-    alike = min(0.8, max(0.0, float((rest[1:] * rest[:-1]).mean()) / variance))
-    errors = np.sqrt(variance * (1 + alike) / (1 - alike) / shares)
-    best = int(np.argmax(np.abs(left - right) / errors))
-    if abs(left[best] - right[best]) < max(SMALLEST, CHANGE * errors[best]):
-        return None
-    start, now = settled[: min(WINDOW, before[split])], settled[-min(WINDOW, after[split]) :]
-    return float(start.mean()), float(now.mean())
+    limit, best, change = log(DECISIVE), -log(CHANGED), None
+    possible = {
+        number: np.where(counts[1:] > number, of_number - 1e6, of_number)
+        for number, of_number in likelihoods.items()
+    }
+    for last, of_last in possible.items():
+        sums = {  # of the logarithms of L_n / L_last, up to each moment
+            number: np.cumsum(np.clip(of_number - of_last, -limit, limit))
+            for number, of_number in possible.items()
+        }
+        if not len(of_last):
+            return None
+        constant = max(float(total[-1]) for total in sums.values())
+        for first, before in sums.items():
+            changed = np.logaddexp.reduce(before) - log(len(before)) - constant
+            if first != last and changed > best:
+                best, change = changed, (first, last, float(changed))
+    return change
 
 
-def change_text(first: float, last: float) -> str:
+def numbers_in_question(counts: NDArray[np.int64], miss: float) -> list[int]:
+    """Return the numbers of particles that the numbers of cells in scans suggest: on average, one
+    more and one less, and in the first and the last `WINDOW` scans.
+
+    Examples
+    --------
+    >>> numbers_in_question(np.array([7] * 40 + [4] * 80), miss=0.0)
+    [4, 5, 6, 7]
+    """
+    mean, first, last = (
+        round(float(part.mean()) / (1 - miss))
+        for part in (counts, counts[:WINDOW], counts[-WINDOW:])
+    )
+    return sorted({max(0, number) for number in (mean - 1, mean, mean + 1, first, last)})
+
+
+def with_number(chances: NDArray[np.float64], number: int) -> None:
+    """Change independent probabilities of particles in cells, so that their sum is a given number.
+
+    All odds are multiplied by one factor, as if the number were known in addition: p' = x p / (1 -
+    p + x p), and x solves sum(p') = number (Newton's method on log x, between shrinking bounds).
+
+    Examples
+    --------
+    >>> chances = np.array([0.9, 0.5, 0.1, 0.0])
+    >>> with_number(chances, 2)
+    >>> np.round(chances, 2).tolist()
+    [0.97, 0.77, 0.27, 0.0]
+    """
+    from scipy.special import expit, logit
+
+    at = np.flatnonzero(chances)
+    if len(at) <= number or not number:
+        chances[at] = np.minimum(1.0, number)
+        return
+    odds, low, high, shift = logit(np.minimum(chances[at], 1 - 1e-9)), -40.0, 40.0, 0.0
+    for _ in range(40):
+        held = expit(odds + shift)
+        excess = float(held.sum()) - number
+        if abs(excess) < 1e-3:
+            break
+        low, high = (low, shift) if excess > 0 else (shift, high)
+        shift -= excess / max(float((held * (1 - held)).sum()), 1e-12)
+        if not low < shift < high:
+            shift = (low + high) / 2
+    chances[at] = expit(odds + shift)
+
+
+@dataclass(frozen=True)
+class Misdeed:
+    """What a rig did with some of its commands instead of carrying them out once.
+
+    Parameters
+    ----------
+    kind : str
+        The kind of the alarm.
+    share : float
+        The likeliest share of such commands.
+    text : str
+        The alarm, for people.
+    evidence : float
+        Logarithm of the ratio that `find_misdeed` describes.
+    """
+
+    kind: str
+    share: float
+    text: str
+    evidence: float
+
+
+MISDEEDS = (
+    ("commands", "not carried out"),
+    ("twice", "carried out twice"),
+    ("commands", "carried out in another direction"),
+    ("commands", "carried out late, together with the next command"),
+)
+
+
+def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
+    """Return what the rig did with some of its commands instead of carrying them out once, or None.
+
+    Let L_i(t) be the probability of scan t if the command before it was carried out in the way i,
+    and L_0(t) if it was carried out once. If the rig is honest, L_i(t) / L_0(t) is 1 on average,
+    and so is the product over t of 1 - s + s L_i(t) / L_0(t) for every share s of such commands:
+    the average of these products over shares and ways exceeds 1 / `DECEPTION` with at most the
+    probability `DECEPTION` (Ville's inequality). One scan never decides: its ratio counts for at
+    most `DECISIVE`, because the belief may have lost a particle.
+
+    Parameters
+    ----------
+    deeds : ndarray of float64, shape (scans, 5)
+        Log-likelihoods as `NoisyBelief.weigh_deeds` returns them.
+
+    Examples
+    --------
+    >>> honest = np.zeros((60, 5)) - [0, 9, 9, 9, 9]  # each scan explained by "once"
+    >>> find_misdeed(honest)
+    >>> honest[::5, 2] = 4  # each fifth by "twice"
+    >>> find_misdeed(honest).text
+    'about 20 % of the commands were carried out twice, or the stated error rates are too low'
+    """
+    if not len(deeds):
+        return None
+    ratios = np.exp(np.minimum(deeds[:, 1:] - deeds[:, :1], log(DECISIVE)))
+    products = np.log1p(SHARES[:, None, None] * (ratios - 1)).sum(axis=1)  # shares, ways
+    ways = np.logaddexp.reduce(products, axis=0) - log(len(SHARES))
+    evidence = float(np.logaddexp.reduce(ways)) - log(len(ways))
+    if evidence < -log(DECEPTION):
+        return None
+    kind, what = MISDEEDS[way := int(np.argmax(ways))]
+    share = float(SHARES[np.argmax(products[:, way])])
+    text = (
+        f"about {100 * share:.0f} % of the commands were {what}, or the stated error rates are too"
+        " low"
+    )
+    return Misdeed(kind, share, text, evidence)
+
+
+def change_text(first: int, last: int) -> str:
     """Return what a change of the number of particles means, for people."""
-    start, now = round(first), round(last)
-    if first > last:
-        now = min(now, start - 1)
-        why = (
-            "particles that scans did not show for longer than the miss rate explains were taken"
-            " out of the belief"
-        )
-    else:
-        now = max(now, start + 1)
-        why = "scans show more particles than at the start"
-    return f"about {start} particles at the start, about {now} now: {why}"
+    why = (
+        "scans stopped showing a particle, for longer than the miss rate explains"
+        if first > last
+        else "scans show more particles than at the start"
+    )
+    return f"about {first} particles at the start, about {last} now: {why}"
 
 
 def last_stays(stays: Sequence[bool]) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -41,6 +42,8 @@ OnEvent = Callable[[str, dict[str, Any]], None]
 Answer = TypeVar("Answer", Done, Positions)
 REPEAT_AFTER, END_AFTER = 5.0, 60.0  # seconds
 FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between two attempts to reconnect
+MOST_DAMAGED = 100  # damaged lines in a row from which on the other end is no rig
+READING = 0.1  # seconds for what a closed connection has brought before its end
 STOP_EVERY = 0.5  # seconds between two stop commands until the rig confirms one
 
 
@@ -75,7 +78,10 @@ class RigSession:
     Shoal numbers its requests, and repeats an unanswered request with an unchanged number. The
     apparatus carries out a request once, even if Shoal repeats the request. After ``end_after``
     seconds without an answer, Shoal raises an error. If the connection is lost, Shoal opens the
-    connection again and continues the session.
+    connection again and continues the session. Shoal does not wait for a rig that is gone: a first
+    connection that cannot be opened or is closed before the rig has answered, and a program that,
+    started anew, ends before it answers. A first connection that is refused may belong to a rig
+    that is still starting: Shoal tries for ``repeat_after`` seconds.
 
     Parameters
     ----------
@@ -117,6 +123,7 @@ class RigSession:
         self.counts = LinkCounts()
         self._session, self._seq = session or secrets.token_hex(8), 0
         self._repeated = 0  # the last request that was sent more than once
+        self._damaged: list[bytes] = []  # lines in a row that were damaged, here or at the rig
         self._heard = time.monotonic()
         self._welcome = self._connect(new=True)
 
@@ -171,18 +178,21 @@ class RigSession:
         RigError
             Raised if the rig does not confirm the stop within ``end_after`` seconds.
         """
-        until, pause = time.monotonic() + self.end_after, FIRST_PAUSE
+        until, pause, reopened, why = time.monotonic() + self.end_after, FIRST_PAUSE, False, ""
         while time.monotonic() < until:
             try:
                 # the newline ends a line that an interruption may have left incomplete
                 self.transport.write(b"\n" + encode_message(Stop()))
                 if self._stopped(min(STOP_EVERY, self.repeat_after)):
                     return
-            except ConnectionCutError:
-                pause = self._reopen(pause)
+            except ConnectionCutError as error:
+                if reopened and not self.transport.returns:
+                    why = f": {error}"
+                    break
+                pause, reopened = self._reopen(pause), True
         raise RigError(
-            f"{self.transport.name}: the rig has not confirmed the stop command within"
-            f" {self.end_after:g} s"
+            f"{self.transport.name}: the rig has not confirmed the stop command"
+            f"{why or f' within {self.end_after:g} s'}"
         )
 
     def _check_device(self, welcome: Welcome) -> None:
@@ -195,7 +205,8 @@ class RigSession:
         Raises
         ------
         RigError
-            Raised if an undamaged line is not a message of the protocol.
+            Raised if an undamaged line is not a message of the protocol, or if very many lines in a
+            row were damaged, here or at the rig.
         """
         until = time.monotonic() + timeout
         while (left := until - time.monotonic()) > 0:
@@ -204,9 +215,25 @@ class RigSession:
                 return
             if line.strip():
                 try:
-                    yield decode_message(line)
+                    message = decode_message(line)
                 except InvalidInputError as error:
                     raise RigError(f"{self.transport.name}: {error}") from None
+                whole = not (message is None or isinstance(message, Again))
+                self._damaged = [] if whole else [*self._damaged, line.strip()]
+                if len(self._damaged) > MOST_DAMAGED:
+                    raise RigError(
+                        f"{self.transport.name}: {MOST_DAMAGED} lines in a row were damaged:"
+                        f" {self._rubbish}"
+                    )
+                yield message
+
+    @property
+    def _rubbish(self) -> str:
+        """What was expected and what came instead, for people."""
+        return (
+            f"expected messages of protocol {PROTOCOL}, got"
+            f" {self._damaged[-1][:60].decode(errors='replace')!r}"
+        )
 
     def _stopped(self, timeout: float) -> bool:
         """Wait until the rig confirms the stop. Return False if Shoal must repeat the
@@ -280,6 +307,8 @@ class RigSession:
                     return self._accepted(welcome, new=new)
             except ConnectionCutError as error:
                 why = str(error)
+                if self._is_gone(error, new=new):
+                    raise self._last_words(why) from None
             except BaseException:
                 self.transport.close()
                 raise
@@ -288,18 +317,45 @@ class RigSession:
             time.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
-    def _greet(self) -> Welcome | None:
-        """Send a hello message, and return the rig's answer. If no answer arrives in time, return
-        None.
+    def _is_gone(self, error: ConnectionCutError, *, new: bool) -> bool:
+        """Whether it is pointless to open a connection again that was lost before the rig has
+        answered.
         """
-        for _ in range(3):
+        waited = time.monotonic() - self._heard > self.repeat_after
+        return not self.transport.returns or (new and (waited or not error.refused))
+
+    def _last_words(self, why: str) -> RigError:
+        """Close a connection that was lost before the rig has answered. Return the error, with what
+        the other end has written instead of an answer.
+        """
+        try:
+            with suppress(ConnectionCutError):
+                for message in self._messages(READING):
+                    if message is not None:
+                        self._check_refusal(message, None)
+        except RigError as error:
+            return error
+        finally:
+            self.transport.close()
+        rubbish = f": {self._rubbish}" if self._damaged else ""
+        return RigError(f"{self.transport.name}: no answer from the rig: {why}{rubbish}")
+
+    def _greet(self) -> Welcome | None:
+        """Send hello messages, and return the rig's answer. If no answer to three of them arrives
+        in time, return None.
+        """
+        unanswered = 0
+        while unanswered < 3:
             self.transport.write(b"\n" + encode_message(Hello(session=self._session)))
             for message in self._messages(self.repeat_after):
                 if message is None or isinstance(message, Again):
+                    self._check_silence()
                     break
                 self._check_refusal(message, None)
                 if isinstance(message, Welcome):
                     return message
+            else:
+                unanswered += 1
         return None
 
     def _accepted(self, welcome: Welcome, *, new: bool) -> Welcome:

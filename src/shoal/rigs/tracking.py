@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from functools import reduce
 from operator import or_
 from typing import Any
@@ -16,7 +17,15 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
-from shoal.rigs.monitor import NoiseMonitor, Rate, change_text, find_change
+from shoal.rigs.monitor import (
+    NoiseMonitor,
+    Rate,
+    change_text,
+    find_change,
+    find_misdeed,
+    numbers_in_question,
+    with_number,
+)
 from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
@@ -25,7 +34,7 @@ from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.noise import LOSS, Noise, NoisyBelief, padded_shape
 from shoal.swarm.simulation.swarms import distance_of_push, newly_classified
 
-QUICK = 2**25  # scans times cells that can be gone through again in about a second
+QUICK = 2**23  # scans times cells that can be gone through again in about a second
 
 
 class RigSwarm(ABC):
@@ -429,7 +438,10 @@ class NoisyRigSwarm(RigSwarm):
         """Return why the evidence for the walls is not enough."""
         doubts = []
         if not self.counted:
-            doubts.append("Ctrl-C left no time to see whether the number of particles changed")
+            doubts.append(
+                "Ctrl-C left no time to see whether the number of particles changed, and whether"
+                " all commands were carried out"
+            )
         if not self.moved:
             return doubts
         if unshown := self.unshown:
@@ -547,33 +559,66 @@ class NoisyRigSwarm(RigSwarm):
             return [Alarm("number", self.moves, text), *marks]
         work = len(self.observations) * int(np.prod(padded_shape(self.layout.shape)))
         self.counted = not quick or work <= QUICK
-        change = find_change(self._recounted()) if self.counted else None
-        if change is not None:
-            marks.append(Alarm("number", self.moves, change_text(*change)))
+        if self.counted and self.monitor.contradiction(self.moves) is None:
+            marks += self._review()
         return marks
 
-    def _recounted(self) -> NDArray[np.float64]:
-        """Return the expected number of particles after each scan, if the map is as it is believed
-        now.
+    def _review(self) -> list[Alarm]:
+        """Return the alarm for what all scans together say about the number of particles, or about
+        the commands. Each of the two may look like the other, so that the stronger evidence counts.
 
-        In a map that is still unknown, the belief overestimates the number: a particle may or may
-        not have entered an unknown cell. With the map of the end, the number is off by the same
-        share all the time, so that a step shows that particles are gone.
+        If an alarm has stopped the drive, it explains more than the review, which assumes that most
+        commands were carried out.
         """
-        noise, confidence, first = self.noisy.noise, self._confidence, self.first_scan
-        seen = Board.of_cells(self.layout, first)
-        belief = NoisyBelief(self.layout.shape, seen, noise, confidence, loss=LOSS)
+        counts = np.array([len(cells) for cells in self.observations])
+        numbers = numbers_in_question(counts, self.noisy.noise.miss)
+        change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
+        misdeed = find_misdeed(self._weigh_deeds())
+        if change is not None and (misdeed is None or misdeed.evidence < change[2]):
+            return [Alarm("number", self.moves, change_text(*change[:2]))]
+        return [] if misdeed is None else [Alarm(misdeed.kind, self.moves, misdeed.text)]
+
+    def _weigh_deeds(self) -> NDArray[np.float64]:
+        """Go through all scans once more, as if the map had been known from the start. Return for
+        each scan after the first what `NoisyBelief.weigh_deeds` returns.
+        """
+        deeds: list[NDArray[np.float64]] = []
+        for belief, command, before, seen in self._again(LOSS):
+            deeds.append(belief.weigh_deeds(command, before, seen))
+            belief.update(command, seen)
+        return np.array(deeds).reshape(-1, 5)
+
+    def _weigh_number(self, number: int) -> NDArray[np.float64]:
+        """Go through all scans once more, as if the map had been known from the start, and the
+        number of particles, too. Return the log-likelihood of each scan after the first.
+        """
+        found = []
+        for belief, command, _, seen in self._again(0.0, number):
+            found.append(belief.weigh_scan(command, seen))
+            belief.update(command, seen)
+            with_number(belief.state.inside, number)
+        return np.array(found)
+
+    def _again(
+        self, loss: float, number: int | None = None
+    ) -> Iterator[tuple[NoisyBelief, str, str, Board]]:
+        """Yield for each scan after the first: the belief before its command, in which the map is
+        that of the end; the command; the command before it; and what the scan shows.
+        """
+        seen = Board.of_cells(self.layout, self.first_scan)
+        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, loss=loss)
         belief.state.logit[:] = self.noisy.state.logit
-        numbers, scans = [belief.particles], iter(self.observations[1:])
+        if number is not None:
+            belief.assume_number(number)
+            with_number(belief.state.inside, number)
+        scans, before = iter(self.observations[1:]), ""
         for command, scanned in self._sent:
-            if not scanned:
+            if scanned:
+                yield belief, command, before, Board.of_cells(self.layout, next(scans))
+                belief.state.logit[:] = self.noisy.state.logit
+            else:
                 belief.spread(command)
-                continue
-            belief.update(command, Board.of_cells(self.layout, next(scans)))
-            belief.state.logit[:] = self.noisy.state.logit
-            numbers.append(belief.particles)
-        detections = sum(map(len, self.observations)) / (1 - noise.miss)
-        return np.array(numbers) * (detections / max(sum(numbers), 1e-9))
+            before = command
 
     def rates(self) -> dict[str, Rate]:
         """Return the stated and the observed error rates, by name."""

@@ -24,11 +24,18 @@ T = TypeVar("T")
 LONGEST_LINE = 2**24  # bytes, a million positions; a longer line counts as damaged
 BAUD = 115200
 CHUNK = 65536
+WAITING = 256  # chunks of a program that Shoal has not read yet, after which the program must wait
+ENDING = 0.5  # seconds that a program takes at most to end after it has closed a pipe
 WRITING = 5.0  # seconds after which a blocked write counts as a lost connection
 
 
 class ConnectionCutError(Exception):
-    """Raised if the connection to a rig is lost."""
+    """Raised if the connection to a rig is lost or cannot be opened."""
+
+    @property
+    def refused(self) -> bool:
+        """Whether nobody listens at the address, perhaps because the rig is still starting."""
+        return isinstance(self.__cause__, ConnectionRefusedError)
 
 
 class Transport(ABC):
@@ -39,6 +46,9 @@ class Transport(ABC):
     name : str
         Name of the connection in error messages.
     """
+
+    returns = True
+    """Whether a connection that is lost as soon as it is opened may work some time later."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -191,7 +201,8 @@ class TcpTransport(Transport):
 class ProcessTransport(Transport):
     """A connection by a program's standard input and output.
 
-    The transport starts the program, and restarts a program that has ended.
+    The transport starts the program, and restarts a program that has ended. A program that ends
+    again before it answers will do so every time.
 
     Parameters
     ----------
@@ -199,27 +210,37 @@ class ProcessTransport(Transport):
         Program and arguments, quoted as for a shell. The program starts without a shell.
     """
 
+    returns = False
+
     def __init__(self, command: str) -> None:
         super().__init__(f"exec:{command}")
         self._words = shlex.split(command)
         self._child: subprocess.Popen[bytes] | None = None
-        self._came: queue.Queue[bytes] = queue.Queue()
+        self._came: queue.Queue[bytes] = queue.Queue(WAITING)
 
     def _open(self) -> None:
         # The child gets its own session, so Ctrl-C reaches only this process, which sends the child
         # a stop command.
-        child = subprocess.Popen(
-            self._words,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            bufsize=0,
-        )
-        self._child, self._came = child, queue.Queue()
+        try:
+            child = subprocess.Popen(
+                self._words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+                bufsize=0,
+            )
+        except OSError as error:
+            raise EOFError(
+                f"the program {self._words[0]!r} cannot be started: {error.strerror or error}"
+            ) from error
+        self._child, self._came = child, queue.Queue(WAITING)
         threading.Thread(target=_pump, args=(child.stdout, self._came), daemon=True).start()
 
     def _write(self, data: bytes) -> None:
-        _opened(_opened(self._child).stdin).write(data)
+        try:
+            _opened(_opened(self._child).stdin).write(data)
+        except OSError as error:
+            raise EOFError(self._end("input")) from error
 
     def _read(self, timeout: float) -> bytes:
         try:
@@ -228,8 +249,18 @@ class ProcessTransport(Transport):
             return b""
         if not data:
             self._came.put(b"")
-            raise EOFError("the program has ended")
+            raise EOFError(self._end("output"))
         return data
+
+    def _end(self, pipe: str) -> str:
+        """Return how the program has ended, or which of its pipes it has closed."""
+        try:
+            code = _opened(self._child).wait(ENDING)
+        except subprocess.TimeoutExpired:
+            return f"the program has closed its standard {pipe}"
+        if code < 0:
+            return f"the program was ended by signal {-code}"
+        return f"the program has ended with exit code {code}"
 
     def close(self) -> None:
         """Close the standard input of the program, wait for a short time, and then terminate the
@@ -245,6 +276,9 @@ class ProcessTransport(Transport):
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
+        with suppress(queue.Empty):  # the thread may wait for space
+            while True:
+                self._came.get_nowait()
         if self._child.stdout is not None:
             self._child.stdout.close()
         self._child = None

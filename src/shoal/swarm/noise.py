@@ -231,6 +231,43 @@ class NoisyBelief:
         self.state.inside[:] *= 1 - self.loss
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
+    def weigh_deeds(self, command: str, before: str, seen: Board) -> NDArray[np.float64]:
+        """Return the log-likelihoods (float64, shape (5,)) of a scan after a command that the rig
+        may have carried out once, not at all, twice, in another direction, or late, together with
+        the command before it.
+
+        The belief stays as it is before the command. ``before`` is empty for the first command.
+        """
+        found, kept = np.zeros(5), self.state.inside.copy()
+        self._show(seen)
+        self.state.inside[:] *= 1 - self.loss
+        codes = [encode(letter, ndim=self.layout.ndim)[0] for letter in command + before]
+        kernels.weigh_deeds(
+            self.state, codes[0], codes[1] if before else np.int8(-1), np.empty_like(kept), found
+        )
+        self.state.inside[:] = kept
+        return found
+
+    def weigh_scan(self, command: str, seen: Board) -> float:
+        """Return the log-likelihood of a scan after a command. The belief stays as it is."""
+        self._show(seen)
+        code = encode(command, ndim=self.layout.ndim)[0]
+        return float(kernels.scan_likelihood(self.state, code))
+
+    def assume_number(self, number: int) -> None:
+        """Believe after the first scan that about ``number`` particles are in the cells that are
+        free, instead of only those that the scan shows.
+        """
+        state, noise = self.state, self.noise
+        hit = (1 - noise.miss) * (1 - noise.misplace)
+        share = (1 - noise.miss) * noise.misplace / len(state.offsets)
+        free = 1 / (1 + np.exp(-state.logit))
+        density = min(0.9, number / max(1.0, float(free.sum())))
+        shown = np.where(state.seen, hit / max(share, kernels.UNKNOWN), 1 - hit)
+        odds = free * density / (1 - density) * shown
+        state.inside[:] = odds / (1 + odds)
+        state.inside[free < 1 - self.confidence] = 0
+
     def learn(self, code: np.int8) -> int:
         """Update the belief after one command and one scan, as `update` does. ``code`` is the
         number of the command.

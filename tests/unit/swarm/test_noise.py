@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 
@@ -15,6 +16,8 @@ from shoal.rigs import DriveLog, NoisyRig, drive, replay_log
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.state import Belief
+from shoal.swarm.kernels import noise as kernels
+from shoal.swarm.kernels.noise import UNKNOWN
 from shoal.swarm.noise import Noise, NoisyBelief, inner_of
 from shoal.swarm.policies import View, make_policy
 
@@ -245,6 +248,73 @@ def test_commands_of_the_user_are_not_continued():
     )
     assert driven.commands == "lurdlurd"
     assert driven.status == "stalled"
+
+
+def scan_probability(inside, room, seen, noise, letter):
+    """Sum over all cases what `kernels.scan_likelihood` computes along a line, without misplaced
+    particles. ``letter`` is r, l or empty.
+    """
+    hit, order = 1 - noise.miss, range(len(inside))
+    if letter == "l":
+        ahead = dict(zip(order, [None, *order], strict=False))
+    else:
+        ahead = {i: i + 1 if i + 1 < len(inside) else None for i in order}
+    total = 0.0
+    for held in itertools.product((0, 1), repeat=len(inside)):
+        prior = np.prod([p if h else 1 - p for p, h in zip(inside, held, strict=True)])
+        cases = [(prior, set())]
+        for i in order if letter == "l" else reversed(order):
+            if not held[i]:
+                continue
+            following = []
+            for chance, now in cases:
+                to = ahead[i]
+                goes = 0.0
+                if letter and to is not None and to not in now:
+                    goes = (1 - noise.slip) * max(room[to], inside[to])
+                following.append((chance * goes, now | {to}))
+                following.append((chance * (1 - goes), now | {i}))
+            cases = following
+        for chance, now in cases:
+            unseen = [(1 - hit * (i in now)) * (1 - UNKNOWN) for i in order]
+            shown = [1 - p if is_seen else p for p, is_seen in zip(unseen, seen, strict=True)]
+            total += chance * np.prod(shown)
+    return total
+
+
+def test_the_probability_of_a_scan_is_the_sum_over_all_cases():
+    rng = np.random.default_rng(5)
+    for trial in range(60):
+        noise = Noise(rng.choice([0.1, 0.4]), 0, rng.choice([0.05, 0.3]))
+        size = 4
+        inside = rng.random(size) * rng.integers(0, 2, size)
+        room = rng.random(size)
+        seen = rng.random(size) < 0.4
+        layout = GridLayout((1, size))
+        belief = NoisyBelief((1, size), Board.empty(layout), noise)
+        inner_of(belief.state.inside, (1, size))[...] = inside
+        inner_of(belief.state.logit, (1, size))[...] = np.log(room / (1 - room))
+        code, letter = [(2, "r"), (0, "l"), (-1, "")][trial % 3]
+        inner_of(belief.state.seen, (1, size))[...] = seen
+        inner_of(belief.state.logit, (1, size), rim=1)[:, [0, -1]] = -700
+        found = kernels.scan_likelihood(belief.state, code)
+        expected = np.log(scan_probability(inside, room, seen, noise, letter))
+        # each of the cells around the line shows nothing
+        assert expected - 100 * UNKNOWN < found < expected + 1e-9, (trial, letter)
+
+
+def test_a_misplaced_particle_is_counted_once():
+    """The likelihoods of all scans add up to 1."""
+    layout, noise = GridLayout((1, 3)), Noise(0.2, 0.2, 0.1)
+    for code in (-1, 0, 2):
+        total = 0.0
+        for cells in range(1 << 3):
+            belief = NoisyBelief((1, 3), Board.empty(layout), noise)
+            inner_of(belief.state.inside, (1, 3))[0, 1] = 1.0
+            inner_of(belief.state.seen, (1, 3))[...] = [[bool(cells >> i & 1) for i in range(3)]]
+            total += np.exp(kernels.scan_likelihood(belief.state, code))
+        # a particle is shown above or below the line with half of the probability of misplacement
+        assert total == pytest.approx(1 - 0.9 * 0.2 / 2, abs=0.03), code
 
 
 def test_wrong_belief_is_corrected():

@@ -8,10 +8,12 @@ import os
 import queue
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from itertools import groupby
 from pathlib import Path
 
@@ -37,7 +39,7 @@ from shoal.rigs import (
     read_log,
     replay_log,
 )
-from shoal.rigs.protocol import Command, Positions, Stop
+from shoal.rigs.protocol import Command, Positions, Refusal, Stop
 from shoal.swarm.problem import SwarmProblem
 
 ROOT = Path(__file__).parents[3]
@@ -657,6 +659,110 @@ def test_a_log_ends_with_the_map_even_if_the_rig_does_not_confirm_the_stop(tmp_p
     assert "has not confirmed the stop command" in capsys.readouterr().err
     last = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])
     assert (last["kind"], last["status"], last["moves"]) == ("end", "limit", 3)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the programs are Unix's")
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("true", "no answer from the rig: the program has ended with exit code 0"),
+        ("sh -c 'exit 7'", "no answer from the rig: the program has ended with exit code 7"),
+        ("sh -c 'kill -9 $$'", "no answer from the rig: the program was ended by signal 9"),
+        ("/no/such/rig", "the program '/no/such/rig' cannot be started: No such file or directory"),
+        ("/etc/passwd", "the program '/etc/passwd' cannot be started: Permission denied"),
+        ("echo hello", "expected messages of protocol 1, got 'hello'"),
+        ("yes", "100 lines in a row were damaged: expected messages of protocol 1, got 'y'"),
+        ("sh -c 'exec >&-; exec sleep 9'", "the program has closed its standard output"),
+    ],
+)
+def test_nobody_waits_for_a_program_that_is_no_rig(command, words):
+    with pytest.raises(RigError) as error:
+        open_rig(f"exec:{command}", end_after=8)
+    assert words in str(error.value)
+    assert "for 8 s" not in str(error.value)
+
+
+def test_the_last_words_of_a_program_are_said(tmp_path):
+    (tmp_path / "rig.py").write_text(
+        f"print({encode_message(Refusal(text='no camera'))!r}.decode())"
+    )
+    with pytest.raises(RigError, match="the rig refuses the request: no camera"):
+        open_rig(f"exec:{sys.executable} {tmp_path / 'rig.py'}", end_after=8)
+
+
+def test_nobody_waits_for_a_server_that_closes_each_connection():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def close_all():
+            with suppress(OSError):
+                while True:
+                    server.accept()[0].close()
+
+        threading.Thread(target=close_all, daemon=True).start()
+        with pytest.raises(RigError, match=r"no answer from the rig: (?!.*for 8 s)"):
+            open_rig(f"tcp:127.0.0.1:{server.getsockname()[1]}", end_after=8)
+        server.shutdown(socket.SHUT_RDWR)
+
+
+def test_a_refused_connection_is_tried_for_as_long_as_a_rig_takes_to_start():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(RigError, match=r"no answer from the rig: .*refused"):
+        open_rig(f"tcp:127.0.0.1:{port}", repeat_after=0.1, end_after=8)
+    workspace = open_map("maze:9x7")
+    made = example.Rig(example.Swarm(free_of(workspace), 3, 1), workspace.shape, name="late")
+    good = example.BadLine(cuts=0, damage=0.0, every=1, seed=0)
+    late = threading.Timer(0.3, example.serve_tcp, args=(made, port, good))
+    late.daemon = True
+    late.start()
+    with open_rig(f"tcp:127.0.0.1:{port}", repeat_after=8) as rig:
+        assert rig.name == "late"
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="pseudo-terminals are Unix's")
+def test_nobody_waits_for_a_pseudo_terminal_whose_other_side_is_gone():
+    controller, terminal = os.openpty()
+    device = os.ttyname(terminal)
+
+    def hang_up():
+        os.read(controller, 1)
+        os.close(controller)
+
+    threading.Thread(target=hang_up, daemon=True).start()
+    try:
+        with pytest.raises(RigError, match=r"no answer from the rig: (?!.*for 8 s)"):
+            open_rig(f"serial:{device}", end_after=8)
+    finally:
+        os.close(terminal)
+
+
+@pytest.mark.parametrize("ends", ["at once", "after the next hello"])
+def test_a_program_that_ends_in_the_middle_for_good_keeps_the_map(ends, tmp_path, capsys):
+    """It is started anew once, and again for the stop command."""
+    spec = dying(tmp_path, "stops")
+    program = tmp_path / "rig.py"
+    starts = tmp_path / "starts"
+    first = f"import pathlib, sys\nstarts = pathlib.Path({str(starts)!r})\n"
+    first += (
+        "n = len(starts.read_text()) if starts.exists() else 0\nstarts.write_text('.' * (n + 1))\n"
+    )
+    first += (
+        f"if n:\n    {'sys.stdin.readline()' if ends != 'at once' else 'pass'}\n    sys.exit(5)\n"
+    )
+    program.write_text(first + DYING)
+    out, log = tmp_path / "out", tmp_path / "log.jsonl"
+    words = ["drive", "--rig", spec, "--end-after", "8", "--json"]
+    assert shoal([*words, "--out", str(out), "--log", str(log)]) == 2
+    printed = capsys.readouterr()
+    assert "no answer from the rig: the program has ended with exit code 5" in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+    result = json.loads(printed.out)
+    assert [alarm["kind"] for alarm in result["alarms"]] == ["failure", "stop"]
+    stop = "has not confirmed the stop command: the program has ended"
+    assert stop in result["alarms"][1]["text"]
+    assert (out / "summary.json").exists()
+    assert json.loads(log.read_text().splitlines()[-1])["status"] == "interrupted"
+    assert starts.read_text() == "..."
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from shoal.swarm.kernels.search import ahead, nearest
 FAINT = 1e-5  # the belief sets lower probabilities of a particle to 0
 LOST = 1e-4  # probability that a particle appears in a cell where the belief expects no particle
 CLUTTER = 1e-6  # probability that a scan shows a particle in a cell without a particle
+UNKNOWN = 1e-4  # the same if a scan is weighed as a whole, because a particle may be unknown
 SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
 LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
 # bound: log-odds from which a cell counts as classified
@@ -274,6 +275,111 @@ def learn_noisy(noisy, command):
             after[at] = 0.0
     for at in range(after.shape[0]):
         inside[at] = after[at]
+
+
+@in_place_kernel
+def write(target, source):
+    """Copy an array into another one of the same size."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@in_place_kernel
+def stray_given(noisy, at, hit, share):
+    """Return the probability that a scan shows a misplaced particle in the cell ``at``, given in
+    which of the neighbouring cells it shows particles.
+
+    A particle that is shown in its own cell is shown nowhere else. One that holds a cell with the
+    probability m, and is not shown there, is shown in one given neighbouring cell with the
+    probability m share / (1 - m hit).
+    """
+    none = 1.0
+    for offset in noisy.offsets:
+        held = noisy.moved[at + offset]
+        if held > 0.0 and not noisy.seen[at + offset]:
+            none *= 1.0 - held * share / max(1.0 - held * hit, share)
+    return max(1.0 - none, UNKNOWN)
+
+
+@in_place_kernel
+def scan_likelihood(noisy, command):
+    """Return the logarithm of the probability of the scan in ``seen`` after a command, or after no
+    command (-1).
+
+    Before the command, each cell holds a particle with the probability in ``inside``, independently
+    of the other cells. Particles interact only along their line: a particle enters the cell ahead
+    with the probability (1 - slip) P(free) if the particle of that cell, if any, does not stay, and
+    stays itself otherwise. Passing through a line from its front to its back, the loop therefore
+    needs only the probability that the particle of the cell ahead stays, given what the scan shows
+    farther ahead (the forward algorithm of a hidden Markov model). In contrast to `learn_noisy`,
+    which treats cells as independent, no outcome counts twice, as "not there" and as "still here".
+    """
+    inside, moved, stays, seen = noisy.inside, noisy.moved, noisy.staying, noisy.seen
+    slip, misplace, miss = noisy.rates.slip, noisy.rates.misplace, noisy.rates.miss
+    hit, share = (1.0 - miss) * (1.0 - misplace), (1.0 - miss) * misplace / noisy.offsets.shape[0]
+    size, offset, total = inside.shape[0], noisy.offsets[max(command, 0)], 0.0
+    if command < 0:
+        write(moved, inside)
+    else:
+        foresee(noisy, command)
+    stays[:] = 0.0  # `foresee` needs its values no longer
+    margin = noisy.offsets[noisy.offsets.shape[0] - 1]  # `stray_given` reads all cells beside
+    at, step = first_and_step(size, offset)
+    for _ in range(size):
+        ahead = at + offset
+        if margin <= ahead < size - margin:
+            held, blocked = inside[at], stays[ahead]
+            beside = stray_given(noisy, ahead, hit, share)
+            not_seen = (1.0 - hit) * (1.0 - beside)
+            if_held = 1.0 - not_seen if seen[ahead] else not_seen
+            if_empty = beside if seen[ahead] else 1.0 - beside
+            if command < 0:
+                both = inside[ahead] * if_held + (1.0 - inside[ahead]) * if_empty
+            elif held == 0.0 and blocked == 0.0:
+                both = if_empty
+            else:
+                room = max(chance(noisy.logit[ahead]), inside[ahead])
+                going = held * (1.0 - slip) * room
+                stay = (1.0 - blocked) * (held - going) * if_empty + blocked * held * if_held
+                gone = (1.0 - blocked) * (going * if_held + (1.0 - held) * if_empty)
+                gone += blocked * (1.0 - held) * if_held
+                both = stay + gone
+                stays[at] = stay / both
+            if both < 1.0:
+                total += np.log(both)
+        at += step
+    return total
+
+
+@in_place_kernel
+def weigh_deeds(noisy, command, before, kept, found):
+    """Write to ``found`` the logarithms of the probability of the scan in ``seen`` if the rig
+    carried out the command once, not at all, twice, in another direction, or late, together with
+    the command ``before`` it (-1: none).
+
+    ``kept`` is an array of the size of ``inside``.
+    """
+    found[0] = scan_likelihood(noisy, command)
+    found[1] = scan_likelihood(noisy, -1)
+    best, sum_to_best = -np.inf, 0.0
+    for other in range(noisy.offsets.shape[0]):
+        if other != command:
+            value = scan_likelihood(noisy, other)
+            if value > best:
+                sum_to_best = sum_to_best * np.exp(best - value) + 1.0
+                best = value
+            else:
+                sum_to_best += np.exp(value - best)
+    found[3] = best + np.log(sum_to_best / (noisy.offsets.shape[0] - 1))
+    write(kept, noisy.inside)
+    spread_noisy(noisy, command)
+    found[2] = scan_likelihood(noisy, command)
+    write(noisy.inside, kept)
+    found[4] = found[2]
+    if before >= 0 and before != command:
+        spread_noisy(noisy, before)
+        found[4] = scan_likelihood(noisy, command)
+        write(noisy.inside, kept)
 
 
 @in_place_kernel
