@@ -23,7 +23,7 @@ from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).parents[1]
 UV = os.path.join(os.path.dirname(sys.executable), "uv")
-EXTRAS = ("imaging", "serial", "studio", "lab", "cluster", "volumes", "envs")
+EXTRAS = ("imaging", "physics", "serial", "studio", "lab", "cluster", "volumes", "envs")
 TOOLS = ("pytest", "hypothesis", "gpxpy", "lxml", "pymavlink", "bokeh-sampledata")
 # Tests that use each dependency at least once, without the browser and without measurements of
 # types or pages.
@@ -40,6 +40,7 @@ SAMPLE = (
     "tests/unit/swarm/test_map_files.py",
     "tests/unit/swarm/test_volumes.py",
     "tests/unit/swarm/test_imaging.py",
+    "tests/unit/swarm/test_physics.py",
     "tests/unit/swarm/test_rigs.py",
     "tests/unit/views/test_figure_and_film.py",
     "tests/unit/steering/test_svg.py",

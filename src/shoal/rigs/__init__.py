@@ -18,6 +18,7 @@ from shoal.rigs.driving import (
 )
 from shoal.rigs.log import DriveLog, RecordedRig, read_log
 from shoal.rigs.monitor import Rate
+from shoal.rigs.physics import Apparatus, PhysicsRig, Plant
 from shoal.rigs.protocol import PROTOCOL, decode_message, encode_message
 from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
 from shoal.rigs.rig import NoisyRig, Rig, SimulatedRig
@@ -34,6 +35,7 @@ __all__ = [
     "KINDS",
     "PROTOCOL",
     "Alarm",
+    "Apparatus",
     "ConnectionCutError",
     "Drive",
     "DriveError",
@@ -41,6 +43,8 @@ __all__ = [
     "DriveLog",
     "LinkCounts",
     "NoisyRig",
+    "PhysicsRig",
+    "Plant",
     "ProcessTransport",
     "Rate",
     "RecordedRig",

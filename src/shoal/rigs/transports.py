@@ -306,7 +306,9 @@ def open_transport(spec: str) -> Transport:
     'tcp:localhost:4000'
     """
     kind, _, rest = spec.partition(":")
-    expected = "rig: expected simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT or exec:COMMAND"
+    expected = (
+        "rig: expected simulated, physics:KIND, serial:DEVICE[@BAUD], tcp:HOST:PORT or exec:COMMAND"
+    )
     if kind == "serial" and rest:
         device, _, baud = rest.partition("@")
         if baud and not re.fullmatch("[1-9][0-9]{0,7}", baud):

@@ -23,6 +23,7 @@ from shoal.swarm.problem import DRIVEN, SwarmProblem
 if TYPE_CHECKING:
     from shoal.core.episode import Verification
     from shoal.rigs import Drive, Rig
+    from shoal.rigs.physics import Apparatus
     from shoal.swarm import GridWorkspace, SwarmEpisode
 
 SECONDS = {"repeat_after": 5.0, "end_after": 60.0}
@@ -35,7 +36,8 @@ RigName = Annotated[
         "--rig",
         metavar="RIG",
         help=(
-            "Rig: simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that"
+            "Rig: simulated, physics:KIND[,NAME=NUMBER...] (a physical plant; KIND is roll, pull or"
+            " exact), serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that"
             " uses the protocol on its standard input and output)."
         ),
     ),
@@ -63,9 +65,8 @@ def drive(
         typer.Argument(
             metavar="[MAP]",
             help=(
-                "True map. The particles of a simulated rig move in the true map. For a real rig,"
-                " Shoal compares "
-                "the result with the true map."
+                "True map, in which the particles of a simulated rig or of a physical plant move. For"
+                " a real rig, Shoal compares the result with the true map."
             ),
         ),
     ] = None,
@@ -120,8 +121,8 @@ def drive(
     Of a real rig, --particles and --rule are the expected values: if its first scan shows another
     number of particles (with --miss or --misplace: fewer than chance allows, or more), or if it
     reports another rule, the command ends before the first move. The options --placement and
-    --start apply to a simulated rig only. The options --slip, --misplace and --miss state the error probabilities
-    of a rig, and a simulated rig makes such errors. If the rig contradicts the commands, or if no
+    --start apply to a simulated rig or a physical plant only. The options --slip, --misplace and --miss state the error probabilities
+    of a rig, and a simulated rig makes such errors. A plant makes the errors of its physics, and is told as a rig with slip .05, misplace .05 and miss .01 if no option states them. If the rig contradicts the commands, or if no
     particle moves, the drive ends with the status alarm and exit code 1. The page
     docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
     """
@@ -133,6 +134,7 @@ def drive(
     from shoal.swarm.problem import spacing_of
 
     check_outputs(out, film)
+    apparatus = _apparatus(rig)
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
     given = {"repeat_after": repeat_after, "end_after": end_after}
@@ -140,13 +142,16 @@ def drive(
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
     _check_effect(rig, problem, **patience)
+    if apparatus is not None:
+        _check_local(truth, "physics")
+        problem = _noise_told(problem)
     book = None if log is None else DriveLog(log)
     load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any
-        if rig == "simulated":
-            opened = _simulated(truth, problem, seed)
+        if _is_local(rig):
+            opened = _local_rig(truth, problem, seed, apparatus)
         else:
             opened = open_rig(
                 rig, **SECONDS | patience, on_event=None if book is None else book.event
@@ -154,7 +159,7 @@ def drive(
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN}
-        if rig != "simulated":  # what the user expects of it
+        if not _is_local(rig):  # what the user expects of it
             fields |= {
                 name: getattr(problem, name)
                 for name in ("particles", "rule")
@@ -192,14 +197,16 @@ def drive(
 
 def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
     """Refuse options that have no effect on the kind of rig."""
-    if rig == "simulated":
+    if _is_local(rig):
         given: dict[str, Any] = dict(seconds)
         expected = "a rig behind a connection, whose answers may be late"
     else:
         given = {
             name: getattr(problem, name) for name in ("start", "placement") if name in problem.given
         }
-        expected = "the rig simulated, because the particles of a real rig are where they are"
+        expected = (
+            "the rig simulated or physics, because the particles of a real rig are where they are"
+        )
     for name, value in given.items():
         raise InvalidInputError(
             f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
@@ -222,15 +229,60 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
     return "; ".join(part for part in (stopped, shown, again) if part)
 
 
-def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) -> Rig:
+def _is_local(rig: str) -> bool:
+    """Return whether Shoal itself simulates the rig, in the map given."""
+    return rig == "simulated" or rig.partition(":")[0] == "physics"
+
+
+def _apparatus(rig: str) -> Apparatus | None:
+    """Return the apparatus that ``physics:...`` describes, or None for another rig."""
+    kind, _, text = rig.partition(":")
+    if kind != "physics":
+        return None
+    from shoal.rigs.physics import Apparatus
+
+    return Apparatus.parse(text)
+
+
+def _noise_told(problem: SwarmProblem) -> SwarmProblem:
+    """Return the problem with the usual error rates of a plant, if the user states none."""
+    from shoal.rigs.physics import TOLD
+
+    if problem.rule != "block":
+        raise InvalidInputError(
+            f"rule: expected block, as a plant's particles push each other, got {problem.rule}"
+        )
+    if not TOLD.keys().isdisjoint(problem.given):
+        return problem
+    say(
+        "shoal: the plant's errors are told as "
+        + ", ".join(f"--{name} {value:g}" for name, value in TOLD.items())
+    )
+    return problem.replaced(**TOLD)
+
+
+def _check_local(truth: GridWorkspace | None, name: str) -> GridWorkspace:
+    if truth is None:
+        raise InvalidInputError(f"rig {name}: expected a map, such as vessels:500, got none")
+    if name == "physics" and truth.ndim != 2:
+        raise InvalidInputError(
+            f"rig physics: expected a map in two dimensions, got {truth.name} in {truth.ndim}"
+        )
+    return truth
+
+
+def _local_rig(
+    truth: GridWorkspace | None, problem: SwarmProblem, seed: int, apparatus: Apparatus | None
+) -> Rig:
+    from shoal.rigs.physics import PhysicsRig
     from shoal.rigs.rig import NoisyRig, SimulatedRig
     from shoal.swarm.grid.board import noise_rng, trial_rng
     from shoal.swarm.grid.tasks import place
 
-    if truth is None:
-        raise InvalidInputError("rig simulated: expected a map, such as vessels:500, got none")
-    rng = trial_rng(seed)
-    start = problem.start or place(truth, problem.particles, problem.placement, rng)
+    truth = _check_local(truth, "simulated")
+    start = problem.start or place(truth, problem.particles, problem.placement, trial_rng(seed))
+    if apparatus is not None:
+        return PhysicsRig(truth, start, apparatus, noise_rng(seed))
     if problem.noise is not None:
         return NoisyRig(truth, start, problem.noise, noise_rng(seed))
     return SimulatedRig(truth, start, rule=problem.rule)

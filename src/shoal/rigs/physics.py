@@ -1,0 +1,656 @@
+"""A physical plant: round particles in a continuous vessel, moved by a field with errors, and seen
+by a camera that is late, blurred and incomplete. The engine is pymunk (extra ``physics``).
+
+Lengths are in cells and times in seconds. Points are (x, y) with y up, as in `shoal.steering`: in a
+vessel of n rows the cell (row, col) is the unit square around (col + 1/2, n - row - 1/2).
+
+At low Reynolds numbers a particle has hardly any inertia: after the short time `Apparatus.lag` its
+velocity is that which the force on it causes in the open. Forces are therefore given as these
+velocities. Walls and other particles take away what leads into them, with Coulomb friction along
+the wall.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from math import ceil, exp, radians
+from typing import Any, Literal
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.core.checks import check_choice, check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, MissingExtraError, RigError, errors_at
+from shoal.swarm.grid.world import check_start
+from shoal.swarm.maps.workspace import GridWorkspace
+
+Points = NDArray[np.float64]
+Kind = Literal["roll", "pull"]
+ANGLES = {"r": 0.0, "u": 90.0, "l": 180.0, "d": 270.0}
+"""Direction of each command, in degrees counterclockwise from the x axis."""
+
+STEP = 0.3  # of its radius that a particle may move between two looks for contacts
+SLOP = 1e-3  # overlap that the engine tolerates, in cells
+RESTING = 1e-6  # velocity, in cells a second, below which a particle is at rest
+TOUCHING = 0.02  # distance from a wall, in cells, up to which a particle sticks to it
+REACH = 4.0  # distance, in diameters, up to which particles attract each other
+BETWEEN = 0.1  # coefficient of friction between two particles
+MOST = 5000  # particles
+TOLD = {"slip": 0.05, "misplace": 0.05, "miss": 0.01}
+"""Error rates that a drive of a plant expects if the user states none. The usual plants show .01 to
+.06, .01 to .03 and 0 (`python -m benchmarks.physics`).
+"""
+
+
+@dataclass(frozen=True)
+class Apparatus:
+    """The properties of a physical plant. `Apparatus.of` gives the usual ones of a kind.
+
+    Errors that are constant for an apparatus are drawn once, from a normal distribution if they are
+    called a standard deviation.
+
+    Parameters
+    ----------
+    kind : str
+        "roll": a rotating uniform field rolls or propels particles. "pull": the coil on the side to
+        which a command leads pulls the particles by a gradient.
+    radius : float
+        Radius of the particles in cells. A value of at most .5 fits through every passage.
+    pulse : float
+        Time that the field is on for one command, in seconds.
+    length : float
+        Distance by which a command moves a particle without errors, in cells.
+    settle : float
+        Time after a pulse until the next command or scan, in seconds.
+    delay : float
+        Time from a command until the field is on, in seconds.
+    lag : float
+        Relaxation time of the velocity (mass over drag), in seconds.
+    magnitude, direction : float
+        Standard deviation of the relative magnitude and of the angle (in degrees) of each pulse.
+    pulse_error : float
+        Standard deviation of the relative duration of each pulse.
+    coil_gain : float
+        Standard deviation of the relative gain of each coil (left, up, right, down), constant.
+    own_gain : float
+        Standard deviation of the relative speed of each particle, constant.
+    heading : float
+        Largest angle, in degrees, between the command and the motion of all particles, constant.
+        The angle is drawn uniformly from both signs.
+    weakest, strongest : float
+        Relative strength of the field at the side far from the active coil and at the side near it.
+    convergence : float
+        Angle, in degrees, by which the field at the edges points towards the axis of the coil.
+    friction : float
+        Coefficient of friction between particles and walls.
+    adhesion : float
+        Velocity, as a share of that in a pulse, below which a particle that touches a wall stays.
+    attraction : float
+        Velocity, in cells a second, with which the dipoles of two touching particles attract each
+        other while the field is on.
+    flow_x, flow_y : float
+        Background flow in cells a second, at all times.
+    pixels : float
+        Resolution of the camera in pixels a cell.
+    camera_error : float
+        Standard deviation of the observed positions along each axis, in pixels.
+    blur : float
+        Distance in pixels below which two particles appear as one, at their middle.
+    miss, double, ghosts : float
+        Probability that a particle is not seen, that it is seen twice (once at a distance of one
+        radius), and the mean number of particles seen where there is none, in each picture.
+    frame_rate : float
+        Pictures a second.
+    late : float
+        Age of a picture when it arrives, in seconds.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if a value is outside its range.
+    """
+
+    kind: Kind = "roll"
+    radius: float = 0.35
+    pulse: float = 0.083
+    length: float = 1.0
+    settle: float = 0.1
+    delay: float = 0.02
+    lag: float = 0.002
+    magnitude: float = 0.0
+    direction: float = 0.0
+    pulse_error: float = 0.0
+    coil_gain: float = 0.0
+    own_gain: float = 0.0
+    heading: float = 0.0
+    weakest: float = 1.0
+    strongest: float = 1.0
+    convergence: float = 0.0
+    friction: float = 0.0
+    adhesion: float = 0.0
+    attraction: float = 0.0
+    flow_x: float = 0.0
+    flow_y: float = 0.0
+    pixels: float = 20.0
+    camera_error: float = 0.0
+    blur: float = 0.0
+    miss: float = 0.0
+    double: float = 0.0
+    ghosts: float = 0.0
+    frame_rate: float = 24.0
+    late: float = 0.05
+
+    def __post_init__(self) -> None:
+        check_choice(self.kind, what="kind", choices=USUAL)
+        for field in dataclasses.fields(self)[1:]:
+            least, most = RANGES[field.name]
+            value = check_number(getattr(self, field.name), what=field.name, least=least, most=most)
+            object.__setattr__(self, field.name, value)
+        if self.weakest > self.strongest:
+            raise InvalidInputError(
+                f"weakest: expected at most strongest ({self.strongest:g}), got {self.weakest:g}"
+            )
+
+    @classmethod
+    def of(cls, kind: str, **values: float) -> Apparatus:
+        """Return the usual apparatus of a kind, with some values changed.
+
+        docs/concepts/physics.md names the sources of the usual values.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+
+        Examples
+        --------
+        >>> Apparatus.of("roll").own_gain, Apparatus.of("roll", own_gain=0).own_gain
+        (0.1, 0.0)
+        """
+        check_choice(kind, what="physics", choices=("exact", *USUAL))
+        names = [field.name for field in dataclasses.fields(cls)[1:]]
+        for name in values:
+            check_choice(name, what="physics", choices=names)
+        usual = USUAL.get(kind, {})
+        return cls("roll" if kind == "exact" else kind, **{**usual, **values})  # type: ignore[arg-type]
+
+    @classmethod
+    def parse(cls, text: str) -> Apparatus:
+        """Return the apparatus that a text such as ``pull,radius=0.15,ghosts=1`` describes.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+
+        Examples
+        --------
+        >>> Apparatus.parse("pull,own-gain=0.2").own_gain
+        0.2
+        """
+        kind, *pairs = text.split(",")
+        values: dict[str, float] = {}
+        for pair in pairs:
+            name, equals, value = pair.strip().partition("=")
+            name = name.replace("-", "_")
+            try:
+                number = float(value)
+            except ValueError:
+                equals = ""
+            if not equals:
+                raise InvalidInputError(
+                    f"physics: expected NAME=NUMBER after the kind, got {pair[:60]!r}"
+                )
+            if name in values:
+                raise InvalidInputError(f"physics: expected each name once, got {name!r} twice")
+            values[name] = number
+        return cls.of(kind.strip() or "roll", **values)
+
+
+RANGES: dict[str, tuple[float, float]] = {
+    "radius": (0.02, 0.5),
+    "pulse": (1e-4, 60.0),
+    "length": (1e-3, 100.0),
+    "settle": (0.0, 60.0),
+    "delay": (0.0, 60.0),
+    "lag": (0.0, 1.0),
+    "magnitude": (0.0, 0.5),
+    "direction": (0.0, 90.0),
+    "pulse_error": (0.0, 0.5),
+    "coil_gain": (0.0, 0.5),
+    "own_gain": (0.0, 0.5),
+    "heading": (0.0, 90.0),
+    "weakest": (1e-3, 10.0),
+    "strongest": (1e-3, 10.0),
+    "convergence": (0.0, 45.0),
+    "friction": (0.0, 10.0),
+    "adhesion": (0.0, 1.0),
+    "attraction": (0.0, 100.0),
+    "flow_x": (-100.0, 100.0),
+    "flow_y": (-100.0, 100.0),
+    "pixels": (1.0, 1e4),
+    "camera_error": (0.0, 1e3),
+    "blur": (0.0, 1e3),
+    "miss": (0.0, 1.0),
+    "double": (0.0, 1.0),
+    "ghosts": (0.0, 1e3),
+    "frame_rate": (1.0, 1e4),
+    "late": (0.0, 10.0),
+}
+"""Least and largest value of each property."""
+USUAL: dict[str, dict[str, float]] = {
+    "roll": {
+        "magnitude": 0.003,
+        "direction": 0.1,
+        "pulse_error": 0.03,
+        "coil_gain": 0.02,
+        "own_gain": 0.1,
+        "heading": 5.0,
+        "friction": 0.2,
+        "camera_error": 1.0,
+    },
+    "pull": {
+        "pulse_error": 0.03,
+        "coil_gain": 0.02,
+        "own_gain": 0.05,
+        "weakest": 0.74,
+        "strongest": 1.36,
+        "convergence": 5.3,
+        "friction": 0.2,
+        "camera_error": 1.0,
+    },
+}
+
+
+class Plant:
+    """Round particles in a vessel, with a clock of its own.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+        The vessel, in two dimensions. Its edge is a wall.
+    points : array_like of float, shape (n, 2)
+        The particles' centres, (x, y).
+    apparatus : Apparatus
+    rng : Generator
+
+    Attributes
+    ----------
+    clock : float
+        Time since the start, in seconds.
+    headings : float
+        Angle between command and motion, in degrees.
+    coil_gains : ndarray of float64, shape (2, 2)
+        Gain of the coils towards negative and positive values of x and of y.
+    own_gains : ndarray of float64, shape (n,)
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the vessel is not two-dimensional, or a particle touches a wall or another one.
+    MissingExtraError
+        Raised if pymunk is not installed.
+
+    Examples
+    --------
+    >>> plant = Plant(GridWorkspace([[1, 1, 1, 1]]), [(0.5, 0.5)], Apparatus(), np.random.default_rng(1))
+    >>> plant.push(0.0, seconds=plant.apparatus.pulse)
+    >>> plant.points.round(2).tolist()
+    [[1.5, 0.5]]
+    """
+
+    def __init__(
+        self, workspace: GridWorkspace, points: ArrayLike, apparatus: Apparatus, rng: Generator
+    ) -> None:
+        try:
+            import pymunk
+        except ImportError:
+            raise MissingExtraError(
+                "a physical plant needs pymunk: pip install 'shoal[physics]'"
+            ) from None
+        if workspace.ndim != 2:
+            raise InvalidInputError(
+                f"physics: expected a vessel in two dimensions, got {workspace.name} in"
+                f" {workspace.ndim}"
+            )
+        self.workspace, self.apparatus, self._rng = workspace, apparatus, rng
+        start = np.array(points, dtype=np.float64).reshape(-1, 2)
+        n = len(start)
+        if not 1 <= n <= MOST:
+            raise InvalidInputError(f"physics: expected 1 to {MOST} particles, got {n}")
+        self._size = np.array(workspace.shape[::-1], dtype=np.float64)
+        self.clock, self.field_on = 0.0, False
+        self.heading = float(rng.uniform(-1, 1)) * apparatus.heading
+        self.coil_gains = np.clip(rng.normal(1, apparatus.coil_gain, (2, 2)), 0.1, None)
+        self.own_gains = np.clip(rng.normal(1, apparatus.own_gain, n), 0.1, None)
+        self._flow = np.array([apparatus.flow_x, apparatus.flow_y])
+        self._longest = STEP * apparatus.radius / max(float(np.abs(self._flow).max()), 1.0)
+        # the engine: without gravity; only the velocities that forces cause stay
+        self._space = pymunk.Space()
+        self._space.collision_slop, self._space.iterations = SLOP, 20
+        # overlaps vanish by half in each step
+        self._space.collision_bias = 0.5**60
+        between = BETWEEN**0.5  # the engine multiplies the coefficients of two bodies
+        ground = self._space.static_body
+        for a, b in wall_segments(workspace.free):
+            wall = pymunk.Segment(ground, a, b, 0.0)
+            wall.friction = apparatus.friction / between
+            self._space.add(wall)
+        self._bodies = []
+        for point in start:
+            body = pymunk.Body(1.0, float("inf"))  # particles do not roll along walls
+            body.position = (float(point[0]), float(point[1]))
+            body.velocity = (apparatus.flow_x, apparatus.flow_y)
+            disk = pymunk.Circle(body, apparatus.radius)
+            disk.friction = between
+            self._space.add(body, disk)
+            self._bodies.append(body)
+        self._check_free(start)
+        self._seen: deque[tuple[float, Points]] = deque([(0.0, start)])
+
+    def _check_free(self, points: Points) -> None:
+        for at, point in enumerate(points):
+            hits = self._space.point_query(
+                (float(point[0]), float(point[1])), self.apparatus.radius - 2 * SLOP, _everything()
+            )
+            cell = self.cells_of(points[at : at + 1])[0]
+            inside = ((cell >= 0) & (cell < self.workspace.shape)).all()
+            if len(hits) > 1 or not (inside and self.workspace.free[tuple(cell)]):
+                x, y = point.round(3).tolist()
+                raise InvalidInputError(
+                    "physics: expected particles that touch neither walls nor each other, got one"
+                    f" of radius {self.apparatus.radius:g} at ({x:g}, {y:g})"
+                )
+
+    @property
+    def points(self) -> Points:
+        """The centres of all particles now (float64, shape (n, 2))."""
+        return np.array([body.position for body in self._bodies], dtype=np.float64)
+
+    def cells_of(self, points: Points) -> NDArray[np.int64]:
+        """Return the cells (row, col) in which points lie (int64, shape (n, 2))."""
+        cells = np.floor(points).astype(np.int64)
+        return np.column_stack([self.workspace.shape[0] - 1 - cells[:, 1], cells[:, 0]])
+
+    def push(self, angle: float, *, seconds: float, strength: float = 1.0) -> None:
+        """Turn the field on for a time, and let the particles settle.
+
+        Parameters
+        ----------
+        angle : float
+            Direction in degrees, counterclockwise from the x axis.
+        seconds : float
+        strength : float
+            Strength of the field, as a share of that of a command.
+        """
+        about, rng = self.apparatus, self._rng
+        self.wait(about.delay)
+        angle = angle + self.heading + about.direction * float(rng.normal())
+        strength *= max(0.0, 1 + about.magnitude * float(rng.normal()))
+        seconds *= max(0.0, 1 + about.pulse_error * float(rng.normal()))
+        speed = strength * about.length / about.pulse
+        command = speed * np.array([np.cos(radians(angle)), np.sin(radians(angle))])
+        most = float(np.abs(command).max()) * about.strongest * self.coil_gains.max()
+        most = (
+            most * float(self.own_gains.max()) + about.attraction + float(np.abs(self._flow).max())
+        )
+        steps = max(1, ceil(seconds * most / (STEP * about.radius)))
+        self.field_on, self._longest = True, max(seconds / steps, 1e-9)
+        for _ in range(steps):
+            self._step(self._longest, command)
+        self.field_on = False
+        self.wait(about.settle)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass without a field."""
+        until, none = self.clock + seconds, np.zeros(2)
+        flowing = bool(self._flow.any())
+        while self.clock < until - 1e-12:
+            if not flowing and all(body.velocity.length < RESTING for body in self._bodies):
+                self.clock = until
+                self._remember()
+                return
+            # the engine moves bodies by the velocities of the step before: with steps as long as
+            # those of the pulse, a pulse moves a particle by exactly velocity times duration
+            self._step(min(until - self.clock, self._longest), none)
+
+    def _step(self, seconds: float, command: Points) -> None:
+        """Let the engine move the particles for a short time."""
+        wanted = self._velocities(self.points, command)
+        # v' = (v_wanted - v) / lag, exactly over the step: v keeps the share e^(-t/lag)
+        lag = self.apparatus.lag
+        kept = exp(-seconds / lag) if lag else 0.0
+        self._space.damping = kept ** (1 / seconds) if kept else 0.0
+        for body, velocity in zip(self._bodies, wanted.tolist(), strict=True):
+            scale = (1 - kept) / seconds
+            body.force = (velocity[0] * scale, velocity[1] * scale)
+        self._space.step(seconds)
+        self.clock += seconds
+        self._remember()
+
+    def _remember(self) -> None:
+        """Keep the positions that a picture may still show."""
+        self._seen.append((self.clock, self.points))
+        oldest = self.clock - self.apparatus.late - 1 / self.apparatus.frame_rate
+        while len(self._seen) > 1 and self._seen[1][0] <= oldest:
+            self._seen.popleft()
+
+    def _velocities(self, points: Points, command: Points) -> Points:
+        """Return the velocity that each particle has in the open (shape (n, 2))."""
+        about = self.apparatus
+        velocities = np.zeros_like(points)
+        for axis, along in enumerate(command.tolist()):
+            if along:
+                velocities += self._coil(points, axis, along)
+        velocities *= self.own_gains[:, None]
+        if about.attraction and self.field_on:
+            velocities += self._attraction(points, command)
+        velocities += self._flow
+        if about.adhesion:
+            self._stick(points, velocities)
+        return velocities
+
+    def _coil(self, points: Points, axis: int, along: float) -> Points:
+        """Return the velocities that one coil causes. Its field grows towards it, from the weakest
+        to the strongest, and points to its axis.
+        """
+        about, other = self.apparatus, 1 - axis
+        near = points[:, axis] / self._size[axis]  # 0 at one side and 1 at the other
+        near = near if along > 0 else 1 - near
+        strength = about.weakest + (about.strongest - about.weakest) * near
+        beside = 2 * points[:, other] / self._size[other] - 1  # -1 to 1
+        angle = -radians(about.convergence) * beside
+        speed = abs(along) * self.coil_gains[axis, int(along > 0)] * strength
+        velocities = np.empty_like(points)
+        velocities[:, axis] = np.sign(along) * speed * np.cos(angle)
+        velocities[:, other] = speed * np.sin(angle)
+        return velocities
+
+    def _attraction(self, points: Points, command: Points) -> Points:
+        """Return the velocities by which magnetic dipoles attract each other.
+
+        With the distance d in diameters and the angle t between the line of the two centres and the
+        field, aligned dipoles cause the radial velocity (1 - 3 cos(t)^2) / (2 d^4), times that of
+        two touching particles in line, and the tangential one -sin(2 t) / (2 d^4). In a field that
+        rotates in the plane the mean is radial, -1 / d^4 times half of 1/2.
+        """
+        from scipy.spatial import KDTree
+
+        diameter = 2 * self.apparatus.radius
+        pairs = KDTree(points).query_pairs(REACH * diameter, output_type="ndarray")
+        velocities = np.zeros_like(points)
+        if not len(pairs):
+            return velocities
+        line = points[pairs[:, 1]] - points[pairs[:, 0]]
+        distance = np.maximum(np.linalg.norm(line, axis=1), diameter)
+        line /= distance[:, None]
+        fall = self.apparatus.attraction * (diameter / distance) ** 4
+        if self.apparatus.kind == "roll":
+            pull = (0.25 * fall)[:, None] * line
+        else:
+            field = command / np.linalg.norm(command)
+            cosine = line @ field
+            across = np.column_stack([-line[:, 1], line[:, 0]])
+            sine = across @ field
+            radial = 0.5 * (3 * cosine**2 - 1) * fall
+            pull = radial[:, None] * line + (cosine * sine * fall)[:, None] * across
+        np.add.at(velocities, pairs[:, 0], pull)
+        np.add.at(velocities, pairs[:, 1], -pull)
+        return velocities
+
+    def _stick(self, points: Points, velocities: Points) -> None:
+        """Hold the particles that touch a wall and are too slow to leave it or to slide."""
+        about = self.apparatus
+        least = about.adhesion * about.length / about.pulse
+        cells = self.cells_of(points)
+        padded = np.pad(self.workspace.free, 1)
+        within = points - np.floor(points)
+        touches = np.zeros(len(points), dtype=bool)
+        for row, col, gap in (
+            (0, -1, within[:, 0]),
+            (0, 1, 1 - within[:, 0]),
+            (1, 0, within[:, 1]),
+            (-1, 0, 1 - within[:, 1]),
+        ):
+            wall = ~padded[cells[:, 0] + 1 + row, cells[:, 1] + 1 + col]
+            touches |= wall & (gap < about.radius + TOUCHING)
+        velocities[touches & (np.linalg.norm(velocities, axis=1) < least)] = 0.0
+
+    def picture(self) -> tuple[float, Points]:
+        """Return the time of the newest picture that has arrived, and the centroids in it.
+
+        Returns
+        -------
+        time : float
+        centroids : ndarray of float64, shape (k, 2)
+        """
+        about, rng = self.apparatus, self._rng
+        rate = about.frame_rate
+        time = max(0.0, np.floor((self.clock - about.late) * rate + 1e-9) / rate)
+        points = next(
+            (seen for taken, seen in reversed(self._seen) if taken <= time + 1e-9), self._seen[0][1]
+        )
+        points = points[rng.random(len(points)) >= about.miss]
+        twice = points[rng.random(len(points)) < about.double]
+        turn = rng.uniform(0, 2 * np.pi, len(twice))
+        twice = twice + about.radius * np.column_stack([np.cos(turn), np.sin(turn)])
+        ghosts = rng.uniform(0, 1, (int(rng.poisson(about.ghosts)), 2)) * self._size
+        points = _blurred(points, about.blur / about.pixels)
+        points = np.vstack([points, twice, ghosts])
+        points = points + rng.normal(0, about.camera_error / about.pixels, points.shape)
+        return float(time), np.clip(points, 0, np.nextafter(self._size, 0))
+
+
+class PhysicsRig:
+    """A rig of particles on a grid, whose apparatus is a `Plant`.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    start : array_like of int, shape (n, 2)
+        Cells of the particles, which begin in the middle of their cells.
+    apparatus : Apparatus
+    rng : Generator
+
+    Raises
+    ------
+    InvalidInputError, MissingExtraError
+
+    Examples
+    --------
+    >>> vessel = GridWorkspace([[1, 1, 1, 1]])
+    >>> rig = PhysicsRig(vessel, [(0, 0), (0, 1)], Apparatus(), np.random.default_rng(1))
+    >>> rig.send("r")
+    >>> rig.observe().tolist()
+    [[0, 1], [0, 2]]
+    """
+
+    rule = "block"
+
+    def __init__(
+        self, workspace: GridWorkspace, start: ArrayLike, apparatus: Apparatus, rng: Generator
+    ) -> None:
+        with errors_at("start"):
+            cells = check_start(workspace, start)
+        points = np.column_stack([cells[:, 1] + 0.5, workspace.shape[0] - cells[:, 0] - 0.5])
+        self.plant = Plant(workspace, points, apparatus, rng)
+        self._stopped = False
+
+    @property
+    def name(self) -> str:
+        """Name of the vessel."""
+        return self.plant.workspace.name
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the vessel, in cells."""
+        return self.plant.workspace.shape
+
+    def send(self, command: str) -> None:
+        """Pulse the field in the direction of a command (a letter of ``lurd``)."""
+        if self._stopped:
+            raise RigError("the physical plant has been stopped")
+        check_choice(command, what="command", choices=ANGLES)
+        self.plant.push(ANGLES[command], seconds=self.plant.apparatus.pulse)
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return the cells in which the camera sees particles (int64, shape (k, 2))."""
+        _, centroids = self.plant.picture()
+        return np.unique(self.plant.cells_of(centroids), axis=0)
+
+    def stop(self) -> None:
+        """Turn the field off. The rig then refuses further commands."""
+        self._stopped = True
+
+
+def wall_segments(free: NDArray[np.bool_]) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """Return the edges between free cells and obstacles as straight segments, as long as possible.
+
+    Examples
+    --------
+    >>> len(wall_segments(np.ones((3, 4), dtype=bool)))
+    4
+    """
+    rows = free.shape[0]
+    padded = np.pad(free, 1)
+    across = padded[1:, 1:-1] != padded[:-1, 1:-1]  # edge above row i, at column j
+    along = padded[1:-1, 1:] != padded[1:-1, :-1]  # edge left of column j, in row i
+    segments = []
+    for i, first, end in _runs(across):
+        segments.append(((float(first), float(rows - i)), (float(end), float(rows - i))))
+    for j, first, end in _runs(along.T):
+        segments.append(((float(j), float(rows - first)), (float(j), float(rows - end))))
+    return segments
+
+
+def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+    """Return (line, first, end) of each run of true values in the lines of an array."""
+    steps = np.diff(np.pad(edges, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    lines, firsts = np.nonzero(steps == 1)
+    _, ends = np.nonzero(steps == -1)
+    return list(zip(lines.tolist(), firsts.tolist(), ends.tolist(), strict=True))
+
+
+def _blurred(points: Points, reach: float) -> Points:
+    """Return points, with those that are nearer to each other than ``reach`` as one, at their
+    middle.
+    """
+    if not reach or len(points) < 2:
+        return points
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    pairs = KDTree(points).query_pairs(reach, output_type="ndarray")
+    near = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
+    count, labels = connected_components(near, directed=False)
+    sums = np.zeros((count, 2))
+    np.add.at(sums, labels, points)
+    return sums / np.bincount(labels)[:, None]
+
+
+def _everything() -> Any:
+    import pymunk
+
+    return pymunk.ShapeFilter()
