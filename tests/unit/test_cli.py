@@ -273,6 +273,42 @@ def test_importing_shoal_loads_nothing_heavy():
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
+def test_small_commands_load_no_library_that_they_do_not_use():
+    script = (
+        "import sys; from shoal.cli import run\n"
+        "for part in ('map', 'maps', 'drive', 'search', 'steer', 'missions check'):\n"
+        "    assert run([*part.split(), '--help']) == 0\n"
+        "    unused = {'pydantic', 'llvmlite', 'numba', 'ssl'} & set(sys.modules)\n"
+        "    assert not unused, (part, unused)\n"
+        "words = ['map', 'line:9', '-n', '3', '--slip', '0.1', '--json']\n"
+        "assert run(words) == 0; assert not {'pydantic', 'numba'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize("number", ["3", "003", "+3", " 3", "3.0"])
+def test_whole_numbers_are_read_with_and_without_the_library_that_checks_them(number, capsys):
+    assert run(["map", "line:9", "-n", number, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["particles"] == 3
+
+
+@pytest.mark.parametrize("text", ["9" * 5000, "3.5", "-", "\u0663x", "1e1"])
+def test_what_is_no_whole_number_is_refused_in_a_sentence(text, capsys):
+    assert run(["map", "line:9", "-n", text, "--json"]) == 2
+    assert re.match("shoal: (-n|--particles|particles): ?", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [("0.25", 0), (".25", 0), ("1e-1", 0), ("0", 0), ("nan", 2), ("x", 2), ("9" * 400, 2)],
+)
+def test_numbers_are_read_with_and_without_the_library_that_checks_them(text, code, capsys):
+    assert run(["map", "line:9", "-n", "3", "--slip", text, "--json"]) == code
+    if code == 0:
+        rate = json.loads(capsys.readouterr().out).get("noise", {}).get("slip", 0)
+        assert rate == float(text)
+
+
 def test_depth_first_states_its_ratio(capsys):
     assert run(["map", "maze:9x7", "-n", "1", "--policy", "depth-first"]) == 0
     text = " ".join(capsys.readouterr().out.split())
