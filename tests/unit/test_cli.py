@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import pathspec
 import pytest
 
+from shoal import cli
 from shoal.cli import main, run
 from shoal.cli.commands import COMMANDS
 from shoal.core.version import __version__
@@ -307,6 +309,23 @@ def test_numbers_are_read_with_and_without_the_library_that_checks_them(text, co
     if code == 0:
         rate = json.loads(capsys.readouterr().out).get("noise", {}).get("slip", 0)
         assert rate == float(text)
+
+
+def test_the_list_of_commands_bears_a_folder_that_an_earlier_version_left(tmp_path):
+    folder = tmp_path / "shoal"
+    shutil.copytree(
+        Path(cli.__file__).parents[1] / "cli",
+        folder / "cli",
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
+    (folder / "cli" / "sweep" / "__pycache__").mkdir(parents=True)
+    script = (
+        "import sys, shoal; shoal.__path__.insert(0, sys.argv[1])\n"
+        "from shoal.cli import run; sys.exit(run(['sweep', '--help']))"
+    )
+    subprocess.run(
+        [sys.executable, "-c", script, str(folder)], check=True, stdout=subprocess.DEVNULL
+    )
 
 
 def test_depth_first_states_its_ratio(capsys):

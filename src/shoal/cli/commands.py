@@ -7,6 +7,7 @@ import importlib
 import re
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
 
@@ -161,9 +162,8 @@ def _summary(name: str) -> str:
 @cache
 def _functions(module: str) -> dict[str, ast.FunctionDef]:
     """Return the functions that the source file of a module in `shoal.cli` defines."""
-    place = Path(__file__).parent.joinpath(*module.split("."))
-    source = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
-    tree = ast.parse(source.read_bytes())
+    found = find_spec(f"shoal.cli.{module}")
+    tree = ast.parse(Path(found.origin).read_bytes())  # type: ignore[union-attr, arg-type]
     return {one.name: one for one in tree.body if isinstance(one, ast.FunctionDef)}
 
 
