@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import copy
 from math import floor, log10, prod
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.random import Generator
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
@@ -22,6 +21,9 @@ from shoal.swarm.kernels import episodes as planner_episode
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.planners.state import Pace, Tuning, planner_of, seed_of
 from shoal.swarm.policies.protocol import Decision, View
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 USUAL = 1000  # number of particles for which the budget is used unchanged
 MOST_FEW, MOST_MANY = 10.0, 4.0  # maximum budget factor for fewer and for more particles

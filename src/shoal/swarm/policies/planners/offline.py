@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_integer
@@ -24,6 +23,9 @@ from shoal.swarm.policies.compiled import check_rules
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
 from shoal.swarm.policies.planners.state import Tuning, planner_of, seed_of
 from shoal.swarm.policies.protocol import Decision, View
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 # default number of simulated moves per command, large because no robot waits between two commands
 PLAN_BUDGET = 32_000.0
