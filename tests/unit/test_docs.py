@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import json
 import pydoc
 import re
 import runpy
@@ -18,7 +19,9 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from docs.make_house_image import words
 from markdown.extensions.toc import slugify
+from PIL import Image
 
 import shoal
 import shoal.envs
@@ -194,6 +197,11 @@ def test_contributors_find_the_files_that_the_tables_name():
     assert len(paths) > 40
     for path in paths:
         assert (ROOT / path).exists() or (ROOT / "src/shoal" / path).exists(), path
+
+
+def test_the_picture_of_the_layers_is_new():
+    with Image.open(ROOT / "docs/images/house.png") as picture:
+        assert json.loads(picture.text["layers"]) == words(), "run: python docs/make_house_image.py"
 
 
 def prose_of(page: Path) -> str:
