@@ -126,7 +126,7 @@ def compiled_loop(
     return trace, Status.INTERRUPTED if stopped and status is Status.LIMIT else status
 
 
-class SearchGame:
+class PolicyGame:
     """An episode of a built-in policy in compiled code, for all policies that are not planners.
 
     Parameters
