@@ -21,7 +21,7 @@ from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.kernels import episodes
 from shoal.swarm.kernels.moves import new_record
 from shoal.swarm.kernels.planning import plan_search
 from shoal.swarm.policies import POLICIES, BeamRollout
@@ -126,7 +126,7 @@ def test_what_is_unknown_reaches_no_decision(name):
                 rng.integers(0, 2**63, game.field.free.size, dtype=np.uint64),
             )
             exchanged = field._replace(free=(field.free & field.known) | (other & ~field.known))
-            command = int(planner_episode.choose(game.code, exchanged, True, planner))
+            command = int(episodes.choose(game.code, exchanged, True, planner))
             chosen.add((command, *planner.prediction.open))
         assert len(chosen) == 1
 

@@ -15,7 +15,7 @@ from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState, field_of
 from shoal.swarm.grid.tasks import Coverage
 from shoal.swarm.grid.world import GridWorld, check_start
-from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.kernels import episodes
 from shoal.swarm.kernels.moves import RUNNING
 from shoal.swarm.kernels.planning import anneal, plan_search
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -197,7 +197,7 @@ def first_plan(
     pieces, status = [], RUNNING
     while status == RUNNING:
         trace = Trace.empty(256)
-        played, status = planner_episode.play_planner(
+        played, status = episodes.play_planner(
             policy.code, field, RULE_CODES[rule], False, planner, trace
         )
         pieces.append(trace.commands[:played])
