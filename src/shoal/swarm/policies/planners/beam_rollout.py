@@ -196,26 +196,25 @@ class BeamRollout(PlannerPolicy):
         """Return the planning budget and the tuning for a number of particles, in the form that
         kernels expect.
 
-        For fewer than 1000 particles, the planning budget and the number of random variations of
-        plans are larger, by the same factor. For more than 1000 particles, the planning budget is
-        larger, the beam search is wider and deeper, and the early classification of cells has less
-        weight. The planner then simulates plans to the end even if the frontier is large, because
-        many particles classify all cells in few moves. With a limit on computing time, the number
-        of variations and the size of the beam search do not depend on the number of particles.
+        For fewer than 1000 particles, the planning budget is larger, and the planner tries more
+        random variations of plans. For more than 1000 particles, the planning budget is larger, the
+        beam search is wider and deeper, and the early classification of cells has less weight. The
+        planner then simulates plans to the end even if the frontier is large, because many
+        particles classify all cells in few moves. With a limit on computing time, the number of
+        variations and the size of the beam search do not depend on the number of particles.
         """
-        few = max(1.0, min(MOST_FEW, (USUAL / max(1, particles)) ** 2))
-        many = max(1.0, min(MOST_MANY, particles / USUAL))
-        tuning = self.tuning._replace(
-            end_frontier=self.tuning.end_frontier * many,
-            frontier_worth=self.tuning.frontier_worth / many,
+        fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
+        tuning, many = self.tuning, max(1.0, more)
+        tuning = tuning._replace(
+            end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many
         )
         if not self.milliseconds:
             tuning = tuning._replace(
-                variations=tuning.variations * few,
+                variations=tuning.variations * max(1.0, fewer),
                 beam_width=tuning.beam_width * many**2,
                 beam_depth=tuning.beam_depth * many**0.5,
             )
-        return (self.budget * few * many, *tuning)
+        return (self.budget * max(min(MOST_FEW, fewer**2), more), *tuning)
 
 
 def expected_moves(n_free: int, particles: int, *, noisy: bool = False) -> float:
