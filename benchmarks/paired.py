@@ -14,6 +14,8 @@ checkout, and type there and here
 
 CPU times compare only if one machine measured both.
 
+Without --save, at most the trials of the other file are played.
+
 Options: --trials N, --few-trials N (up to 100 particles), --first N, --counts, --maps, --task,
 --save FILE, --against FILE.
 """
@@ -115,28 +117,33 @@ def main() -> None:
     counts = [int(n) for n in given.counts.split(",")]
     for place in places.values():  # what compiles and loads is not timed
         run(place, particles=min(counts), policy="best", task=given.task)
-    ours: dict[str, Any] = {
-        f"{given.task} {name} {n}": {"start": 0, "seconds": 0.0, "moves": []}
-        for name in places
-        for n in counts
+    points = {(name, n): f"{given.task} {name} {n}" for name in places for n in counts}
+    theirs = json.loads(given.against.read_text()) if given.against.exists() else {}
+    trials = {
+        (name, n): min(given.trials, given.few_trials) if n <= 100 else given.trials
+        for name, n in points
     }
-    missing = [(name, n) for name in places for n in counts]
+    if not given.save:  # no other trials have a partner
+        for at, key in points.items():
+            trials[at] = min(trials[at], len(theirs[key]["moves"]) if key in theirs else 0)
+    ours: dict[str, Any] = {
+        key: {"start": 0, "seconds": 0.0, "moves": []} for key in points.values()
+    }
+    missing = [at for at in points if trials[at]]
     while missing:
         for name, n in list(missing):
-            trials = min(given.trials, given.few_trials) if n <= 100 else given.trials
-            point = ours[f"{given.task} {name} {n}"]
-            if not play(point, places[name], n, given.task, given.first, trials):
+            point = ours[points[name, n]]
+            if not play(point, places[name], n, given.task, given.first, trials[name, n]):
                 missing.remove((name, n))
         if given.save:
             given.save.write_text(json.dumps(ours) + "\n")
-    theirs = json.loads(given.against.read_text()) if given.against.exists() else {}
     pairs = {
-        (name, n): (ours[key], theirs[key])
-        for name in places
-        for n in counts
-        if (key := f"{given.task} {name} {n}") in theirs
+        at: (ours[key], theirs[key])
+        for at, key in points.items()
+        if ours[key]["moves"] and key in theirs
     }
     if not pairs:
+        print(f"{given.against}: expected moves of {', '.join(points.values())}, got none of them")
         return
     show({key: logarithms(*pair) for key, pair in pairs.items()}, list(places), counts)
     times = [
