@@ -324,6 +324,14 @@ class NoisyBelief:
         cells that surely hold one and are surely free. A particle in an unclassified cell is beside
         cells that it can still classify.
         """
+        reachable = self._reachable
+        return bool(reachable.any()) and not bool((reachable & ~self.belief.open.mask).any())
+
+    @property
+    def _reachable(self) -> NDArray[np.bool_]:
+        """Mask of the cells that are no walls and hang together with one that may hold a
+        particle.
+        """
         from scipy import ndimage
 
         passable = self.logit > -bound_of(self.confidence)
@@ -331,8 +339,7 @@ class NoisyBelief:
             inner_of(self.state.inside > MAY_HOLD, self.layout.shape, rim=1), dtype=np.bool_
         )
         parts, _ = ndimage.label(passable)
-        reachable = np.isin(parts, np.unique(parts[may_hold & passable]))
-        return bool(reachable.any()) and not bool((reachable & ~self.belief.open.mask).any())
+        return np.isin(parts, np.unique(parts[may_hold & passable]))
 
     @property
     def weak_walls(self) -> Board:
@@ -346,18 +353,37 @@ class NoisyBelief:
         and `SAFETY` times this share must not exceed 1 - ``confidence``. Behind a wall without
         unclassified cells beside it, nothing is hidden, and beside a small unclassified part, no
         more than this part.
+
+        Free cells that no particle can reach any more were reached through a cell that counts as a
+        wall now. The odds that such cells are free multiply the odds that a wall between them and
+        the cells in reach is free, and the product must not exceed the odds of a misclassification.
         """
+        return self._walls_before_unknown | self._walls_before_lost
+
+    @property
+    def _walls_before_lost(self) -> Board:
+        from scipy import ndimage
+
+        belief, logit = self.belief, self.logit
+        reached = Board(self.layout, self.layout.pack(belief.open.mask & self._reachable))
+        lost = belief.open - reached
+        between = (belief.obstacles & reached.dilated() & lost.dilated()).mask
+        if not between.any():
+            return Board.empty(self.layout)
+        parts, count = ndimage.label(lost.mask)
+        surest = np.append(-np.inf, ndimage.maximum(logit, parts, np.arange(1, count + 1)))[parts]
+        bound = np.maximum(-kernels.SURE, -bound_of(self.confidence) - largest_beside(surest))
+        return Board(self.layout, self.layout.pack(between & (logit > bound)))
+
+    @property
+    def _walls_before_unknown(self) -> Board:
         from scipy import ndimage
 
         belief, inner = self.belief, (slice(1, -1),) * self.layout.ndim
         parts, _ = ndimage.label(~belief.known.mask[inner])
         sizes = np.bincount(parts.ravel())
         sizes[0] = 0  # classified cells
-        around = np.pad(sizes[parts], 1)
-        behind = np.zeros_like(around)  # cells of the largest unclassified part beside a cell
-        for axis in range(self.layout.ndim):
-            for way in (-1, 1):
-                np.maximum(behind, np.roll(around, way, axis), out=behind)
+        behind = largest_beside(np.pad(sizes[parts], 1))  # cells of an unclassified part
         walls = np.zeros(self.layout.window, dtype=np.bool_)
         # beyond the rim, nothing is hidden
         walls[inner] = (belief.obstacles & belief.open.dilated()).mask[inner]
@@ -569,6 +595,15 @@ def noisy_belief(
         layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_))
     )
     return NoisyBelief(layout.shape, seen, about, confidence, noisy=noisy)
+
+
+def largest_beside(values: NDArray[Any]) -> NDArray[Any]:
+    """Return for each cell the largest value of its neighbours. The neighbour of a cell on the
+    border is the cell on the opposite border.
+    """
+    return np.maximum.reduce(
+        [np.roll(values, way, axis) for axis in range(values.ndim) for way in (-1, 1)]
+    )
 
 
 def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:
