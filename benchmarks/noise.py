@@ -3,7 +3,8 @@ every episode ends.
 
 python -m benchmarks.noise                       200 trials of acceptance and the calibration plot (docs/images/noise.png)
 python -m benchmarks.noise --scans 1 2 4         what fewer scans cost, ten trials each
-python -m benchmarks.noise --policies            moves and wrong cells of best and of closest-frontier, ten paired trials each
+python -m benchmarks.noise --policies            moves and wrong cells of best and of closest-frontier, ten paired trials each,
+                                                 with few and with many particles
 python -m benchmarks.noise --few 0.99 0.9999     wrong and never classified cells with few particles, 20 trials each
 python -m benchmarks.noise --endings 20000       so many episodes of random maps, rates, confidences and policies
 """
@@ -21,9 +22,11 @@ from numpy.typing import NDArray
 from tests.swarm_runs import run, run_trials
 
 from shoal import GridWorkspace, open_map
+from shoal.swarm import SwarmProblem
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.noise import PRIOR, Noise
+from shoal.swarm.policies import BeamRollout
 
 MAP, PARTICLES = "vessels:5000", 1000
 NOISE = Noise(slip=0.05, misplace=0.01)
@@ -36,13 +39,10 @@ LEVELS = {
     "harder": Noise(slip=0.3, misplace=0.075, miss=0.15),
     "worst": Noise(slip=0.4, misplace=0.1, miss=0.2),
 }
-PLACES = (
-    ("vessels:500", 10),
-    ("vessels:500", 50),
-    ("maze:21x15", 10),
-    ("maze:21x15", 50),
-    ("cave:30x20", 30),
-)
+PLACES = {
+    "few": (("vessels:100", 2), ("vessels:500", 5), ("maze:21x15", 5), ("cave:30x20", 3)),
+    "many": (("vessels:100", 20), ("vessels:500", 50), ("maze:21x15", 50), ("cave:30x20", 30)),
+}
 IMAGE = Path(__file__).parents[1] / "docs" / "images" / "noise.png"
 
 
@@ -129,57 +129,55 @@ def fewer_scans(every: list[int], trials: int, particles: int) -> int:
 
 
 def compare_policies(trials: int) -> int:
-    """Print, for each noise, the moves and the wrong cells of two policies; return for how many
-    noises best is not better.
+    """Print, for each noise and for few and many particles, the moves and the wrong cells of two
+    policies; return for how many of these auto takes the worse one.
     """
     worse = 0
-    print(
-        f"{trials} paired trials each of {', '.join(f'{place} with {n}' for place, n in PLACES)}"
-        " particles; confidence 0.99"
-    )
-    for name, noise in LEVELS.items():
-        ratios, shares, told = (
-            [],
-            {"closest-frontier": [], "best": []},
-            {"closest-frontier": Counter(), "best": Counter()},
-        )
-        for place, particles in PLACES:
-            moves: dict[str, list[int]] = {}
-            for policy, wrong in shares.items():
+    for level, noise in LEVELS.items():
+        for crowd, places in PLACES.items():
+            logs = []
+            shares: dict[str, list[float]] = {"closest-frontier": [], "best": []}
+            told = {policy: Counter[str]() for policy in shares}
+            for place, particles in places:
+                moves: dict[str, list[int]] = {policy: [] for policy in shares}
                 for trial in range(trials):
-                    began = time.process_time()
-                    episode = run(
-                        place,
-                        particles=particles,
-                        noise=noise,
-                        policy=policy,
-                        trial=trial,
-                        max_moves=20_000,
-                    )
-                    told[policy]["seconds"] += time.process_time() - began
-                    told[policy][str(episode.status)] += 1
-                    moves.setdefault(policy, []).append(episode.moves)
-                    wrong.append(1 - episode.errors.right)
-            logs = np.log(moves["best"]) - np.log(moves["closest-frontier"])
-            ratios.extend(logs)
+                    for policy, wrong in shares.items():
+                        began = time.process_time()
+                        episode = run(
+                            place,
+                            particles=particles,
+                            noise=noise,
+                            policy=policy,
+                            trial=trial,
+                            max_moves=20_000,
+                        )
+                        told[policy]["ms"] += int(1000 * (time.process_time() - began))
+                        told[policy][str(episode.status)] += 1
+                        moves[policy].append(episode.moves)
+                        wrong.append(1 - episode.errors.right)
+                ratios = np.log(moves["best"]) - np.log(moves["closest-frontier"])
+                logs.extend(ratios)
+                print(
+                    f"  {level}, {place}, {particles} particles: closest-frontier"
+                    f" {np.mean(moves['closest-frontier']):.0f}, best {np.mean(moves['best']):.0f}"
+                    f" moves, ratio {ratio_text(ratios)}",
+                    flush=True,
+                )
+            rates = f"slip {noise.slip:g}, misplace {noise.misplace:g}, miss {noise.miss:g}"
             print(
-                f"  {name}, {place}, {particles} particles: closest-frontier"
-                f" {np.mean(moves['closest-frontier']):.0f}, best {np.mean(moves['best']):.0f}"
-                f" moves, ratio {ratio_text(logs)}",
-                flush=True,
+                f"{crowd} particles, {rates}: best / closest-frontier {ratio_text(np.array(logs))}"
             )
-        text = f"slip {noise.slip:g}, misplace {noise.misplace:g}, miss {noise.miss:g}"
-        print(f"{name} ({text}): moves of best / closest-frontier {ratio_text(np.array(ratios))}")
-        for policy, wrong in shares.items():
-            ends = ", ".join(
-                f"{count} {status}" for status, count in told[policy].items() if status != "seconds"
-            )
-            about = (
-                f"{100 * np.mean(wrong):.4f} % of the cells wrong or undecided, at worst"
-                f" {100 * max(wrong):.3f} %"
-            )
-            print(f"  {policy}: {about}; {ends}; {told[policy]['seconds']:.0f} s", flush=True)
-        worse += int(np.mean(ratios) > 0)
+            for policy, wrong in shares.items():
+                ends = ", ".join(
+                    f"{count} {name}" for name, count in told[policy].items() if name != "ms"
+                )
+                print(
+                    f"  {policy}: {100 * np.mean(wrong):.2f} % of the cells wrong or undecided, at"
+                    f" worst {100 * max(wrong):.1f} %; {ends}; {told[policy]['ms'] / 1000:.0f} s",
+                    flush=True,
+                )
+            chosen = SwarmProblem(places[0][0], particles=places[0][1], **vars(noise)).setup
+            worse += int((np.mean(logs) < 0) != isinstance(chosen.policy, BeamRollout))
     return worse
 
 

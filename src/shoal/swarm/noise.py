@@ -352,7 +352,8 @@ class NoisyBelief:
         average a share f of the map (`cells_behind`). The expected share of hidden cells is n f e,
         and `SAFETY` times this share must not exceed 1 - ``confidence``. Behind a wall without
         unclassified cells beside it, nothing is hidden, and beside a small unclassified part, no
-        more than this part.
+        more than this part. Beside a large one, the map may be as much larger, with as many more
+        cells that hide others: n grows with it, since a few cells around the particles tell little.
 
         Free cells that no particle can reach any more were reached through a cell that counts as a
         wall now. The odds that such cells are free multiply the odds that a wall between them and
@@ -390,7 +391,9 @@ class NoisyBelief:
         walls &= behind > 0
         if not walls.any():
             return Board.empty(self.layout)
-        share = np.minimum(self._share_behind, (1 + behind) / (len(belief.known) + behind))
+        known = len(belief.known)
+        larger = 1 + behind / known  # than the map found so far
+        share = np.minimum(self._share_behind * larger, (1 + behind) / (known + behind))
         mistaken = np.exp(self.logit - log(PRIOR / (1 - PRIOR)))
         return Board(
             self.layout,
