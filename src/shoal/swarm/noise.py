@@ -151,6 +151,7 @@ class MapErrors:
 PAD = 3  # the rim and two more cells that are never free
 NEVER = -700.0  # log-odds
 MAY_HOLD = 0.05  # probability from which a cell counts as one that may hold a particle
+UNLIKELY = 0.05  # probability that no particle starts in a part of the map
 SAFETY = 2.0  # the rest of a map may branch more than the part found so far
 
 
@@ -352,8 +353,9 @@ class NoisyBelief:
         average a share f of the map (`cells_behind`). The expected share of hidden cells is n f e,
         and `SAFETY` times this share must not exceed 1 - ``confidence``. Behind a wall without
         unclassified cells beside it, nothing is hidden, and beside a small unclassified part, no
-        more than this part. Beside a large one, the map may be as much larger, with as many more
-        cells that hide others: n grows with it, since a few cells around the particles tell little.
+        more than this part. Beside a large one, the map may be larger than the part found so far,
+        with as many more cells that hide others: at most so much larger that all particles start in
+        the found part with a probability of `UNLIKELY`.
 
         Free cells that no particle can reach any more were reached through a cell that counts as a
         wall now. The odds that such cells are free multiply the odds that a wall between them and
@@ -392,7 +394,7 @@ class NoisyBelief:
         if not walls.any():
             return Board.empty(self.layout)
         known = len(belief.known)
-        larger = 1 + behind / known  # than the map found so far
+        larger = np.minimum(1 + behind / known, UNLIKELY ** (-1 / max(1, len(self._first))))
         share = np.minimum(self._share_behind * larger, (1 + behind) / (known + behind))
         mistaken = np.exp(self.logit - log(PRIOR / (1 - PRIOR)))
         return Board(

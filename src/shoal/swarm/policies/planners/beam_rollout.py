@@ -107,8 +107,8 @@ class PlannerPolicy(Compiled):
             )
         quiet = int(planner.memory.quiet)
         if memory is not None and quiet > 0 and _is_astray(memory, view, belief):
-            # The rest of the plan, and of a path, starts from cells where no particles are.
-            planner.memory.forced = 0
+            if planner.memory.forced > 0:  # a path from a cell where its particle is not
+                planner.memory.forced = planner.memory.plan_at = planner.memory.plan_length = 0
             if quiet < planner.options.force_after:
                 planner.memory.quiet = 0  # the kernel plans anew after a move that is not quiet
         with pace.timed(planner, 1):
