@@ -14,8 +14,10 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
+from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +26,9 @@ from tests.swarm_runs import run, run_trials
 from shoal import GridWorkspace, open_map
 from shoal.swarm import SwarmProblem
 from shoal.swarm.episode import SwarmEpisode
+from shoal.swarm.grid.board import Board
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.noise import PRIOR, Noise
+from shoal.swarm.noise import PRIOR, Noise, NoisyBelief
 from shoal.swarm.policies import BeamRollout
 
 MAP, PARTICLES = "vessels:5000", 1000
@@ -182,10 +185,10 @@ def compare_policies(trials: int) -> int:
 
 
 def few_particles(confidences: list[float], trials: int, policy: str) -> int:
-    """Print the wrong cells, the cells never classified and the moves with few particles; return
-    how many rows break a promise.
+    """Print the wrong cells, the cells never classified and the moves with few particles, and the
+    same without pushes of weak walls; return how many rows break a promise.
     """
-    broken = 0
+    broken, moves = 0, defaultdict[str, list[float]](list)
     print(
         f"{policy}, {trials} trials a row; the shares are of the free cells and the walls of the"
         " episodes that are complete"
@@ -194,35 +197,75 @@ def few_particles(confidences: list[float], trials: int, policy: str) -> int:
         for name in ("usual", "scans", "hard"):
             for place in ("vessels:300", "maze:21x15"):
                 for counts in ((2, 3, 4, 5), (20,)):
-                    episodes = [
-                        run(
-                            place,
-                            particles=counts[i % len(counts)],
-                            noise=LEVELS[name],
-                            policy=policy,
-                            trial=i,
-                            seed=7,
-                            confidence=confidence,
-                            max_moves=20_000,
-                        )
-                        for i in range(trials)
-                    ]
-                    errors = [
-                        episode.errors for episode in episodes if episode.status == "complete"
-                    ]
-                    cells = max(1, sum(e.free + e.walls for e in errors))
-                    wrong = sum(e.false_free + e.false_obstacles for e in errors) / cells
-                    never = sum(e.undecided for e in errors) / cells
-                    worst = max((1 - e.right for e in errors), default=0.0)
+                    given = place, counts, LEVELS[name], confidence, trials, policy
+                    row = play_few(*given)
+                    with patch.object(
+                        NoisyBelief,
+                        "weak_walls",
+                        property(lambda belief: Board.empty(belief.layout)),
+                    ):
+                        without = play_few(*given)
                     print(
                         f"  {confidence:g}, {name}, {place}, {counts[0]} to {counts[-1]} particles:"
-                        f" {len(errors)} complete, {100 * wrong:.2f} % wrong, {100 * never:.2f} %"
-                        f" never classified, {100 * worst:.1f} % in the worst trial,"
-                        f" {np.mean([episode.moves for episode in episodes]):.0f} moves",
+                        f" {row.complete} complete, {100 * row.wrong:.2f} % wrong,"
+                        f" {100 * row.never:.2f} % never classified, {100 * row.worst:.1f} % in the"
+                        f" worst trial, {row.moves:.0f} moves; without weak walls"
+                        f" {100 * without.never:.2f} %, {without.moves:.0f} moves"
+                        f" ({100 * (row.moves / without.moves - 1):.1f} %)",
                         flush=True,
                     )
-                    broken += int(wrong > 1 - confidence)
+                    moves[f"{name}, {place}, {counts}"].append(row.moves)
+                    broken += int(row.wrong + row.never > 1 - confidence)
+    for after in range(1, len(confidences)):
+        ratios = [row[after] / row[0] for row in moves.values()]
+        print(
+            f"{confidences[after]:g}: {min(ratios):.2f} to {max(ratios):.2f} times the moves of"
+            f" {confidences[0]:g}"
+        )
     return broken
+
+
+class Few(NamedTuple):
+    """What a row of `few_particles` tells: shares of the cells of complete episodes, mean moves."""
+
+    complete: int
+    wrong: float
+    never: float
+    worst: float
+    moves: float
+
+
+def play_few(
+    place: str,
+    counts: tuple[int, ...],
+    noise: Noise,
+    confidence: float,
+    trials: int,
+    policy: str,
+) -> Few:
+    """Play the trials of a row, each on another map, with one count of particles after the other."""
+    episodes = [
+        run(
+            f"{place}:{i}",
+            particles=counts[i % len(counts)],
+            noise=noise,
+            policy=policy,
+            trial=i,
+            seed=7,
+            confidence=confidence,
+            max_moves=20_000,
+        )
+        for i in range(trials)
+    ]
+    errors = [episode.errors for episode in episodes if episode.status == "complete"]
+    cells = max(1, sum(e.free + e.walls for e in errors))
+    return Few(
+        len(errors),
+        sum(e.false_free + e.false_obstacles for e in errors) / cells,
+        sum(e.undecided for e in errors) / cells,
+        max((1 - e.right for e in errors), default=0.0),
+        float(np.mean([episode.moves for episode in episodes])),
+    )
 
 
 def ratio_text(logs: NDArray[np.float64]) -> str:
