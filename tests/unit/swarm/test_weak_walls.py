@@ -65,12 +65,12 @@ def test_few_particles_in_a_maze_keep_what_the_confidence_promises(place, policy
     assert np.mean([1 - episode.errors.right for episode in episodes]) < 0.01
 
 
-def corridor(pushes):
-    """Return the belief about a corridor of 10 cells, of which a particle explored the left half,
-    and pushed the next cell.
+def corridor(pushes, length=10, slip=0.1):
+    """Return the belief about a corridor, of which a particle explored the first 5 cells, and
+    pushed the next cell.
     """
-    layout = GridLayout((1, 10))
-    belief = NoisyBelief((1, 10), Board.of_cells(layout, [(0, 0)]), Noise(slip=0.1, miss=0.1))
+    layout = GridLayout((1, length))
+    belief = NoisyBelief((1, length), Board.of_cells(layout, [(0, 0)]), Noise(slip=slip, miss=0.1))
     for _ in range(4):
         belief.update("l", Board.of_cells(layout, [(0, 0)]))
     for column in range(5):
@@ -94,6 +94,15 @@ def test_a_wall_that_may_hide_a_half_is_pushed_until_it_is_sure():
     sure = corridor(6)
     assert not sure.weak_walls
     assert sure.finished
+
+
+def test_a_wall_before_a_large_unknown_part_needs_more_evidence():
+    """Before, the few cells found so far told how much the map hides, however large it may be."""
+    assert corridor(3, slip=0.2).closed
+    assert corridor(3, slip=0.2).weak_walls
+    assert not corridor(4, slip=0.2).weak_walls
+    assert corridor(4, slip=0.2, length=100).weak_walls
+    assert not corridor(5, slip=0.2, length=100).weak_walls
 
 
 def lost_part(pushes):
