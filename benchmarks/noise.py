@@ -131,12 +131,13 @@ def fewer_scans(every: list[int], trials: int, particles: int) -> int:
     return broken
 
 
-def compare_policies(trials: int) -> int:
+def compare_policies(trials: int, levels: list[str]) -> int:
     """Print, for each noise and for few and many particles, the moves and the wrong cells of two
     policies; return for how many of these auto takes the worse one.
     """
     worse = 0
-    for level, noise in LEVELS.items():
+    for level in levels:
+        noise = LEVELS[level]
         for crowd, places in PLACES.items():
             logs = []
             shares: dict[str, list[float]] = {"closest-frontier": [], "best": []}
@@ -416,6 +417,9 @@ def main() -> int:
         "--policies", action="store_true", help="compare best with closest-frontier instead"
     )
     parser.add_argument(
+        "--levels", nargs="+", choices=LEVELS, default=list(LEVELS), help="of --policies"
+    )
+    parser.add_argument(
         "--few",
         type=float,
         nargs="+",
@@ -440,7 +444,7 @@ def main() -> int:
     if given.few:
         return int(few_particles(given.few, given.trials or 20, given.policy) > 0)
     if given.policies:
-        return int(compare_policies(given.trials or 10) > 0)
+        return int(compare_policies(given.trials or 10, given.levels) > 0)
     return int(measure(given.trials or 200, given.image) > 0)
 
 
