@@ -374,8 +374,11 @@ class NoisyBelief:
         if not between.any():
             return Board.empty(self.layout)
         parts, count = ndimage.label(lost.mask)
-        surest = np.append(-np.inf, ndimage.maximum(logit, parts, np.arange(1, count + 1)))[parts]
-        bound = np.maximum(-kernels.SURE, -bound_of(self.confidence) - largest_beside(surest))
+        surest = np.append(-np.inf, ndimage.maximum(logit, parts, np.arange(1, count + 1)))
+        if self.loss > 0:  # a particle may have started there and disappeared
+            surest[parts[self._first.mask]] = -np.inf
+        evidence = largest_beside(surest[parts])
+        bound = np.maximum(-kernels.SURE, -bound_of(self.confidence) - evidence)
         return Board(self.layout, self.layout.pack(between & (logit > bound)))
 
     @property

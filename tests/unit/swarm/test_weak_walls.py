@@ -134,6 +134,22 @@ def test_a_part_in_which_a_particle_was_is_not_given_up():
     assert (0, 4) not in surer.weak_walls
 
 
+@pytest.mark.parametrize(("loss", "walls"), [(0.0, [(0, 4)]), (0.02, [])])
+def test_a_part_whose_particle_may_have_disappeared_is_no_part_behind_a_wall(loss, walls):
+    layout = GridLayout((1, 8))
+    here, both = (Board.of_cells(layout, cells) for cells in ([(0, 3)], [(0, 3), (0, 5)]))
+    noise = Noise(slip=0.2, misplace=0.05, miss=0.1)
+    belief = NoisyBelief((1, 8), both, noise, loss=loss)
+    for command in "ududududu":
+        belief.update(command, both)
+    for command in 5 * "lrud":
+        belief.update(command, here)
+    assert (0, 5) in belief.belief.open
+    assert (0, 5) not in belief.occupied
+    assert belief.closed
+    assert list(belief._walls_before_lost) == walls
+
+
 def test_a_maze_is_not_complete_while_a_part_of_it_is_lost():
     """Before, 188 of 381 cells were undecided in this complete map, after 747 moves."""
     noise = {"slip": 0.2, "misplace": 0.05, "miss": 0.1}
