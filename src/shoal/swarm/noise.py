@@ -446,10 +446,11 @@ class Lookout:
     A policy sees a particle only where the belief is surer than 0.5, and plans only through cells
     that are classified as free. If errors are frequent or particles are few, it may therefore find
     no path although particles may still enter unclassified cells. Commands in all directions in
-    turn then show where the particles are. If every cell in reach is classified, the nearest
-    particle pushes the nearest of the weak walls, behind which more unclassified cells may lie than
-    the confidence allows. If no particle can reach one, particles push the walls between them and
-    the rest of the map.
+    turn then show where the particles are. A cell beyond the border of the field that counts as free
+    is a mistake, which the nearest particle corrects with pushes. If every cell in reach is
+    classified, the nearest particle pushes the nearest of the weak walls, behind which more
+    unclassified cells may lie than the confidence allows. If no particle can reach one, particles
+    push the walls between them and the rest of the map.
 
     After `PATIENCE` commands that neither classify a further cell nor leave fewer weak walls, and
     `TIMES` more for each cell of the longest path to a wall, the lookout gives up, so that every
@@ -490,7 +491,11 @@ class Lookout:
             path = path or path_to_frontier(
                 replace(belief, frontier=self._between(belief)), noisy.occupied
             )
-            self._budget = max(self._budget, PATIENCE + TIMES * len(path))
+        else:
+            field = Board.of_mask(np.ones(noisy.layout.shape, dtype=np.bool_))
+            beyond = replace(belief, open=belief.open & field, frontier=belief.open - field)
+            path = path_to_frontier(beyond, noisy.occupied)
+        self._budget = max(self._budget, PATIENCE + TIMES * len(path))
         if self._sent >= self._budget:
             return None
         self._sent += 1

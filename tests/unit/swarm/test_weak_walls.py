@@ -159,6 +159,17 @@ def test_a_maze_is_not_complete_while_a_part_of_it_is_lost():
     assert episode.errors.right > 0.99
 
 
+def test_a_free_cell_beyond_the_field_is_corrected():
+    """Before, the search for paths did not enter the first and the last row of the rim, and the
+    episode stalled.
+    """
+    noise = {"slip": 0.2, "misplace": 0.05, "miss": 0.1}
+    problem = {"particles": 2, "policy": "closest-frontier", **noise}
+    episode = run("maze:21x15:47", **problem, trial=47, seed=7)
+    assert episode.status == "complete"
+    assert episode.errors.right == 1
+
+
 def test_a_world_of_a_batch_with_noise_ends_where_an_episode_ends():
     problem = SwarmProblem(
         GridWorkspace([[0] * 5, [0] * 5, [1] * 5, [0] * 5, [0] * 5]),
