@@ -41,6 +41,7 @@ LEVELS = {
     "hard": HARD,
     "harder": Noise(slip=0.3, misplace=0.075, miss=0.15),
     "worst": Noise(slip=0.4, misplace=0.1, miss=0.2),
+    "extreme": Noise(slip=0.5, misplace=0.1, miss=0.3),
 }
 PLACES = {
     "few": (("vessels:100", 2), ("vessels:500", 5), ("maze:21x15", 5), ("cave:30x20", 3)),
