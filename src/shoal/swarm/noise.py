@@ -614,9 +614,8 @@ def largest_beside(values: NDArray[Any]) -> NDArray[Any]:
     """Return for each cell the largest value of its neighbours. The neighbour of a cell on the
     border is the cell on the opposite border.
     """
-    return np.maximum.reduce(
-        [np.roll(values, way, axis) for axis in range(values.ndim) for way in (-1, 1)]
-    )
+    beside = [np.roll(values, way, axis) for axis in range(values.ndim) for way in (-1, 1)]
+    return np.asarray(np.maximum.reduce(beside))
 
 
 def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:
