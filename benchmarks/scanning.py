@@ -167,7 +167,7 @@ def name_points(
                     fontsize=7,
                     color=colour,
                 )
-                box = text.get_window_extent()
+                box = text.get_window_extent().padded(2)
                 if axes.bbox.containsx(box.x0) and not box.count_overlaps(covered):
                     covered.append(box)
                     break
