@@ -144,7 +144,8 @@ def name_points(
     axes: Axes, line: Line2D, points: dict[str, dict[str, tuple[float, float]]]
 ) -> None:
     """Write the names of the points of each colour beside them, where a name covers no point, no
-    other name, no axis and no part of the line. A point whose name fits nowhere gets none.
+    other name, no axis and no part of the line, and is nearest to its own point. A point whose
+    name fits nowhere gets none.
     """
     to_pixels = axes.transData.transform
     marks = to_pixels([point for named in points.values() for point in named.values()])
@@ -167,8 +168,14 @@ def name_points(
                     fontsize=7,
                     color=colour,
                 )
-                box = text.get_window_extent().padded(2)
-                if axes.bbox.containsx(box.x0) and not box.count_overlaps(covered):
+                box = text.get_window_extent().padded(1)
+                middle = box.get_points().mean(axis=0)
+                nearest = marks[np.hypot(*(marks - middle).T).argmin()]
+                if (
+                    axes.bbox.containsx(box.x0)
+                    and np.allclose(nearest, to_pixels(point))
+                    and not box.count_overlaps(covered)
+                ):
                     covered.append(box)
                     break
                 text.remove()
