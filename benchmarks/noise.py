@@ -3,7 +3,8 @@ every episode ends.
 
 python -m benchmarks.noise                       200 trials of acceptance and the calibration plot (docs/images/noise.png)
 python -m benchmarks.noise --scans 1 2 4         what fewer scans cost, ten trials each
-python -m benchmarks.noise --policies            moves and wrong cells of best and of closest-frontier, ten paired trials each
+python -m benchmarks.noise --policies            moves and wrong cells of best and of closest-frontier, ten paired trials each,
+                                                 with few and with many particles
 python -m benchmarks.noise --few 0.99 0.9999     wrong and never classified cells with few particles, 20 trials each
 python -m benchmarks.noise --endings 20000       so many episodes of random maps, rates, confidences and policies
 """
@@ -13,17 +14,22 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
+from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 from tests.swarm_runs import run, run_trials
 
 from shoal import GridWorkspace, open_map
+from shoal.swarm import SwarmProblem
 from shoal.swarm.episode import SwarmEpisode
+from shoal.swarm.grid.board import Board
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.noise import PRIOR, Noise
+from shoal.swarm.noise import PRIOR, Noise, NoisyBelief
+from shoal.swarm.policies import BeamRollout
 
 MAP, PARTICLES = "vessels:5000", 1000
 NOISE = Noise(slip=0.05, misplace=0.01)
@@ -35,14 +41,12 @@ LEVELS = {
     "hard": HARD,
     "harder": Noise(slip=0.3, misplace=0.075, miss=0.15),
     "worst": Noise(slip=0.4, misplace=0.1, miss=0.2),
+    "extreme": Noise(slip=0.5, misplace=0.1, miss=0.3),
 }
-PLACES = (
-    ("vessels:500", 10),
-    ("vessels:500", 50),
-    ("maze:21x15", 10),
-    ("maze:21x15", 50),
-    ("cave:30x20", 30),
-)
+PLACES = {
+    "few": (("vessels:100", 2), ("vessels:500", 5), ("maze:21x15", 5), ("cave:30x20", 3)),
+    "many": (("vessels:100", 20), ("vessels:500", 50), ("maze:21x15", 50), ("cave:30x20", 30)),
+}
 IMAGE = Path(__file__).parents[1] / "docs" / "images" / "noise.png"
 
 
@@ -128,66 +132,65 @@ def fewer_scans(every: list[int], trials: int, particles: int) -> int:
     return broken
 
 
-def compare_policies(trials: int) -> int:
-    """Print, for each noise, the moves and the wrong cells of two policies; return for how many
-    noises best is not better.
+def compare_policies(trials: int, levels: list[str]) -> int:
+    """Print, for each noise and for few and many particles, the moves and the wrong cells of two
+    policies; return for how many of these auto takes the worse one.
     """
     worse = 0
-    print(
-        f"{trials} paired trials each of {', '.join(f'{place} with {n}' for place, n in PLACES)}"
-        " particles; confidence 0.99"
-    )
-    for name, noise in LEVELS.items():
-        ratios, shares, told = (
-            [],
-            {"closest-frontier": [], "best": []},
-            {"closest-frontier": Counter(), "best": Counter()},
-        )
-        for place, particles in PLACES:
-            moves: dict[str, list[int]] = {}
-            for policy, wrong in shares.items():
+    for level in levels:
+        noise = LEVELS[level]
+        for crowd, places in PLACES.items():
+            logs = []
+            shares: dict[str, list[float]] = {"closest-frontier": [], "best": []}
+            told = {policy: Counter[str]() for policy in shares}
+            for place, particles in places:
+                moves: dict[str, list[int]] = {policy: [] for policy in shares}
                 for trial in range(trials):
-                    began = time.process_time()
-                    episode = run(
-                        place,
-                        particles=particles,
-                        noise=noise,
-                        policy=policy,
-                        trial=trial,
-                        max_moves=20_000,
-                    )
-                    told[policy]["seconds"] += time.process_time() - began
-                    told[policy][str(episode.status)] += 1
-                    moves.setdefault(policy, []).append(episode.moves)
-                    wrong.append(1 - episode.errors.right)
-            logs = np.log(moves["best"]) - np.log(moves["closest-frontier"])
-            ratios.extend(logs)
+                    for policy, wrong in shares.items():
+                        began = time.process_time()
+                        episode = run(
+                            place,
+                            particles=particles,
+                            noise=noise,
+                            policy=policy,
+                            trial=trial,
+                            max_moves=20_000,
+                        )
+                        told[policy]["ms"] += int(1000 * (time.process_time() - began))
+                        told[policy][str(episode.status)] += 1
+                        moves[policy].append(episode.moves)
+                        wrong.append(1 - episode.errors.right)
+                ratios = np.log(moves["best"]) - np.log(moves["closest-frontier"])
+                logs.extend(ratios)
+                print(
+                    f"  {level}, {place}, {particles} particles: closest-frontier"
+                    f" {np.mean(moves['closest-frontier']):.0f}, best {np.mean(moves['best']):.0f}"
+                    f" moves, ratio {ratio_text(ratios)}",
+                    flush=True,
+                )
+            rates = f"slip {noise.slip:g}, misplace {noise.misplace:g}, miss {noise.miss:g}"
             print(
-                f"  {name}, {place}, {particles} particles: closest-frontier"
-                f" {np.mean(moves['closest-frontier']):.0f}, best {np.mean(moves['best']):.0f}"
-                f" moves, ratio {ratio_text(logs)}",
-                flush=True,
+                f"{crowd} particles, {rates}: best / closest-frontier {ratio_text(np.array(logs))}"
             )
-        text = f"slip {noise.slip:g}, misplace {noise.misplace:g}, miss {noise.miss:g}"
-        print(f"{name} ({text}): moves of best / closest-frontier {ratio_text(np.array(ratios))}")
-        for policy, wrong in shares.items():
-            ends = ", ".join(
-                f"{count} {status}" for status, count in told[policy].items() if status != "seconds"
-            )
-            about = (
-                f"{100 * np.mean(wrong):.4f} % of the cells wrong or undecided, at worst"
-                f" {100 * max(wrong):.3f} %"
-            )
-            print(f"  {policy}: {about}; {ends}; {told[policy]['seconds']:.0f} s", flush=True)
-        worse += int(np.mean(ratios) > 0)
+            for policy, wrong in shares.items():
+                ends = ", ".join(
+                    f"{count} {name}" for name, count in told[policy].items() if name != "ms"
+                )
+                print(
+                    f"  {policy}: {100 * np.mean(wrong):.2f} % of the cells wrong or undecided, at"
+                    f" worst {100 * max(wrong):.1f} %; {ends}; {told[policy]['ms'] / 1000:.0f} s",
+                    flush=True,
+                )
+            chosen = SwarmProblem(places[0][0], particles=places[0][1], **vars(noise)).setup
+            worse += int((np.mean(logs) < 0) != isinstance(chosen.policy, BeamRollout))
     return worse
 
 
 def few_particles(confidences: list[float], trials: int, policy: str) -> int:
-    """Print the wrong cells, the cells never classified and the moves with few particles; return
-    how many rows break a promise.
+    """Print the wrong cells, the cells never classified and the moves with few particles, and the
+    same without pushes of weak walls; return how many rows break a promise.
     """
-    broken = 0
+    broken, moves = 0, defaultdict[str, list[float]](list)
     print(
         f"{policy}, {trials} trials a row; the shares are of the free cells and the walls of the"
         " episodes that are complete"
@@ -196,35 +199,75 @@ def few_particles(confidences: list[float], trials: int, policy: str) -> int:
         for name in ("usual", "scans", "hard"):
             for place in ("vessels:300", "maze:21x15"):
                 for counts in ((2, 3, 4, 5), (20,)):
-                    episodes = [
-                        run(
-                            place,
-                            particles=counts[i % len(counts)],
-                            noise=LEVELS[name],
-                            policy=policy,
-                            trial=i,
-                            seed=7,
-                            confidence=confidence,
-                            max_moves=20_000,
-                        )
-                        for i in range(trials)
-                    ]
-                    errors = [
-                        episode.errors for episode in episodes if episode.status == "complete"
-                    ]
-                    cells = max(1, sum(e.free + e.walls for e in errors))
-                    wrong = sum(e.false_free + e.false_obstacles for e in errors) / cells
-                    never = sum(e.undecided for e in errors) / cells
-                    worst = max((1 - e.right for e in errors), default=0.0)
+                    given = place, counts, LEVELS[name], confidence, trials, policy
+                    row = play_few(*given)
+                    with patch.object(
+                        NoisyBelief,
+                        "weak_walls",
+                        property(lambda belief: Board.empty(belief.layout)),
+                    ):
+                        without = play_few(*given)
                     print(
                         f"  {confidence:g}, {name}, {place}, {counts[0]} to {counts[-1]} particles:"
-                        f" {len(errors)} complete, {100 * wrong:.2f} % wrong, {100 * never:.2f} %"
-                        f" never classified, {100 * worst:.1f} % in the worst trial,"
-                        f" {np.mean([episode.moves for episode in episodes]):.0f} moves",
+                        f" {row.complete} complete, {100 * row.wrong:.2f} % wrong,"
+                        f" {100 * row.never:.2f} % never classified, {100 * row.worst:.1f} % in the"
+                        f" worst trial, {row.moves:.0f} moves; without weak walls"
+                        f" {100 * without.never:.2f} %, {without.moves:.0f} moves"
+                        f" ({100 * (row.moves / without.moves - 1):.1f} %)",
                         flush=True,
                     )
-                    broken += int(wrong > 1 - confidence)
+                    moves[f"{name}, {place}, {counts}"].append(row.moves)
+                    broken += int(row.wrong + row.never > 1 - confidence)
+    for after in range(1, len(confidences)):
+        ratios = [row[after] / row[0] for row in moves.values()]
+        print(
+            f"{confidences[after]:g}: {min(ratios):.2f} to {max(ratios):.2f} times the moves of"
+            f" {confidences[0]:g}"
+        )
     return broken
+
+
+class Few(NamedTuple):
+    """What a row of `few_particles` tells: shares of the cells of complete episodes, mean moves."""
+
+    complete: int
+    wrong: float
+    never: float
+    worst: float
+    moves: float
+
+
+def play_few(
+    place: str,
+    counts: tuple[int, ...],
+    noise: Noise,
+    confidence: float,
+    trials: int,
+    policy: str,
+) -> Few:
+    """Play the trials of a row, each on another map, with one count of particles after the other."""
+    episodes = [
+        run(
+            f"{place}:{i}",
+            particles=counts[i % len(counts)],
+            noise=noise,
+            policy=policy,
+            trial=i,
+            seed=7,
+            confidence=confidence,
+            max_moves=20_000,
+        )
+        for i in range(trials)
+    ]
+    errors = [episode.errors for episode in episodes if episode.status == "complete"]
+    cells = max(1, sum(e.free + e.walls for e in errors))
+    return Few(
+        len(errors),
+        sum(e.false_free + e.false_obstacles for e in errors) / cells,
+        sum(e.undecided for e in errors) / cells,
+        max((1 - e.right for e in errors), default=0.0),
+        float(np.mean([episode.moves for episode in episodes])),
+    )
 
 
 def ratio_text(logs: NDArray[np.float64]) -> str:
@@ -375,6 +418,9 @@ def main() -> int:
         "--policies", action="store_true", help="compare best with closest-frontier instead"
     )
     parser.add_argument(
+        "--levels", nargs="+", choices=LEVELS, default=list(LEVELS), help="of --policies"
+    )
+    parser.add_argument(
         "--few",
         type=float,
         nargs="+",
@@ -399,7 +445,7 @@ def main() -> int:
     if given.few:
         return int(few_particles(given.few, given.trials or 20, given.policy) > 0)
     if given.policies:
-        return int(compare_policies(given.trials or 10) > 0)
+        return int(compare_policies(given.trials or 10, given.levels) > 0)
     return int(measure(given.trials or 200, given.image) > 0)
 
 

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import argparse
 import statistics
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
 from tests.swarm_runs import run_trials
 
 from shoal import open_map
@@ -36,6 +39,7 @@ MAPS = {
 }
 COUNTS = (100, 1000)
 FIXED = ("1", "2", "3", "4", "6", "8", "12", "16", "doubling", "hyper")
+SIDES = ((1, 1), (-1, -1), (1, 0), (0, 1), (0, -1), (-1, 0), (1, -1), (-1, 1))  # of a point
 SCAN_COSTS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # of adaptive rules; a move costs 1
 
 
@@ -81,6 +85,7 @@ def pareto(trials: int, path: Path) -> None:
     scan, and the front of all.
     """
     figure = new_figure(8.4, 11)
+    drawn: list[tuple[Axes, Line2D, dict[str, dict[str, tuple[float, float]]]]] = []
     for row, (title, name) in zip(
         figure.subplots(len(MAPS), len(COUNTS)), MAPS.items(), strict=True
     ):
@@ -97,11 +102,9 @@ def pareto(trials: int, path: Path) -> None:
                 for cost in SCAN_COSTS
             }
             front = pareto_front([*fixed.values(), *adaptive.values()])
-            axes.step(
+            (line,) = axes.step(
                 *np.array(front).T, where="post", color=MUTED, lw=0.8, ls="--", label="Pareto front"
             )
-            named_points(axes, fixed, "o", BLUE, "fixed rules", (5, 2))
-            named_points(axes, adaptive, "s", ORANGE, "adaptive, by price of a scan", (-5, -10))
             axes.set(xscale="log", yscale="log", xlabel="moves", ylabel="scans")
             for axis in (axes.xaxis, axes.yaxis):
                 axis.set_major_formatter("{x:g}")
@@ -110,31 +113,72 @@ def pareto(trials: int, path: Path) -> None:
             set_title(axes, f"{title}, {n} particles")
             plain_axes(axes)
             axes.grid(which="minor", color=GRID, lw=0.4)
-    row[0].legend(frameon=False, fontsize=8)
+            for points, shape, colour, label in (
+                (fixed, "o", BLUE, "fixed rules"),
+                (adaptive, "s", ORANGE, "adaptive, by price of a scan"),
+            ):
+                axes.plot(
+                    *np.array(list(points.values())).T,
+                    shape,
+                    color=colour,
+                    ms=4,
+                    mfc="none",
+                    label=label,
+                )
+            drawn.append((axes, line, {BLUE: fixed, ORANGE: adaptive}))
+    figure.legend(
+        *axes.get_legend_handles_labels(),
+        loc="outside upper right",
+        ncols=3,
+        fontsize=8,
+        frameon=False,
+    )
+    figure.draw_without_rendering()  # the layout is final: only now is it known where points lie
+    figure.set_layout_engine("none")
+    for axes, line, points in drawn:
+        name_points(axes, line, points)
     save_figure(figure, path)
 
 
-def named_points(
-    axes: Axes,
-    points: dict[str, tuple[float, float]],
-    shape: str,
-    colour: str,
-    label: str,
-    at: tuple,
+def name_points(
+    axes: Axes, line: Line2D, points: dict[str, dict[str, tuple[float, float]]]
 ) -> None:
-    """Draw points with their names beside them; where two lie close together, only the first is
-    named.
+    """Write the names of the points of each colour beside them, where a name covers no point, no
+    other name, no axis and no part of the line, and is nearest to its own point. A point whose
+    name fits nowhere gets none.
     """
-    axes.plot(
-        *np.array(list(points.values())).T, shape, color=colour, ms=4, mfc="none", label=label
-    )
-    named: list[tuple[float, float]] = []
-    for name, (x, y) in points.items():
-        if all(abs(np.log(x / a)) + abs(np.log(y / b)) > 0.16 for a, b in named):
-            named.append((x, y))
-            axes.annotate(
-                name, (x, y), xytext=at, textcoords="offset points", fontsize=7, color=colour
-            )
+    to_pixels = axes.transData.transform
+    marks = to_pixels([point for named in points.values() for point in named.values()])
+    radius = 2.5 * axes.figure.dpi / 72  # of a mark, in pixels
+    front = to_pixels(np.column_stack(line.get_data()))
+    corners = np.column_stack([front[1:, 0], front[:-1, 1]])  # the line goes right, then down
+    covered = [Bbox([mark, mark]).padded(radius) for mark in marks]
+    for begins, ends in ((front[:-1], corners), (corners, front[1:])):
+        covered += [Bbox(pair).padded(1) for pair in zip(begins, ends, strict=True)]
+    for colour, named in points.items():
+        for name, point in named.items():
+            for distance, (right, up) in product((3, 6, 10, 15), SIDES):
+                text = axes.annotate(
+                    name,
+                    point,
+                    xytext=(distance * right, distance * up),
+                    textcoords="offset points",
+                    ha={1: "left", 0: "center", -1: "right"}[right],
+                    va={1: "bottom", 0: "center", -1: "top"}[up],
+                    fontsize=7,
+                    color=colour,
+                )
+                box = text.get_window_extent().padded(1)
+                middle = box.get_points().mean(axis=0)
+                nearest = marks[np.hypot(*(marks - middle).T).argmin()]
+                if (
+                    axes.bbox.containsx(box.x0)
+                    and np.allclose(nearest, to_pixels(point))
+                    and not box.count_overlaps(covered)
+                ):
+                    covered.append(box)
+                    break
+                text.remove()
 
 
 def pareto_front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -153,6 +153,7 @@ class MapErrors:
 PAD = 3  # the rim and two more cells that are never free
 NEVER = -700.0  # log-odds
 MAY_HOLD = 0.05  # probability from which a cell counts as one that may hold a particle
+UNLIKELY = 0.05  # probability that no particle starts in a part of the map
 SAFETY = 2.0  # the rest of a map may branch more than the part found so far
 
 
@@ -363,6 +364,14 @@ class NoisyBelief:
         cells that surely hold one and are surely free. A particle in an unclassified cell is beside
         cells that it can still classify.
         """
+        reachable = self._reachable
+        return bool(reachable.any()) and not bool((reachable & ~self.belief.open.mask).any())
+
+    @property
+    def _reachable(self) -> NDArray[np.bool_]:
+        """Mask of the cells that are no walls and hang together with one that may hold a
+        particle.
+        """
         from scipy import ndimage
 
         passable = self.logit > -bound_of(self.confidence)
@@ -370,8 +379,7 @@ class NoisyBelief:
             inner_of(self.state.inside > MAY_HOLD, self.layout.shape, rim=1), dtype=np.bool_
         )
         parts, _ = ndimage.label(passable)
-        reachable = np.isin(parts, np.unique(parts[may_hold & passable]))
-        return bool(reachable.any()) and not bool((reachable & ~self.belief.open.mask).any())
+        return np.isin(parts, np.unique(parts[may_hold & passable]))
 
     @property
     def weak_walls(self) -> Board:
@@ -384,26 +392,52 @@ class NoisyBelief:
         average a share f of the map (`cells_behind`). The expected share of hidden cells is n f e,
         and `SAFETY` times this share must not exceed 1 - ``confidence``. Behind a wall without
         unclassified cells beside it, nothing is hidden, and beside a small unclassified part, no
-        more than this part.
+        more than this part. Beside a large one, the map may be larger than the part found so far,
+        with as many more cells that hide others: at most so much larger that all particles start in
+        the found part with a probability of `UNLIKELY`.
+
+        Free cells that no particle can reach any more were reached through a cell that counts as a
+        wall now. The odds that such cells are free multiply the odds that a wall between them and
+        the cells in reach is free, and the product must not exceed the odds of a misclassification.
         """
+        return self._walls_before_unknown | self._walls_before_lost
+
+    @property
+    def _walls_before_lost(self) -> Board:
+        from scipy import ndimage
+
+        belief, logit = self.belief, self.logit
+        reached = Board(self.layout, self.layout.pack(belief.open.mask & self._reachable))
+        lost = belief.open - reached
+        between = (belief.obstacles & reached.dilated() & lost.dilated()).mask
+        if not between.any():
+            return Board.empty(self.layout)
+        parts, count = ndimage.label(lost.mask)
+        surest = np.append(-np.inf, ndimage.maximum(logit, parts, np.arange(1, count + 1)))
+        if self.loss > 0:  # a particle may have started there and disappeared
+            surest[parts[self._first.mask]] = -np.inf
+        evidence = largest_beside(surest[parts])
+        bound = np.maximum(-kernels.SURE, -bound_of(self.confidence) - evidence)
+        return Board(self.layout, self.layout.pack(between & (logit > bound)))
+
+    @property
+    def _walls_before_unknown(self) -> Board:
         from scipy import ndimage
 
         belief, inner = self.belief, (slice(1, -1),) * self.layout.ndim
         parts, _ = ndimage.label(~belief.known.mask[inner])
         sizes = np.bincount(parts.ravel())
         sizes[0] = 0  # classified cells
-        around = np.pad(sizes[parts], 1)
-        behind = np.zeros_like(around)  # cells of the largest unclassified part beside a cell
-        for axis in range(self.layout.ndim):
-            for way in (-1, 1):
-                np.maximum(behind, np.roll(around, way, axis), out=behind)
+        behind = largest_beside(np.pad(sizes[parts], 1))  # cells of an unclassified part
         walls = np.zeros(self.layout.window, dtype=np.bool_)
         # beyond the rim, nothing is hidden
         walls[inner] = (belief.obstacles & belief.open.dilated()).mask[inner]
         walls &= behind > 0
         if not walls.any():
             return Board.empty(self.layout)
-        share = np.minimum(self._share_behind, (1 + behind) / (len(belief.known) + behind))
+        known = len(belief.known)
+        larger = np.minimum(1 + behind / known, UNLIKELY ** (-1 / max(1, len(self._first))))
+        share = np.minimum(self._share_behind * larger, (1 + behind) / (known + behind))
         mistaken = np.exp(self.logit - log(PRIOR / (1 - PRIOR)))
         return Board(
             self.layout,
@@ -451,10 +485,11 @@ class Lookout:
     A policy sees a particle only where the belief is surer than 0.5, and plans only through cells
     that are classified as free. If errors are frequent or particles are few, it may therefore find
     no path although particles may still enter unclassified cells. Commands in all directions in
-    turn then show where the particles are. If every cell in reach is classified, the nearest
-    particle pushes the nearest of the weak walls, behind which more unclassified cells may lie than
-    the confidence allows. If no particle can reach one, particles push the walls between them and
-    the rest of the map.
+    turn then show where the particles are. A cell beyond the border of the field that counts as free
+    is a mistake, which the nearest particle corrects with pushes. If every cell in reach is
+    classified, the nearest particle pushes the nearest of the weak walls, behind which more
+    unclassified cells may lie than the confidence allows. If no particle can reach one, particles
+    push the walls between them and the rest of the map.
 
     After `PATIENCE` commands that neither classify a further cell nor leave fewer weak walls, and
     `TIMES` more for each cell of the longest path to a wall, the lookout gives up, so that every
@@ -495,7 +530,11 @@ class Lookout:
             path = path or path_to_frontier(
                 replace(belief, frontier=self._between(belief)), noisy.occupied
             )
-            self._budget = max(self._budget, PATIENCE + TIMES * len(path))
+        else:
+            field = Board.of_mask(np.ones(noisy.layout.shape, dtype=np.bool_))
+            beyond = replace(belief, open=belief.open & field, frontier=belief.open - field)
+            path = path_to_frontier(beyond, noisy.occupied)
+        self._budget = max(self._budget, PATIENCE + TIMES * len(path))
         if self._sent >= self._budget:
             return None
         self._sent += 1
@@ -608,6 +647,14 @@ def noisy_belief(
         layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_))
     )
     return NoisyBelief(layout.shape, seen, about, confidence, noisy=noisy)
+
+
+def largest_beside(values: NDArray[Any]) -> NDArray[Any]:
+    """Return for each cell the largest value of its neighbours. The neighbour of a cell on the
+    border is the cell on the opposite border.
+    """
+    beside = [np.roll(values, way, axis) for axis in range(values.ndim) for way in (-1, 1)]
+    return np.asarray(np.maximum.reduce(beside))
 
 
 def cells_behind(free: Board, roots: Board) -> NDArray[np.int64]:

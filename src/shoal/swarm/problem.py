@@ -67,13 +67,6 @@ settings of the run.
 RIG = "rig"
 """Map of a problem whose place is a rig: nothing but the size of the place is known."""
 
-STRONG_NOISE = 0.6
-"""Sum of the error probabilities above which the planner best needs no fewer moves than the policy
-closest-frontier.
-
-The command `python -m benchmarks.noise --policies` compares the two policies.
-"""
-
 NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
 
 
@@ -258,9 +251,9 @@ class SwarmProblem(Problem):
         help=(
             "Policy: auto, {names} or MODULE:ATTRIBUTE. Options of a policy follow a colon, as in"
             " closest-frontier:ties=row-major or manual:llurr. The policy offline is for coverage"
-            " only. auto stands for best if the task is mapping with a scan after each move, with"
-            " rule block or merge and without strong noise, on huge maps with a smaller budget, and"
-            " for closest-frontier in all other cases."
+            " only. auto stands for best if the task is mapping with a scan after each move and with"
+            " rule block or merge, on huge maps with a smaller budget, and for closest-frontier in"
+            " all other cases."
         ),
         **_registered(_policies),
     )
@@ -514,12 +507,7 @@ class SwarmProblem(Problem):
         given = {name: value for name, value in limits.items() if value is not None}
         if not isinstance(self.policy, str) or self.policy != "auto":
             return with_budget(make_policy(self.policy), **given), False
-        plannable = (
-            isinstance(task, Mapping)
-            and self.rule != "tilt"
-            and self.scanning.every_move
-            and self.slip + self.misplace + self.miss <= STRONG_NOISE
-        )
+        plannable = isinstance(task, Mapping) and self.rule != "tilt" and self.scanning.every_move
         if plannable and not given and self.map != RIG:
             size = (workspace.shape, workspace.n_free, self.particles)
             fitting = fit_planner(*size, noisy=self.noise is not None)

@@ -186,7 +186,7 @@ def test_auto_names_what_it_chose(monkeypatch, capsys):
     [
         ({"slip": 0.05, "misplace": 0.01}, "beam-rollout"),
         ({"slip": 0.2, "misplace": 0.05, "miss": 0.1}, "beam-rollout"),
-        ({"slip": 0.4, "misplace": 0.1, "miss": 0.2}, "closest-frontier"),
+        ({"slip": 0.4, "misplace": 0.1, "miss": 0.2}, "beam-rollout"),
         ({"slip": 0.05, "scan_every": 2}, "closest-frontier"),
         ({"rule": "tilt"}, "closest-frontier"),
         ({"task": "coverage"}, "closest-frontier"),

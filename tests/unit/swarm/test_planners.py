@@ -17,8 +17,9 @@ from tests.swarm_runs import run
 from shoal import open_map
 from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy
-from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.scans import Trace
+from shoal.swarm.grid.state import Belief, SwarmState, pushed
 from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import episodes
@@ -26,6 +27,7 @@ from shoal.swarm.kernels.moves import new_record
 from shoal.swarm.kernels.planning import plan_search
 from shoal.swarm.policies import POLICIES, BeamRollout
 from shoal.swarm.policies.planners import state
+from shoal.swarm.policies.protocol import View
 from shoal.swarm.simulation.compiled import PlannerGame
 from shoal.swarm.theory.bounds import LowerBound, SmallWorld, lower_bound, optimum
 
@@ -388,3 +390,22 @@ def test_optimal_mappings():
 def test_what_bounds_refuse(call, message):
     with pytest.raises(InvalidInputError, match=message):
         call()
+
+
+@pytest.mark.parametrize(("slips", "expected"), [((), 6), ((2,), 7), ((1, 3), 8)])
+@pytest.mark.parametrize("policy", ["best", "greedy-classify"])
+def test_a_planner_plans_anew_where_a_particle_slipped(policy, slips, expected):
+    """Before, it sent the rest of the plan, which turned upwards too early."""
+    free = Board.of_mask(np.array([[0, 0, 0, 0, 0, 1], [1, 1, 1, 1, 1, 1]], dtype=bool))
+    unknown = Board.of_cells(free.layout, [(0, 5)])
+    belief = Belief(free - unknown, free.dilated() - unknown, unknown)
+    here = Board.of_cells(free.layout, [(1, 0)])
+    planner, memory, sent = make_policy(policy), None, ""
+    while not (sent.endswith("u") and (1, 5) in here) and len(sent) < 20:
+        view = View(belief, here, moves=len(sent))
+        command, memory = planner.decide(view, memory, np.random.default_rng(1))
+        sent += command
+        if len(sent) not in slips:
+            code = "lurd".index(command)
+            here = pushed(free.layout, belief.open.words, SwarmState(here), code, "block").occupied
+    assert len(sent) == expected

@@ -16,7 +16,7 @@ import numpy as np
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, GridLayout, letters_of
-from shoal.swarm.grid.state import Belief, SwarmState, field_of
+from shoal.swarm.grid.state import Belief, SwarmState, field_of, pushed
 from shoal.swarm.kernels import episodes
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.planners.state import Pace, Tuning, planner_of, seed_of
@@ -105,12 +105,36 @@ class PlannerPolicy(Compiled):
             entered = belief.open.shifted(letters_of(layout.ndim)[memory.command])
             planner.prior.before[:] |= (belief.known - entered).words.ravel()
             episodes.observe_outcome(field, view.mapping, planner, memory.command, view.classified)
+        quiet = int(planner.memory.quiet)
+        if memory is not None and quiet > 0 and _is_astray(memory, view, belief):
+            if planner.memory.forced > 0:  # a path from a cell where its particle is not
+                planner.memory.forced = planner.memory.plan_at = planner.memory.plan_length = 0
+            if quiet < planner.options.force_after:
+                planner.memory.quiet = 0  # the kernel plans anew after a move that is not quiet
         with pace.timed(planner, 1):
             command = int(episodes.choose(self.code, field, view.mapping, planner))
+        planner.memory.quiet = quiet
         if command < 0:
             return "", None
         planner.prior.before[:] = field.known
-        return letters_of(layout.ndim)[command], _Remembered(planner, command, pace)
+        return letters_of(layout.ndim)[command], _Remembered(
+            planner, command, pace, belief, view.occupied
+        )
+
+
+def _is_astray(memory: _Remembered, view: View, belief: Belief) -> bool:
+    """Return whether the last command, which classified no cell, had another effect than planned:
+    particles are elsewhere, or an unclassified cell was tried and is unclassified still.
+
+    Only noise can make it so.
+    """
+    before, layout = memory.belief, view.occupied.layout
+    tried = memory.occupied.shifted(letters_of(layout.ndim)[memory.command])
+    if view.mapping and tried & before.frontier & belief.frontier:
+        return True
+    state = SwarmState(memory.occupied)
+    expected = pushed(layout, before.open.words, state, memory.command, view.rule)
+    return expected.occupied != view.occupied
 
 
 def _plannable(belief: Belief) -> Belief:
@@ -131,6 +155,8 @@ class _Remembered:
     planner: Any
     command: int
     pace: Pace
+    belief: Belief
+    occupied: Board
 
 
 @dataclass(frozen=True)
