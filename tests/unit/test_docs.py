@@ -30,7 +30,11 @@ import shoal.views
 from shoal.cli import run
 from shoal.cli.commands import COMMANDS, command
 from shoal.lab import workers as worker_pools
-from shoal.swarm import GridWorkspace, GridWorld
+from shoal.missions import FORMATS
+from shoal.search.allocation.allocate import ALLOCATORS
+from shoal.search.tours import TOURS
+from shoal.steering import PLANNERS
+from shoal.swarm import POLICIES, GridWorkspace, GridWorld
 from shoal.views.drawing.encoding import LONGEST
 
 ROOT = Path(__file__).parents[2]
@@ -194,6 +198,30 @@ def test_contributors_find_the_files_that_the_tables_name():
     assert len(paths) > 40
     for path in paths:
         assert (ROOT / path).exists() or (ROOT / "src/shoal" / path).exists(), path
+    for row in rows:
+        for name, path in re.findall(r"`(\w+)` (?:of|in) `((?:\w+/)+\w+\.(?:py|js))`", row):
+            file = next(
+                root / path for root in (ROOT, ROOT / "src/shoal") if (root / path).exists()
+            )
+            defined = re.search(rf"^(?:[\w ]+ )?{name}\b *[:=(]", file.read_text(), re.M)
+            assert defined, f"{path} does not define {name}"
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("concepts/policies.md", POLICIES),
+        ("concepts/tours.md", TOURS),
+        ("concepts/allocation.md", ALLOCATORS),
+        ("concepts/steering/planners.md", PLANNERS),
+        ("concepts/missions.md", FORMATS),
+    ],
+)
+def test_tables_list_all_names_of_a_registry(page, names):
+    text = (ROOT / "docs" / page).read_text()
+    firsts = re.findall(r"^\| (`[^|]*) \|", text, re.M)
+    listed = {name for first in firsts for name in re.findall(r"`([\w-]+)", first)}
+    assert {*names} - listed == set(), f"a table of docs/{page} needs a row for each of these"
 
 
 def prose_of(page: Path) -> str:
