@@ -11,12 +11,13 @@ export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
 # Else every process would compile every module that it imports to byte code again, which takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo kernels lint test test-wheel versions check bench soak docs clean
+.PHONY: help install dev demo kernels lint test test-wheel versions check bench soak docs clean
 
 help:
 	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write a film, a player and figures to ./demo'
 	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
+	@echo 'make dev      set up .venv with all that tests and checks need, and run none of them'
 	@echo 'make kernels  after a change of kernels: lower them ahead of time, for the first commands of all users'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
 	@echo 'make versions  run a sample of the tests with the lowest and the highest declared versions of all dependencies, and in each Python found'
@@ -52,6 +53,9 @@ $(VENV)/.dev-installed: pyproject.toml requirements.lock | $(BIN)/python
 install: $(VENV)/.run-installed
 	@echo 'Shoal is installed. Let this terminal find the command shoal:  . $(BIN)/activate'
 	@echo 'Then try:  shoal --help  or  shoal studio  or a tutorial in docs/tutorials'
+
+dev: $(VENV)/.dev-installed
+	@echo 'Shoal and its tools are installed. Run some tests:  $(BIN)/python -m pytest tests/unit/swarm -k noise'
 
 demo: $(VENV)/.run-installed
 	@$(BIN)/shoal demo --out demo

@@ -15,8 +15,7 @@ from shoal.swarm import Belief, Board, GridWorld, make_policy, make_task, place
 from shoal.swarm.grid.board import trial_rng
 from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.state import field_of
-from shoal.swarm.kernels import episodes as policy_episode
-from shoal.swarm.kernels import moves
+from shoal.swarm.kernels import episodes, moves
 from shoal.swarm.simulation.compiled import policy_state_of
 
 MAP, PARTICLES = "vessels:5000", 1000
@@ -85,9 +84,7 @@ def play_packed(world: GridWorld, start: np.ndarray) -> None:
     belief = make_task("mapping").begin(world, state)
     field = field_of(world.free.words, state, belief)
     policy_state = policy_state_of(world.layout, world.workspace.n_free, belief)
-    policy_episode.play(
-        policy.code, field, moves.BLOCK, True, policy_state, None, Trace.empty(4096)
-    )
+    episodes.play(policy.code, field, moves.BLOCK, True, policy_state, None, Trace.empty(4096))
 
 
 def play_plain(free: np.ndarray, start: np.ndarray) -> None:

@@ -107,7 +107,7 @@ def measure(kind: str, command: str, source: Path, unit: float) -> float:
     copy_sources(source)
     # an underscore is a blank within a word
     words = tuple(word.replace("_", " ") for word in command.split())
-    run = ("-c", "from shoal.cli import main; main()", *words)
+    run = ("-m", "shoal", *words)
     cpu_seconds("-c", BYTE_CODE, source=source)  # which is no part of it
     first = cpu_seconds(*run, source=source)
     second = min(cpu_seconds(*run, source=source) for _ in range(2))

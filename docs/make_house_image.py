@@ -1,5 +1,5 @@
 """Draw the packages of Shoal in their layers: what stands higher may import what stands lower. Made
-from pyproject.toml.
+from pyproject.toml. The file of the picture also has its words, so that a test finds an old picture.
 
 Run: python docs/make_house_image.py
 """
@@ -7,6 +7,7 @@ Run: python docs/make_house_image.py
 from __future__ import annotations
 
 import ast
+import json
 import textwrap
 import tomllib
 from pathlib import Path
@@ -14,6 +15,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, new_figure, save_figure
 
@@ -44,16 +46,21 @@ def purpose(name: str) -> str:
     return said.split(". ")[0].rstrip(".")
 
 
+def words() -> list[dict[str, str]]:
+    """Return the words of the picture: for each layer, its packages with their purposes."""
+    return [{name: purpose(name) for name in row} for row in layers()]
+
+
 def house() -> Figure:
     """Return the picture."""
-    rows = layers()
+    rows = words()
     figure = new_figure(WIDTH, len(rows) * HEIGHT)
     axes = figure.subplots()
     axes.set(xlim=(0, WIDTH), ylim=(-len(rows) * HEIGHT, 0))
     axes.axis("off")
     for number, row in enumerate(rows):
         side = WIDTH / len(row)
-        for place, name in enumerate(row):
+        for place, (name, said) in enumerate(row.items()):
             left, top = place * side + GAP / 2, -number * HEIGHT - GAP / 2
             colour = COLOURS.get(name, MUTED)
             style = {
@@ -68,7 +75,7 @@ def house() -> Figure:
             axes.text(
                 left + 0.12, top - 0.2, name, color=INK, fontsize=11, fontweight="bold", va="center"
             )
-            told = textwrap.wrap(purpose(name), width=int(side * 16.2 - 1))
+            told = textwrap.wrap(said, width=int(side * 16.2 - 1))
             axes.text(
                 left + 0.12,
                 top - 0.32,
@@ -84,5 +91,7 @@ def house() -> Figure:
 if __name__ == "__main__":
     picture = Path(__file__).parent / "images" / "house.png"
     save_figure(house(), picture)
+    about = PngInfo()
+    about.add_text("layers", json.dumps(words()))
     with Image.open(picture) as drawn:
-        drawn.convert("RGB").quantize(32).save(picture, optimize=True)
+        drawn.convert("RGB").quantize(32).save(picture, optimize=True, pnginfo=about)

@@ -4,21 +4,16 @@ against enumeration.
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from fractions import Fraction
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.reference.line import largest_gap, left_then_right, printed_coverage_moves
+from tests.without_compiler import printed
 
 from shoal.swarm.kernels import theory as kernels
 from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, sample
-
-ROOT = Path(__file__).parents[2]
 
 
 def random_lines(count, seed):
@@ -126,21 +121,13 @@ def test_same_sample_for_any_workers_and_with_the_compiler_off():
         " Line, sample\nfor n in (1, 9, 60, 70): print(sample(Line(70, n), 50, seed=3,"
         " workers=1).coverage.tolist())"
     )
-    environment = dict(os.environ, NUMBA_DISABLE_JIT="1")
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=ROOT,
-        env=environment,
-        check=True,
-        capture_output=True,
-        text=True,
-    )
+    plain = printed(script)
     for workers in (1, 3):
         compiled = "".join(
             f"{sample(Line(70, n), 50, seed=3, workers=workers).coverage.tolist()}\n"
             for n in (1, 9, 60, 70)
         )
-        assert done.stdout == compiled
+        assert plain == compiled
 
 
 def test_a_sample_of_several_chunks_does_not_depend_on_the_workers():

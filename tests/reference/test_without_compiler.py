@@ -5,14 +5,10 @@ behave otherwise.
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
+from tests import without_compiler
 
-ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import numpy as np
 from shoal.swarm import GridWorkspace
@@ -262,26 +258,11 @@ def printed():
     """What all scripts print, with the compiler and without it: one process each, as starting one
     takes longer than most.
     """
-
-    # what is not set is not in the environment: the cache of kernels knows each setting of Numba
-    # apart
-    def run(**settings):
-        environment = {
-            name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"
-        } | settings
-        done = subprocess.run(
-            [sys.executable, "-c", ALL],
-            input=json.dumps(SCRIPTS),
-            cwd=ROOT,
-            env=environment,
-            check=True,
-            capture_output=True,
-            text=True,
-            timeout=300,
-        )
-        return json.loads(done.stdout)
-
-    return run(), run(NUMBA_DISABLE_JIT="1")
+    given = json.dumps(SCRIPTS)
+    return [
+        json.loads(without_compiler.printed(ALL, compiled=compiled, given=given))
+        for compiled in (True, False)
+    ]
 
 
 @pytest.mark.parametrize("script", SCRIPTS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import pathspec
 import pytest
 
+from shoal import cli
 from shoal.cli import main, run
 from shoal.cli.commands import COMMANDS
 from shoal.core.version import __version__
@@ -271,6 +273,59 @@ def test_importing_shoal_loads_nothing_heavy():
         " name) for name in shoal.__all__]"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_small_commands_load_no_library_that_they_do_not_use():
+    script = (
+        "import sys; from shoal.cli import run\n"
+        "for part in ('map', 'maps', 'drive', 'search', 'steer', 'missions check'):\n"
+        "    assert run([*part.split(), '--help']) == 0\n"
+        "    unused = {'pydantic', 'llvmlite', 'numba', 'ssl'} & set(sys.modules)\n"
+        "    assert not unused, (part, unused)\n"
+        "words = ['map', 'line:9', '-n', '3', '--slip', '0.1', '--json']\n"
+        "assert run(words) == 0; assert not {'pydantic', 'numba'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize("number", ["3", "003", "+3", " 3", "3.0"])
+def test_whole_numbers_are_read_with_and_without_the_library_that_checks_them(number, capsys):
+    assert run(["map", "line:9", "-n", number, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["particles"] == 3
+
+
+@pytest.mark.parametrize("text", ["9" * 5000, "3.5", "-", "\u0663x", "1e1"])
+def test_what_is_no_whole_number_is_refused_in_a_sentence(text, capsys):
+    assert run(["map", "line:9", "-n", text, "--json"]) == 2
+    assert re.match("shoal: (-n|--particles|particles): ?", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [("0.25", 0), (".25", 0), ("1e-1", 0), ("0", 0), ("nan", 2), ("x", 2), ("9" * 400, 2)],
+)
+def test_numbers_are_read_with_and_without_the_library_that_checks_them(text, code, capsys):
+    assert run(["map", "line:9", "-n", "3", "--slip", text, "--json"]) == code
+    if code == 0:
+        rate = json.loads(capsys.readouterr().out).get("noise", {}).get("slip", 0)
+        assert rate == float(text)
+
+
+def test_the_list_of_commands_bears_a_folder_that_an_earlier_version_left(tmp_path):
+    folder = tmp_path / "shoal"
+    shutil.copytree(
+        Path(cli.__file__).parents[1] / "cli",
+        folder / "cli",
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
+    (folder / "cli" / "sweep" / "__pycache__").mkdir(parents=True)
+    script = (
+        "import sys, shoal; shoal.__path__.insert(0, sys.argv[1])\n"
+        "from shoal.cli import run; sys.exit(run(['sweep', '--help']))"
+    )
+    subprocess.run(
+        [sys.executable, "-c", script, str(folder)], check=True, stdout=subprocess.DEVNULL
+    )
 
 
 def test_depth_first_states_its_ratio(capsys):

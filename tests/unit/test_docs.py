@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import json
 import pydoc
 import re
 import runpy
@@ -18,7 +19,9 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from docs.make_house_image import words
 from markdown.extensions.toc import slugify
+from PIL import Image
 
 import shoal
 import shoal.envs
@@ -192,19 +195,26 @@ def test_library_pages_cover_what_packages_offer():
             assert covered, f"docs/api has nothing of {home}.{name}"
 
 
-def test_contributors_find_the_files_that_the_tables_name():
+def test_contributors_find_the_files_and_names_of_the_tables():
     rows = re.findall(r"^\|.*\|$", (ROOT / "CONTRIBUTING.md").read_text(), re.M)
-    paths = [path for row in rows for path in re.findall(r"`((?:\w+/)+[\w.]+)`", row)]
+    paths = [path for row in rows for path in re.findall(r"`((?:\w+/)+[\w.]*)`", row)]
     assert len(paths) > 40
     for path in paths:
-        assert (ROOT / path).exists() or (ROOT / "src/shoal" / path).exists(), path
-    for row in rows:
-        for name, path in re.findall(r"`(\w+)` (?:of|in) `((?:\w+/)+\w+\.(?:py|js))`", row):
-            file = next(
-                root / path for root in (ROOT, ROOT / "src/shoal") if (root / path).exists()
-            )
-            defined = re.search(rf"^(?:[\w ]+ )?{name}\b *[:=(]", file.read_text(), re.M)
-            assert defined, f"{path} does not define {name}"
+        assert found_in_tree(path).exists(), path
+    places = re.findall(r"`(\w+)` (?:in|of) `((?:\w+/)+\w+\.\w+)`", "\n".join(rows))
+    assert len(places) > 20
+    for name, path in places:
+        defined = rf"^\s*(?:(?:def|class|const) )?{name}(?: = |: .* = |\(|:|\.| \{{)"
+        assert re.search(defined, found_in_tree(path).read_text(), re.M), f"{path} has no {name}"
+
+
+def found_in_tree(path: str) -> Path:
+    return ROOT / path if (ROOT / path).exists() else ROOT / "src/shoal" / path
+
+
+def test_the_picture_of_the_layers_is_new():
+    with Image.open(ROOT / "docs/images/house.png") as picture:
+        assert json.loads(picture.text["layers"]) == words(), "run: python docs/make_house_image.py"
 
 
 @pytest.mark.parametrize(

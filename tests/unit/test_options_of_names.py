@@ -5,7 +5,6 @@ take options.
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -195,11 +194,3 @@ def test_help_names_all_that_is_registered():
     for name in PLANNERS:
         assert make_planner(name).name == name
         assert f"| `{name}` |" in page
-
-
-def test_where_things_are():
-    text = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text()
-    places = re.findall(r"`((?:swarm|steering|search|studio|papers|cli|tests)/[\w/.-]*)`", text)
-    roots = (Path(__file__).parents[2] / "src" / "shoal", Path(__file__).parents[2])
-    assert len(places) > 25
-    assert [place for place in places if not any((root / place).exists() for root in roots)] == []

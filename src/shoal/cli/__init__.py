@@ -121,8 +121,6 @@ def main() -> NoReturn:
     # OpenBLAS otherwise starts a thread for each processor, which waits in a busy loop for up to
     # 0.06 s; no large matrices here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # imported objects stay: scanning them again for garbage takes a sixth of a start
-    gc.set_threshold(200_000)
     with suppress(OSError):  # the folder may have been deleted
         look_in(os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, may be in the current folder
     for stream in (sys.stdout, sys.stderr):

@@ -7,7 +7,6 @@ from __future__ import annotations
 import difflib
 import json
 import re
-import tomllib
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from math import inf, isfinite
@@ -307,6 +306,8 @@ def parse_toml(text: str, *, where: str) -> dict[str, Any]:
         Raised if the text is not TOML. The error message contains the line and the column of the
         error.
     """
+    import tomllib  # only sweeps are written in TOML
+
     # Checked before parsing: the parser needs memory that grows with the square of the number of
     # parts of a key.
     bare = _TOML_TEXTS.sub(lambda text: "" if text[0].startswith("#") else "q", text)

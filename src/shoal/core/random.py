@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 
 def world_generators(

@@ -25,9 +25,7 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
-import llvmlite
 import numpy as np
-from llvmlite import binding
 
 from shoal.core.files import users_cache, with_checksum, without_checksum
 from shoal.core.notices import tell_once
@@ -161,6 +159,9 @@ def _maker() -> tuple[Any, ...]:
     """Return the data that, with the code of a kernel, determine its machine code: versions,
     settings and the processor.
     """
+    import llvmlite
+    from llvmlite import binding
+
     compiler = find_spec("shoal.jit.compiler")
     code = compiler.loader.get_code(compiler.name)  # type: ignore[union-attr]
     versions = version_of_numba(), llvmlite.__version__, sys.implementation.cache_tag

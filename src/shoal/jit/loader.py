@@ -27,7 +27,6 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
-from llvmlite import binding
 
 from shoal.core.dataclass import dataclass
 
@@ -38,9 +37,7 @@ TESTED = ("0.68.",)
 _C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = 0x1, 0x2, 0x100 | 0x400
 _SAME = {int: np.int64, float: np.float64, bool: np.bool_}
 _of_array = attrgetter("dtype", "ndim", "flags.num")
-_PLAIN = frozenset(
-    [bool, float, type(None), np.random.Generator, *(np.dtype(name).type for name in "?bhilBHILfd")]
-)
+_PLAIN = frozenset([bool, float, type(None), *(np.dtype(name).type for name in "?bhilBHILfd")])
 
 
 @dataclass(frozen=True)
@@ -82,6 +79,8 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
             kinds.append((kind, _of_array(value)))
         elif kind is np.record:
             kinds.append((kind, value.dtype))
+        elif kind is np.random.Generator:  # here, because NumPy imports its module `random` on use
+            kinds.append(kind)
         else:
             raise TypeError(kind)
     return tuple(kinds)
@@ -144,6 +143,11 @@ class _Linker:
     """LLVM's loader of machine code, and the symbols that Numba's machine code needs."""
 
     def __init__(self) -> None:
+        # imported with the first kernel that is called: modules with kernels are also imported for
+        # help and for the checks of a problem, which would take a fifth longer
+        from llvmlite import binding
+
+        self._binding = binding
         binding.initialize_native_target()
         binding.initialize_native_asmprinter()
         target = binding.Target.from_default_triple()
@@ -166,6 +170,7 @@ class _Linker:
 
     def link(self, stored: MachineCode, function: Callable[..., Any]) -> Any:
         """Load machine code and return the kernel as a Python function."""
+        binding = self._binding
         if not all(binding.address_of_symbol(name) for name in stored.required):
             from numba.core.registry import cpu_target
 

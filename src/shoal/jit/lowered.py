@@ -27,9 +27,6 @@ from pathlib import Path
 from types import CodeType
 from typing import TYPE_CHECKING, Any
 
-import llvmlite
-from llvmlite import binding
-
 from shoal.jit.cache import content_key, described_code, settings_of_numba
 from shoal.jit.loader import MachineCode, compiled_form, version_of_numba
 
@@ -155,6 +152,9 @@ def _member(kernel: Any, kinds: Any) -> tuple[Path, str]:
 @cache
 def _maker() -> tuple[Any, ...]:
     """Return the data that, with the code of a kernel, determine its lowered code."""
+    import llvmlite
+    from llvmlite import binding
+
     compiler = find_spec("shoal.jit.compiler")
     tree = ast.parse(Path(compiler.origin).read_text())  # type: ignore[union-attr, arg-type]
     code = ast.unparse(_without_docstrings(tree))

@@ -22,6 +22,21 @@ from shoal.search.regions.outline import Points
 from shoal.search.regions.projection import DECIMALS, REACH, ROUNDED, LocalFrame
 from shoal.search.regions.region import TOUCH, SearchRegion
 
+ROOM = 15.0  # metres: distance of the fence from paths outside the region
+CORNERS = {"ardupilot": 70, "px4": 64}
+"""Maximum number of corners of a fence, over all its rings, that each autopilot stores.
+
+ArduPilot's limit of 70 corners was tested on a Cube autopilot. The limit of 64 corners is PX4's
+maximum number of MAVLink items in a fence.
+"""
+
+_LEAST_INCLUSION = 4  # corners that remain for the outline
+_LEAST_KEPT = 0.9  # share of the free area that polygons with few corners may leave at least
+# corners of a ring in place of a circle: within 0.2 mm of a circle of 1 m, and within 16 mm of one
+# of 100 m
+_CIRCLE = 180
+_ANYWHERE = 4 * REACH  # metres: beyond all that a local frame can hold
+_BEYOND = 100.0  # metres beyond the region and the launch points: there no zone matters
 _MANY = 300  # corners above which a polygon is first simplified roughly
 # metres: first tolerance of the rough simplification, and number of increases, each by a factor of
 # √2
@@ -274,23 +289,6 @@ def _merged(rings: list[_Ring], accept: Callable[[list[Any]], bool]) -> bool:
             rings.append(_Ring(hull, clear))
             return True
     return False
-
-
-ROOM = 15.0  # metres: distance of the fence from paths outside the region
-CORNERS = {"ardupilot": 70, "px4": 64}
-"""Maximum number of corners of a fence, over all its rings, that each autopilot stores.
-
-ArduPilot's limit of 70 corners was tested on a Cube autopilot. The limit of 64 corners is PX4's
-maximum number of MAVLink items in a fence.
-"""
-
-_LEAST_INCLUSION = 4  # corners that remain for the outline
-_LEAST_KEPT = 0.9  # share of the free area that polygons with few corners may leave at least
-# corners of a ring in place of a circle: within 0.2 mm of a circle of 1 m, and within 16 mm of one
-# of 100 m
-_CIRCLE = 180
-_ANYWHERE = 4 * REACH  # metres: beyond all that a local frame can hold
-_BEYOND = 100.0  # metres beyond the region and the launch points: there no zone matters
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,8 @@ DEMONSTRATED = 1e-3  # of the scans if a command moved nothing, from which on it
 CHANGED = 0.02  # of the scans if the number of particles is constant, from which on it is not
 DECEPTION = 1e-3  # of the scans if all commands were carried out, from which on some were not
 DECISIVE = 1e3  # the most that one scan counts for in this
+# in place of the logarithm of 0: what the stated rates exclude, however it came about, is no evidence
+IMPOSSIBLE = -1e6
 SHARES = np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5])  # of such commands
 # of a particle: from which on a cell surely holds one, up to which it has none
 SURE, EMPTY = 0.9, 0.1
@@ -471,8 +473,9 @@ def find_change(
     Let L_n(t) be the probability of scan t if there are n particles all the time. The probability
     of all scans if the number is n before some moment and m from then on, averaged over the
     moments, is compared with the probability for the best constant number. The evidence is the
-    logarithm of the ratio of the two. If the number has not changed, the ratio exceeds 1 / `CHANGED` with at most the probability `CHANGED` (Ville's
-    inequality). One scan never decides: its ratio counts for at most `DECISIVE`.
+    logarithm of the ratio of the two. If the number has not changed, the ratio exceeds 1 /
+    `CHANGED` with at most the probability `CHANGED` (Ville's inequality). One scan never decides:
+    its ratio counts for at most `DECISIVE`.
 
     Parameters
     ----------
@@ -492,7 +495,7 @@ def find_change(
     """
     limit, best, change = log(DECISIVE), -log(CHANGED), None
     possible = {
-        number: np.where(counts[1:] > number, of_number - 1e6, of_number)
+        number: np.where(counts[1:] > number, IMPOSSIBLE, np.maximum(of_number, IMPOSSIBLE))
         for number, of_number in likelihoods.items()
     }
     for last, of_last in possible.items():
@@ -613,6 +616,7 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
     """
     if not len(deeds):
         return None
+    deeds = np.maximum(deeds, IMPOSSIBLE)
     ratios = np.exp(np.minimum(deeds[:, 1:] - deeds[:, :1], log(DECISIVE)))
     products = np.log1p(SHARES[:, None, None] * (ratios - 1)).sum(axis=1)  # shares, ways
     ways = np.logaddexp.reduce(products, axis=0) - log(len(SHARES))

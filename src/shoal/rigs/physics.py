@@ -41,7 +41,7 @@ BETWEEN = 0.1  # coefficient of friction between two particles
 MOST = 5000  # particles
 TOLD = {"slip": 0.05, "misplace": 0.05, "miss": 0.01}
 """Error rates that a drive of a plant expects if the user states none. The usual plants show .01 to
-.06, .01 to .03 and 0 (`python -m benchmarks.physics`).
+.06, .00 to .01 and 0 (`python -m benchmarks.physics`).
 """
 
 

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import log
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_number
@@ -26,6 +25,9 @@ from shoal.swarm.kernels.moves import new_record
 from shoal.swarm.kernels.noise import PATIENCE, TIMES
 from shoal.swarm.kernels.search import Search
 from shoal.swarm.maps.workspace import GridWorkspace
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 CONFIDENCE = 0.99
 PRIOR = 0.25  # prior probability that an unknown cell is free: about the fraction in vascular maps

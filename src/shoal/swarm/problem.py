@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_number, shortened
@@ -39,6 +38,8 @@ from shoal.swarm.noise import CONFIDENCE, MOST, PRIOR, SUREST, Noise
 # The policies bring the kernels of all planners, and `open_map` the readers of all files. They are
 # imported on use, because help and commands without a policy would start a tenth slower.
 if TYPE_CHECKING:
+    from numpy.random import Generator
+
     from shoal.swarm.policies import Policy
 
 Cells = tuple[tuple[int, ...], ...]

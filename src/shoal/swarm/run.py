@@ -33,7 +33,7 @@ from shoal.swarm.simulation.compiled import (
     Game,
     NoisyGame,
     PlannerGame,
-    SearchGame,
+    PolicyGame,
     compiled_loop,
     is_compiled,
 )
@@ -217,7 +217,7 @@ def _game(setup: SwarmSetup, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> 
             mapping=setup.mapping,
             rng=rng,
         )
-    return SearchGame(policy, swarm, rng, scanning=scanning)
+    return PolicyGame(policy, swarm, rng, scanning=scanning)
 
 
 def load_kernels(problem: SwarmProblem) -> None:

@@ -202,7 +202,7 @@ def test_planners_under_noise_learn_only_from_cells_that_particles_entered(monke
     """Around other cells, the prior read memory outside the board, and equal seeds gave different
     episodes.
     """
-    observe, seen = beam_rollout.planner_episode.observe_outcome, []
+    observe, seen = beam_rollout.episodes.observe_outcome, []
 
     def observed(field, mapping, planner, command, done):
         layout = rooms
@@ -226,7 +226,7 @@ def test_planners_under_noise_learn_only_from_cells_that_particles_entered(monke
         confidence=0.9,
     )
     rooms = GridLayout(problem.place.shape)
-    monkeypatch.setattr(beam_rollout.planner_episode, "observe_outcome", observed)
+    monkeypatch.setattr(beam_rollout.episodes, "observe_outcome", observed)
     first = run(problem, trial=trial)
     assert sum(seen) > 20
     assert run(problem, trial=trial).commands == first.commands

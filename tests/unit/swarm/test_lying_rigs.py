@@ -26,7 +26,7 @@ from shoal.rigs import (
     replay_log,
 )
 from shoal.rigs.driving import check_number_seen
-from shoal.rigs.monitor import NoiseMonitor, find_change
+from shoal.rigs.monitor import NoiseMonitor, find_change, find_misdeed
 from shoal.swarm.grid.tasks import place
 from shoal.swarm.noise import Noise
 
@@ -983,3 +983,15 @@ def test_a_stop_that_raises_anything_names_its_type(error, told):
     driven = drive(rig, policy="closest-frontier")
     assert (driven.status, [alarm.kind for alarm in driven.alarms]) == ("complete", ["stop"])
     assert driven.alarms[0].text.endswith(told)
+
+
+def test_scans_that_the_stated_rates_exclude_are_no_evidence():
+    """With misplace 0, a misplaced particle has probability 0 whatever the rig did."""
+    excluded = np.full((60, 5), -np.inf)
+    assert find_misdeed(excluded) is None
+    counts = np.full(61, 3)
+    assert find_change({3: np.full(60, -np.inf), 4: np.full(60, -np.inf)}, counts) is None
+    excluded[::3, 2] = -1.0  # "twice" explains each third
+    misdeed = find_misdeed(excluded)
+    assert misdeed is not None
+    assert misdeed.kind == "twice"

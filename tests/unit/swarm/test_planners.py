@@ -21,7 +21,7 @@ from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.kernels import episodes
 from shoal.swarm.kernels.moves import new_record
 from shoal.swarm.kernels.planning import plan_search
 from shoal.swarm.policies import POLICIES, BeamRollout
@@ -126,7 +126,7 @@ def test_what_is_unknown_reaches_no_decision(name):
                 rng.integers(0, 2**63, game.field.free.size, dtype=np.uint64),
             )
             exchanged = field._replace(free=(field.free & field.known) | (other & ~field.known))
-            command = int(planner_episode.choose(game.code, exchanged, True, planner))
+            command = int(episodes.choose(game.code, exchanged, True, planner))
             chosen.add((command, *planner.prediction.open))
         assert len(chosen) == 1
 
@@ -172,8 +172,8 @@ def test_thought_by_the_number_of_particles():
     """Few particles need many moves and gain more by thinking; many need few moves, and their plans
     are short.
     """
-    names = ("end_frontier", "frontier_worth", "beam_width", "beam_depth")
-    budget, few, share, width, depth = (
+    names = ("end_frontier", "frontier_worth", "variations", "beam_width", "beam_depth")
+    budget, few, share, variations, width, depth = (
         0,
         *(1 + BeamRollout.tuning._fields.index(name) for name in names),
     )
@@ -182,6 +182,8 @@ def test_thought_by_the_number_of_particles():
         given_more = make_policy("best").settings(particles)
         assert given_more[budget] == times * usual[budget]
         many = times if particles > 1000 else 1
+        plans = max(1, min(10, 1000 / particles))
+        assert given_more[variations] == plans * usual[variations]
         assert (given_more[few], given_more[share]) == (many * usual[few], usual[share] / many)
         assert (given_more[width], given_more[depth]) == (
             many**2 * usual[width],

@@ -5,7 +5,7 @@ latitude.
 from __future__ import annotations
 
 import math
-from xml.sax.saxutils import escape
+from html import escape
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def write(mission: Mission) -> str:
     ]
     shape = "LineString" if len(points) > 1 else "Point"
     data = [
-        f'    <Data name="{name}"><value>{escape(value)}</value></Data>'
+        f'    <Data name="{name}"><value>{escape(value, quote=False)}</value></Data>'
         for name, value in attributes_as_text(mission).items()
     ]
     lines = [

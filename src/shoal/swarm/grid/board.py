@@ -6,16 +6,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry
 from shoal.swarm.maps.workspace import MOST_LINES, text_rows
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 LETTERS = "lurdio"
 """The command letters for left, up, right and down. In 3-D, two more letters mean in (towards layer

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_number, shortened
@@ -18,6 +17,9 @@ from shoal.swarm.grid.board import Board, offsets_of
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.maps.workspace import GridWorkspace
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 
 @runtime_checkable
@@ -202,7 +204,7 @@ def make_task(task: str | Task) -> Task:
     return made
 
 
-Placement = Callable[[GridWorkspace, int, Generator], NDArray[np.int64]]
+Placement = Callable[[GridWorkspace, int, "Generator"], NDArray[np.int64]]
 PLACEMENTS: Registry[Placement] = Registry("placement", functions=True)
 
 

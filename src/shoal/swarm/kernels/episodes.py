@@ -443,7 +443,7 @@ def play(code, field, rule, mapping, policy_state, scan_planner, trace):
     return trace.commands.shape[0], COMPLETE if done else RUNNING
 
 
-# codes of planners, which continue the policy codes of `policy_episode`
+# codes of planners, which continue the codes of policies above
 GREEDY, BEAM_ROLLOUT = 6, 7
 FADING = (
     8  # the moving average of prediction errors covers about this many moves that find free cells

@@ -5,9 +5,7 @@ elect-particle, random-moves, depth-first, sweep and manual.
 from __future__ import annotations
 
 from dataclasses import field, fields
-from typing import Any, ClassVar
-
-from numpy.random import Generator
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
@@ -23,6 +21,9 @@ from shoal.swarm.grid.paths import (
 from shoal.swarm.grid.scans import ScanRule
 from shoal.swarm.kernels import episodes as kernels
 from shoal.swarm.policies.protocol import Decision, Policy, View
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 
 @dataclass(frozen=True)

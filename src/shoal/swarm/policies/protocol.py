@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
-
-from numpy.random import Generator
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from shoal.core.dataclass import dataclass
 from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.state import Belief
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 Decision = tuple[str, Any]
 """The result of one decision of a policy: commands, and the policy's memory for its

@@ -27,8 +27,7 @@ from shoal.swarm.grid.state import (
     state_of,
 )
 from shoal.swarm.grid.tasks import Coverage, Mapping
-from shoal.swarm.kernels import episodes as planner_episode
-from shoal.swarm.kernels import moves
+from shoal.swarm.kernels import episodes, moves
 from shoal.swarm.kernels.moves import BLOCK, COMPLETE, RUNNING, STALLED, TILT, new_record
 from shoal.swarm.kernels.planning import adaptive_scans
 from shoal.swarm.noise import Lookout, NoisyBelief
@@ -42,10 +41,10 @@ STATUSES = {
     STALLED: Status.STALLED,
 }
 KINDS = {
-    "equal": planner_episode.EQUAL,
-    "doubling": planner_episode.DOUBLING,
-    "hyper": planner_episode.HYPER,
-    "adaptive": planner_episode.ADAPTIVE,
+    "equal": episodes.EQUAL,
+    "doubling": episodes.DOUBLING,
+    "hyper": episodes.HYPER,
+    "adaptive": episodes.ADAPTIVE,
 }
 LONGEST_RUN = 500  # maximum number of commands in the runs that the adaptive scan rule compares
 # moves of the first piece and seconds of later pieces, if a progress function is given
@@ -127,7 +126,7 @@ def compiled_loop(
     return trace, Status.INTERRUPTED if stopped and status is Status.LIMIT else status
 
 
-class SearchGame:
+class PolicyGame:
     """An episode of a built-in policy in compiled code, for all policies that are not planners.
 
     Parameters
@@ -171,11 +170,11 @@ class SearchGame:
         """Compute one piece of the episode. For the policy random-moves, first draw the commands of
         the piece.
         """
-        if self.code == planner_episode.RANDOM:
+        if self.code == episodes.RANDOM:
             trace.commands[:] = self.rng.integers(
                 0, len(self.policy_state.search.neighbours), size=trace.moves
             )
-        played, status = planner_episode.play(
+        played, status = episodes.play(
             self.code,
             self.field,
             self.rule,
@@ -198,7 +197,7 @@ class SearchGame:
         after the last command.
         """
         known = (
-            self.policy_state.scanning.kind == planner_episode.ADAPTIVE
+            self.policy_state.scanning.kind == episodes.ADAPTIVE
             and self.policy_state.memory.learnt == 0
         )
         if self.policy_state.memory.run_left == 0 or known:
@@ -249,7 +248,7 @@ class PlannerGame:
         while moves < trace.moves and status == RUNNING:
             part = trace.part(moves, moves + piece)
             with self.pace.timed(self.planner, part.moves):
-                played, status = planner_episode.play_planner(
+                played, status = episodes.play_planner(
                     self.code, self.field, self.rule, self.mapping, self.planner, part
                 )
             moves += int(played)
@@ -349,28 +348,26 @@ def largest_piece(field: moves.Field) -> int:
     return int(np.clip(2**25 // field.free.size, 64, 2**16))
 
 
-def scanning_of(scanning: ScanRule | None) -> planner_episode.Scanning:
+def scanning_of(scanning: ScanRule | None) -> episodes.Scanning:
     """Return a scan rule in the form that kernels expect. If ``scanning`` is None, the recorded
     trace determines the scans.
     """
     return (
-        planner_episode.Scanning(planner_episode.GIVEN, 1)
+        episodes.Scanning(episodes.GIVEN, 1)
         if scanning is None
-        else planner_episode.Scanning(KINDS[scanning.kind], scanning.step)
+        else episodes.Scanning(KINDS[scanning.kind], scanning.step)
     )
 
 
-def scan_planner_of(
-    layout: GridLayout, scanning: ScanRule | None
-) -> planner_episode.ScanPlanner | None:
+def scan_planner_of(layout: GridLayout, scanning: ScanRule | None) -> episodes.ScanPlanner | None:
     """Return the working memory of the adaptive scan rule. For a scan rule that is not adaptive,
     return None.
     """
-    if scanning is None or KINDS[scanning.kind] != planner_episode.ADAPTIVE:
+    if scanning is None or KINDS[scanning.kind] != episodes.ADAPTIVE:
         return None
     longest = min(max(layout.window), LONGEST_RUN)
     boards = empty_boards(layout, 2)
-    return planner_episode.ScanPlanner(
+    return episodes.ScanPlanner(
         gain=adaptive_scans.ExpectedGain(
             prices=new_record(
                 adaptive_scans.PRICES, scan=scanning.scan_cost, move=scanning.move_cost
@@ -390,13 +387,13 @@ def policy_state_of(
     n_free: int,
     belief: Belief,
     *,
-    code: int = planner_episode.CLOSEST,
+    code: int = episodes.CLOSEST,
     rule: int = BLOCK,
     ties: str = "column-major",
     neighbours: str = "lurd",
     plan: str = "",
     scanning: ScanRule | None = EVERY_MOVE,
-) -> planner_episode.PolicyState:
+) -> episodes.PolicyState:
     """Return the initial memory of a built-in policy. A policy with fixed commands follows
     ``plan``.
     """
@@ -406,33 +403,33 @@ def policy_state_of(
         neighbours=neighbours,
         plan_size=max(n_free + 2, len(plan), adaptive_scans.LONGEST_PLAN),
     )
-    memory = new_record(planner_episode.MEMORY)
+    memory = new_record(episodes.MEMORY)
     memory.run_command, memory.scanned = -1, 1
     memory.remaining = len(belief.frontier)
     if plan:
         search.plan[: len(plan)] = encode(plan, ndim=layout.ndim)
         memory.plan_length = len(plan)
-    driven = code in {planner_episode.ELECT, planner_episode.DEPTH_FIRST}
-    trail = int(np.prod(layout.window)) if code == planner_episode.DEPTH_FIRST else 0
-    return planner_episode.PolicyState(
+    driven = code in {episodes.ELECT, episodes.DEPTH_FIRST}
+    trail = int(np.prod(layout.window)) if code == episodes.DEPTH_FIRST else 0
+    return episodes.PolicyState(
         memory,
         search,
         scanning_of(scanning),
         board=empty_boards(layout, 1)[0] if driven else np.zeros(0, dtype=np.uint64),
         trail=np.zeros(trail, dtype=np.int8),
-        slides=slides_of(layout, used=rule == TILT and code == planner_episode.CLOSEST),
+        slides=slides_of(layout, used=rule == TILT and code == episodes.CLOSEST),
     )
 
 
 def choose_driven(
-    code: int, state: SwarmState, policy_state: planner_episode.PolicyState, rng: Generator
+    code: int, state: SwarmState, policy_state: episodes.PolicyState, rng: Generator
 ) -> None:
     """Choose the particle that a policy moves: a random particle for elect-particle, and the first
     particle for depth-first.
     """
-    if code not in {planner_episode.ELECT, planner_episode.DEPTH_FIRST}:
+    if code not in {episodes.ELECT, episodes.DEPTH_FIRST}:
         return
     layout, cells = state.occupied.layout, state.occupied.cells
-    cell = cells[rng.integers(0, len(cells)) if code == planner_episode.ELECT else 0] + 1
+    cell = cells[rng.integers(0, len(cells)) if code == episodes.ELECT else 0] + 1
     layer = int(cell[0]) if layout.ndim == 3 else 0
     policy_state.memory.row, policy_state.memory.column = layer * layout.rows + cell[-2], cell[-1]

@@ -14,7 +14,7 @@ from shoal.core.errors import InvalidInputError, ShoalError, describe_error
 from shoal.swarm.grid.board import LETTERS, encode, letters_of
 from shoal.swarm.grid.scans import Recorder, Row, ScanRule, Trace
 from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState, field_of
-from shoal.swarm.kernels import episodes as policy_episode
+from shoal.swarm.kernels import episodes
 from shoal.swarm.kernels.noise import PATIENCE as NOISY_PATIENCE
 from shoal.swarm.kernels.noise import TIMES
 from shoal.swarm.noise import Lookout, NoisyBelief
@@ -23,7 +23,7 @@ from shoal.swarm.policies.protocol import Policy, View
 from shoal.swarm.problem import SwarmSetup
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
-PATIENCE = policy_episode.PATIENCE
+PATIENCE = episodes.PATIENCE
 """Number of consecutive runs, without any motion or classified cell, after which the episode ends
 as stalled.
 """
@@ -154,8 +154,8 @@ class AdaptiveRuns:
         memory.remaining, memory.idle, memory.run_left = len(belief.frontier), idle, 0
         # the belief replaces the true state, because no kernel called here moves particles
         field = field_of(belief.open.words, state, belief)
-        rule, closest = RULE_CODES[self.rule], policy_episode.CLOSEST
-        if not policy_episode.begin_run(
+        rule, closest = RULE_CODES[self.rule], episodes.CLOSEST
+        if not episodes.begin_run(
             closest, field, rule, self.mapping, self.policy_state, self.scan_planner, np.int8(0)
         ):
             return None
@@ -167,7 +167,7 @@ class AdaptiveRuns:
         """
         self.policy_state.memory.learnt = learnt
         return bool(
-            policy_episode.end_run(
+            episodes.end_run(
                 field_of(belief.open.words, state, belief),
                 self.policy_state,
                 self.scan_planner,

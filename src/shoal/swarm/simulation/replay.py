@@ -21,7 +21,7 @@ from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import LOSS, Moment, Noise, NoisyBelief, inner_of, looks_of, noisy_belief
 from shoal.swarm.policies.compiled import Manual
-from shoal.swarm.simulation.compiled import SearchGame, compiled_loop, is_compiled
+from shoal.swarm.simulation.compiled import PolicyGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.swarms import ExactSwarm
 
 
@@ -110,7 +110,7 @@ class ExactReplay:
         first, recorded = len(swarm.belief.frontier), self.trace
         if is_compiled(self.task):
             policy = Manual(decode(recorded.commands))
-            game = SearchGame(policy, swarm, trial_rng(0), scanning=None)
+            game = PolicyGame(policy, swarm, trial_rng(0), scanning=None)
             trace, _ = compiled_loop(game, recorded.moves, scanned=recorded.scanned)
             if trace.moves == recorded.moves:
                 return End(*game.final, trace, first)

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import copy
 from math import floor, log10, prod
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.random import Generator
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, GridLayout, letters_of
 from shoal.swarm.grid.state import Belief, SwarmState, field_of
-from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.kernels import episodes
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.planners.state import Pace, Tuning, planner_of, seed_of
 from shoal.swarm.policies.protocol import Decision, View
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 USUAL = 1000  # number of particles for which the budget is used unchanged
 MOST_FEW, MOST_MANY = 10.0, 4.0  # maximum budget factor for fewer and for more particles
@@ -102,11 +104,9 @@ class PlannerPolicy(Compiled):
             # outside the board.
             entered = belief.open.shifted(letters_of(layout.ndim)[memory.command])
             planner.prior.before[:] |= (belief.known - entered).words.ravel()
-            planner_episode.observe_outcome(
-                field, view.mapping, planner, memory.command, view.classified
-            )
+            episodes.observe_outcome(field, view.mapping, planner, memory.command, view.classified)
         with pace.timed(planner, 1):
-            command = int(planner_episode.choose(self.code, field, view.mapping, planner))
+            command = int(episodes.choose(self.code, field, view.mapping, planner))
         if command < 0:
             return "", None
         planner.prior.before[:] = field.known
@@ -145,7 +145,7 @@ class GreedyClassify(PlannerPolicy):
     """
 
     kind: ClassVar[str] = "greedy-classify"
-    code: ClassVar[int] = planner_episode.GREEDY
+    code: ClassVar[int] = episodes.GREEDY
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class BeamRollout(PlannerPolicy):
     """
 
     kind: ClassVar[str] = "beam-rollout"
-    code: ClassVar[int] = planner_episode.BEAM_ROLLOUT
+    code: ClassVar[int] = episodes.BEAM_ROLLOUT
     tuning: ClassVar[Tuning] = TUNING
     budget: float = 1000.0
     # an option of this class, but not of the base class

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_integer
@@ -16,7 +15,7 @@ from shoal.swarm.grid.scans import Trace
 from shoal.swarm.grid.state import RULE_CODES, Belief, SwarmState, field_of
 from shoal.swarm.grid.tasks import Coverage
 from shoal.swarm.grid.world import GridWorld, check_start
-from shoal.swarm.kernels import episodes as planner_episode
+from shoal.swarm.kernels import episodes
 from shoal.swarm.kernels.moves import RUNNING
 from shoal.swarm.kernels.planning import anneal, plan_search
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -24,6 +23,9 @@ from shoal.swarm.policies.compiled import check_rules
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
 from shoal.swarm.policies.planners.state import Tuning, planner_of, seed_of
 from shoal.swarm.policies.protocol import Decision, View
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 # default number of simulated moves per command, large because no robot waits between two commands
 PLAN_BUDGET = 32_000.0
@@ -195,7 +197,7 @@ def first_plan(
     pieces, status = [], RUNNING
     while status == RUNNING:
         trace = Trace.empty(256)
-        played, status = planner_episode.play_planner(
+        played, status = episodes.play_planner(
             policy.code, field, RULE_CODES[rule], False, planner, trace
         )
         pieces.append(trace.commands[:played])

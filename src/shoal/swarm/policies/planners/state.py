@@ -7,16 +7,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.random import Generator
 
 from shoal.swarm.grid.board import GridLayout, letters_of
 from shoal.swarm.grid.state import RULE_CODES, Belief, empty_boards
 from shoal.swarm.kernels.moves import new_record, record_type
 from shoal.swarm.kernels.planning import forward_model, plan_search, prediction
 from shoal.swarm.policies.planners.learned_weights import learned_prior_of
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 
 class Tuning(NamedTuple):
