@@ -654,7 +654,7 @@ def test_liars_over_a_pipe(how, code, status, kinds, level, tmp_path, capsys):
     [
         (
             ["--rig", "tcp:localhost:1", "--start", "0,0"],
-            "start: expected the rig simulated, because the particles of a real rig are where",
+            "start: expected the rig simulated or physics, because the particles of a real rig are where",
         ),
         (
             ["--rig", "tcp:localhost:1", "--placement", "uniform"],
