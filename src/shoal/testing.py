@@ -450,8 +450,9 @@ def check_map_format(suffix: str, *, examples: Sequence[str | Path] = (), seed: 
 def check_mission_format(form: str | MissionFormat, *, seed: int = 0) -> None:
     """Check a mission format: what it writes, it reads, and its reader raises no error.
 
-    Positions keep at least six decimals of a degree (about 0.1 m), or centimetres of a metre. What
-    is wrong in a damaged file is a diagnostic of the sheet, never an exception.
+    Positions keep at least six decimals of a degree (about 0.1 m), or centimetres of a metre. Each
+    waypoint has a place and an altitude, and a rover stays a rover. What is wrong in a damaged file
+    is a diagnostic of the sheet, never an exception.
 
     Parameters
     ----------
@@ -478,6 +479,9 @@ def check_mission_format(form: str | MissionFormat, *, seed: int = 0) -> None:
         assert chosen.write(mission) == text, f"{name}: the same mission gave two files"
         sheet = Sheet(f"robot-{number}{name}")
         chosen.scan(text, sheet)
+        assert (sheet.kind == "rover") == (mission.kind == "rover"), (
+            f"{name}: a {mission.kind} became {sheet.kind or 'a vehicle without a kind'}"
+        )
         try:
             read = mission_of(sheet, sheet.file)
         except InvalidInputError as error:
@@ -485,6 +489,13 @@ def check_mission_format(form: str | MissionFormat, *, seed: int = 0) -> None:
         near = 1e-6 if geographic else 0.01
         assert len(read.waypoints) == len(points), (
             f"{name}: {len(points)} waypoints became {len(read.waypoints)}"
+        )
+        for what, entries in (("places", sheet.places), ("altitudes", sheet.altitudes)):
+            assert len(entries) == len(points), (
+                f"{name}: {len(points)} waypoints have {len(entries)} {what}"
+            )
+        assert abs(read.altitude - mission.altitude) <= 0.01, (
+            f"{name}: the altitude {mission.altitude} m became {read.altitude} m"
         )
         assert np.abs(read.waypoints - points).max() <= near, f"{name}: a waypoint moved"
         assert np.abs(np.subtract(read.home, mission.home)).max() <= near, f"{name}: home moved"

@@ -16,11 +16,12 @@ import pytest
 from tests.swarm_runs import run
 
 from shoal import open_map
+from shoal.swarm import POLICIES
 from shoal.swarm.noise import Noise
 
 FILE = Path(__file__).parent / "episodes.json"
 MAPS = ("line:200", "rectangle:12x70", "htree:400", "maze:31x21:4")
-POLICIES = {
+EPISODES = {
     "closest-frontier": ("block", "merge", "tilt"),
     "closest-frontier:ties=row-major,neighbours=dlur": ("block",),
     "elect-particle": ("block", "merge"),
@@ -31,7 +32,7 @@ POLICIES = {
 CASES = [
     (name, task, policy, rule)
     for name, task in itertools.product(MAPS, ("mapping", "coverage", "subset-coverage"))
-    for policy, rules in POLICIES.items()
+    for policy, rules in EPISODES.items()
     for rule in rules
 ]
 
@@ -43,6 +44,12 @@ def played(name: str, task: str, policy: str, rule: str) -> list[object]:
     )
     digest = hashlib.sha256(episode.commands.encode()).hexdigest()[:16]
     return [episode.moves, episode.status, digest, episode.distance]
+
+
+def test_every_policy_has_an_episode():
+    """The planners have their own tests, as have policies without decisions of their own."""
+    others = {"best", "beam-rollout", "greedy-classify", "offline", "manual"}
+    assert {name.partition(":")[0] for name in EPISODES} | others == {*POLICIES}
 
 
 @pytest.mark.parametrize("case", CASES, ids=" ".join)

@@ -214,12 +214,25 @@ def losing(text, sheet):
     sheet.points = sheet.points[:1]
 
 
+def emptied(name):
+    """Return a reader that leaves out one field."""
+
+    def scan(text, sheet):
+        MISSION_FORMATS.get("csv").scan(text, sheet)
+        setattr(sheet, name, None if name == "kind" else [])
+
+    return scan
+
+
 @pytest.mark.parametrize(
     ("form", "words"),
     [
         (changed(scan=raising), "a damaged file raised KeyError"),
         (changed(scan=moving), "a waypoint moved"),
         (changed(scan=losing), "waypoints became 1"),
+        (changed(scan=emptied("kind")), "a rover became a vehicle without a kind"),
+        (changed(scan=emptied("places")), "1 waypoints have 0 places"),
+        (changed(scan=emptied("altitudes")), "1 waypoints have 0 altitudes"),
         (changed(scan=lambda text, sheet: None), "its own file cannot be read"),
         (changed(write=lambda mission: b"bytes"), "expected a text"),
         (changed(write=lambda mission: str(np.random.default_rng().random())), "gave two files"),

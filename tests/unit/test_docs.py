@@ -33,7 +33,11 @@ import shoal.views
 from shoal.cli import run
 from shoal.cli.commands import COMMANDS, command
 from shoal.lab import workers as worker_pools
-from shoal.swarm import GridWorkspace, GridWorld
+from shoal.missions import FORMATS
+from shoal.search.allocation.allocate import ALLOCATORS
+from shoal.search.tours import TOURS
+from shoal.steering import PLANNERS
+from shoal.swarm import POLICIES, GridWorkspace, GridWorld
 from shoal.views.drawing.encoding import LONGEST
 
 ROOT = Path(__file__).parents[2]
@@ -211,6 +215,23 @@ def found_in_tree(path: str) -> Path:
 def test_the_picture_of_the_layers_is_new():
     with Image.open(ROOT / "docs/images/house.png") as picture:
         assert json.loads(picture.text["layers"]) == words(), "run: python docs/make_house_image.py"
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("concepts/policies.md", POLICIES),
+        ("concepts/tours.md", TOURS),
+        ("concepts/allocation.md", ALLOCATORS),
+        ("concepts/steering/planners.md", PLANNERS),
+        ("concepts/missions.md", FORMATS),
+    ],
+)
+def test_tables_list_all_names_of_a_registry(page, names):
+    text = (ROOT / "docs" / page).read_text()
+    firsts = re.findall(r"^\| (`[^|]*) \|", text, re.M)
+    listed = {name for first in firsts for name in re.findall(r"`([\w-]+)", first)}
+    assert {*names} - listed == set(), f"a table of docs/{page} needs a row for each of these"
 
 
 def prose_of(page: Path) -> str:

@@ -15,10 +15,14 @@ import shoal
 from shoal import parts
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
+from shoal.missions import FORMATS
+from shoal.missions.options import CheckOptions, MissionOptions
 from shoal.rigs.log import read_log
 from shoal.search.allocation.allocate import ALLOCATORS
 from shoal.search.tours import TOURS
 from shoal.steering.planners import PLANNERS
+from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_fields
 from shoal.swarm.grid.tasks import PLACEMENTS, TASKS
 from shoal.swarm.policies import POLICIES
 
@@ -77,19 +81,29 @@ def test_the_names_of_the_declarations_are_those_of_the_registries():
         "planner": PLANNERS,
         "tour": TOURS,
         "allocation": ALLOCATORS,
+        "format": FORMATS,
     }
+    kinds = [*map(parts.problem_type, parts.PARTS), MissionOptions, CheckOptions]
     declared = {
         name: one.names
-        for part in parts.PARTS
-        for name, one in parts.problem_type(part).declarations().items()
+        for kind in kinds
+        for name, one in kind.declarations().items()
         if one.names is not None
     }
     assert {name: sorted(names) for name, names in declared.items()} == {
         name: sorted(found) for name, found in registries.items()
     }
-    for part in parts.PARTS:  # whoever adds a field that takes code must say so
-        for name, one in parts.problem_type(part).declarations().items():
+    for kind in kinds:  # whoever adds a field that takes code must say so
+        for name, one in kind.declarations().items():
             assert ("MODULE:ATTRIBUTE" in one.help) == (one.names is not None), name
+
+
+@pytest.mark.parametrize("formats", ["foreign:form", "plan, foreign:form", ["foreign:form"]])
+def test_formats_of_missions_in_the_studio(formats, mark, tmp_path):
+    """A field with a list of names, from a browser."""
+    with pytest.raises(InvalidInputError, match="code of the Python module 'foreign'"):
+        checked_fields(MissionOptions, {"format": formats}, Folder(tmp_path))
+    assert not mark.exists()
 
 
 @pytest.mark.parametrize(("field", "problem"), PROBLEMS, ids=[field for field, _ in PROBLEMS])

@@ -384,13 +384,17 @@ class Problem:
         known = cls.declarations()
         for name in known if names is None else names:
             value = data.get(name) if isinstance(data, Mapping) else None
-            module, colon, _ = value.partition(":") if isinstance(value, str) else ("", "", "")
-            if colon and (built_in := known[name].names) is not None and module not in built_in:
-                raise InvalidInputError(
-                    f"{where}: {name}: expected a built-in {name}, got {shortened(value)}, which"
-                    f" runs the code of the Python module {shortened(module)}: allow it with"
-                    " --trust (in Python trust=True) if you trust the author"
-                )
+            if value is None or (built_in := known[name].names) is None:
+                continue
+            given = known[name].value_of(value) if isinstance(value, str) else value
+            for one in given if isinstance(given, list | tuple) else (given,):
+                module, colon, _ = one.partition(":") if isinstance(one, str) else ("", "", "")
+                if colon and module not in built_in:
+                    raise InvalidInputError(
+                        f"{where}: {name}: expected a built-in {name}, got {shortened(one)}, which"
+                        f" runs the code of the Python module {shortened(module)}: allow it with"
+                        " --trust (in Python trust=True) if you trust the author"
+                    )
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
         """Return the problem's fields and its ``kind`` as JSON data. Include fields with default

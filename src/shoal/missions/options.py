@@ -85,10 +85,11 @@ class MissionOptions(Problem):
     format: tuple[str, ...] = option(
         (),
         help=(
-            f"File formats of the missions: {', '.join(FORMATS)}. Default: all formats that can"
-            " describe the region."
+            "File formats of the missions: {names} or MODULE:ATTRIBUTE. Default: all formats that"
+            " can describe the region."
         ),
         metavar="NAME,...",
+        names=FORMATS,
         parse=_parse_names,
         check=_check_names,
     )

@@ -37,9 +37,10 @@ def schema_of(kind: type[Problem]) -> dict[str, Any]:
     """Return the JSON schema of a class with declared fields: a problem, a vehicle, or the options
     of missions.
 
-    A property may have four entries that JSON Schema does not define: ``unit``, ``place`` (true for
-    the map, workspace or region), ``repeated``, and ``names``. The entry ``names`` lists the
-    built-in names of a field whose value is a name, such as a policy.
+    A property may have five entries that JSON Schema does not define: ``unit``, ``place`` (true for
+    the map, workspace or region), ``repeated``, ``names`` and ``several``. The entry ``names`` lists the
+    built-in names of a field whose value is a name, such as a policy, or, with the entry
+    ``several``, a list of names, such as formats of missions.
 
     Examples
     --------
@@ -85,6 +86,8 @@ def _property(declared: Declaration) -> dict[str, Any]:
         schema["enum"] = list(option.choices)
     if declared.names is not None:
         schema["names"] = [*(["auto"] if declared.default == "auto" else []), *declared.names]
+        if isinstance(declared.default, tuple):
+            schema["several"] = True
     if option.unit:
         schema["unit"] = option.unit
     schema |= {

@@ -23,7 +23,9 @@ class MissionFormat:
     write : callable
         Function that converts a `Mission` to the text of a file.
     scan : callable
-        Function that reads the text of a file into a `shoal.missions.diagnostics.Sheet`.
+        Function that reads the text of a file into a `shoal.missions.diagnostics.Sheet`. It fills
+        at least ``home``, ``points``, ``places`` and ``altitudes``, the latter two with an entry
+        for each point, ``kind`` at least for rovers, and ``geographic`` for missions in metres.
     metres : bool
         Whether the format supports missions in metres.
     fence : "inside", "beside" or "none"

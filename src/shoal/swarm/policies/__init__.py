@@ -1,4 +1,6 @@
-"""Policies: methods that choose the next commands of a swarm."""
+"""Policies: methods that choose the next commands of a swarm. A line in `POLICIES` makes a policy
+known to commands, help, studio and docs.
+"""
 
 from __future__ import annotations
 
@@ -24,18 +26,15 @@ from shoal.swarm.policies.planners.offline import Offline
 from shoal.swarm.policies.protocol import Decision, Policy, View
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
-for _policy in (
-    ClosestFrontier,
-    ElectParticle,
-    RandomMoves,
-    DepthFirst,
-    WallSweep,
-    GreedyClassify,
-    BeamRollout,
-    Manual,
-    Offline,
-):
-    POLICIES.add(_policy.kind, _policy)
+POLICIES.add("closest-frontier", ClosestFrontier)
+POLICIES.add("elect-particle", ElectParticle)
+POLICIES.add("random-moves", RandomMoves)
+POLICIES.add("depth-first", DepthFirst)
+POLICIES.add("sweep", WallSweep)
+POLICIES.add("greedy-classify", GreedyClassify)
+POLICIES.add("beam-rollout", BeamRollout)
+POLICIES.add("manual", Manual)
+POLICIES.add("offline", Offline)
 POLICIES.add("best", BeamRollout)  # an alias, which may denote another policy in a later version
 
 

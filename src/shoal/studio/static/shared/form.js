@@ -60,7 +60,7 @@ export function written(value) {
 /** A control for one field: an element, and functions that read and write its value (undefined: the default). */
 function control(name, field, ends, changed, understood) {
   const id = `field-${name}-${++made}`, kind = kindOf(field), about = { id, "aria-describedby": `${id}-help` };
-  if (field.names) return named(field, about, changed);
+  if (field.names && !field.several) return named(field, about, changed);
   if (field.enum || (kind === "boolean" && nullable(field))) {
     const values = field.enum ?? [true, false];
     const words = field.enum ?? ["yes", "no"];

@@ -11,11 +11,12 @@ const MOST_SAID = 50; // mistakes and warnings
 
 /** `current()` is a text of all that missions are made from: results of another one are not current any more. */
 export function missionsPanel({ ready, current, changed }) {
-  const form = makeForm(state.start.schemas.missions, SECTIONS, { label: "Settings of missions", changed });
+  const schema = state.start.schemas.missions;
+  const form = makeForm(schema, SECTIONS, { label: "Settings of missions", changed });
   const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Write missions");
   const stop = el("button.second", { type: "button", hidden: true }, "Cancel");
-  const result = el("div.missions", {}), empty = el("p.empty", {}, "Press Write missions: the studio writes files for PX4 and ArduPilot, GeoJSON, KML, GPX and CSV, and checks them in a simulated flight.");
+  const result = el("div.missions", {}), empty = el("p.empty", {}, `Press Write missions: the studio writes files in the chosen formats (${schema.properties.format.names.join(", ")}), and checks them in a simulated flight.`);
 
   let last = null; // what was written: the answer, of which settings, and whether it was shown as current
 
