@@ -17,7 +17,7 @@ from scipy.special import ellipe, ellipk
 
 from shoal import GridWorkspace, open_map
 from shoal.rigs import Drive, NoisyRig, Rig, drive
-from shoal.rigs.physics import TOLD, USUAL, Apparatus, PhysicsRig
+from shoal.rigs.physics import TOLD, USUAL, PhysicsRig, PlantProperties
 from shoal.swarm.grid.board import noise_rng, trial_rng
 from shoal.swarm.grid.tasks import place
 from shoal.swarm.noise import MapErrors, Noise
@@ -50,7 +50,7 @@ def _row(
     clock = spent = 0.0
     for seed in range(seeds):
         start = _start(vessel, particles, seed)
-        rig = PhysicsRig(vessel, start, Apparatus.of(kind, radius=radius), noise_rng(seed))
+        rig = PhysicsRig(vessel, start, PlantProperties.of(kind, radius=radius), noise_rng(seed))
         pushing = _timed(rig)
         result = _drive(rig)
         errors = MapErrors.of(vessel, start, result.belief)

@@ -18,7 +18,7 @@ from shoal.rigs.driving import (
 )
 from shoal.rigs.log import DriveLog, RecordedRig, read_log
 from shoal.rigs.monitor import Rate
-from shoal.rigs.physics import Apparatus, PhysicsRig, Plant
+from shoal.rigs.physics import PhysicsRig, Plant, PlantProperties
 from shoal.rigs.protocol import PROTOCOL, decode_message, encode_message
 from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
 from shoal.rigs.rig import NoisyRig, Rig, SimulatedRig
@@ -35,7 +35,6 @@ __all__ = [
     "KINDS",
     "PROTOCOL",
     "Alarm",
-    "Apparatus",
     "ConnectionCutError",
     "Drive",
     "DriveError",
@@ -45,6 +44,7 @@ __all__ = [
     "NoisyRig",
     "PhysicsRig",
     "Plant",
+    "PlantProperties",
     "ProcessTransport",
     "Rate",
     "RecordedRig",

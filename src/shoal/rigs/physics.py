@@ -4,7 +4,7 @@ by a camera that is late, blurred and incomplete. The engine is pymunk (extra ``
 Lengths are in cells and times in seconds. Points are (x, y) with y up, as in `shoal.steering`: in a
 vessel of n rows the cell (row, col) is the unit square around (col + 1/2, n - row - 1/2).
 
-At low Reynolds numbers a particle has hardly any inertia: after the short time `Apparatus.lag` its
+At low Reynolds numbers a particle has hardly any inertia: after the short time `PlantProperties.lag` its
 velocity is that which the force on it causes in the open. Forces are therefore given as these
 velocities. Walls and other particles take away what leads into them, with Coulomb friction along
 the wall.
@@ -46,8 +46,8 @@ TOLD = {"slip": 0.05, "misplace": 0.05, "miss": 0.01}
 
 
 @dataclass(frozen=True)
-class Apparatus:
-    """The properties of a physical plant. `Apparatus.of` gives the usual ones of a kind.
+class PlantProperties:
+    """The properties of a physical plant. `PlantProperties.of` gives the usual ones of a kind.
 
     Errors that are constant for an apparatus are drawn once, from a normal distribution if they are
     called a standard deviation.
@@ -155,7 +155,7 @@ class Apparatus:
             )
 
     @classmethod
-    def of(cls, kind: str, **values: float) -> Apparatus:
+    def of(cls, kind: str, **values: float) -> PlantProperties:
         """Return the usual apparatus of a kind, with some values changed.
 
         docs/concepts/physics.md names the sources of the usual values.
@@ -166,7 +166,7 @@ class Apparatus:
 
         Examples
         --------
-        >>> Apparatus.of("roll").own_gain, Apparatus.of("roll", own_gain=0).own_gain
+        >>> PlantProperties.of("roll").own_gain, PlantProperties.of("roll", own_gain=0).own_gain
         (0.1, 0.0)
         """
         check_choice(kind, what="physics", choices=("exact", *USUAL))
@@ -177,7 +177,7 @@ class Apparatus:
         return cls("roll" if kind == "exact" else kind, **{**usual, **values})  # type: ignore[arg-type]
 
     @classmethod
-    def parse(cls, text: str) -> Apparatus:
+    def parse(cls, text: str) -> PlantProperties:
         """Return the apparatus that a text such as ``pull,radius=0.15,ghosts=1`` describes.
 
         Raises
@@ -186,7 +186,7 @@ class Apparatus:
 
         Examples
         --------
-        >>> Apparatus.parse("pull,own-gain=0.2").own_gain
+        >>> PlantProperties.parse("pull,own-gain=0.2").own_gain
         0.2
         """
         kind, *pairs = text.split(",")
@@ -272,7 +272,7 @@ class Plant:
         The vessel, in two dimensions. Its edge is a wall.
     points : array_like of float, shape (n, 2)
         The particles' centres, (x, y).
-    apparatus : Apparatus
+    apparatus : PlantProperties
     rng : Generator
 
     Attributes
@@ -294,14 +294,18 @@ class Plant:
 
     Examples
     --------
-    >>> plant = Plant(GridWorkspace([[1, 1, 1, 1]]), [(0.5, 0.5)], Apparatus(), np.random.default_rng(1))
+    >>> plant = Plant(GridWorkspace([[1, 1, 1, 1]]), [(0.5, 0.5)], PlantProperties(), np.random.default_rng(1))
     >>> plant.push(0.0, seconds=plant.apparatus.pulse)
     >>> plant.points.round(2).tolist()
     [[1.5, 0.5]]
     """
 
     def __init__(
-        self, workspace: GridWorkspace, points: ArrayLike, apparatus: Apparatus, rng: Generator
+        self,
+        workspace: GridWorkspace,
+        points: ArrayLike,
+        apparatus: PlantProperties,
+        rng: Generator,
     ) -> None:
         try:
             import pymunk
@@ -550,7 +554,7 @@ class PhysicsRig:
     workspace : GridWorkspace
     start : array_like of int, shape (n, 2)
         Cells of the particles, which begin in the middle of their cells.
-    apparatus : Apparatus
+    apparatus : PlantProperties
     rng : Generator
 
     Raises
@@ -560,7 +564,7 @@ class PhysicsRig:
     Examples
     --------
     >>> vessel = GridWorkspace([[1, 1, 1, 1]])
-    >>> rig = PhysicsRig(vessel, [(0, 0), (0, 1)], Apparatus(), np.random.default_rng(1))
+    >>> rig = PhysicsRig(vessel, [(0, 0), (0, 1)], PlantProperties(), np.random.default_rng(1))
     >>> rig.send("r")
     >>> rig.observe().tolist()
     [[0, 1], [0, 2]]
@@ -569,7 +573,7 @@ class PhysicsRig:
     rule = "block"
 
     def __init__(
-        self, workspace: GridWorkspace, start: ArrayLike, apparatus: Apparatus, rng: Generator
+        self, workspace: GridWorkspace, start: ArrayLike, apparatus: PlantProperties, rng: Generator
     ) -> None:
         with errors_at("start"):
             cells = check_start(workspace, start)

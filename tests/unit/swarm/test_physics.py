@@ -16,9 +16,9 @@ from shoal.rigs import drive
 from shoal.rigs.physics import (
     TOLD,
     USUAL,
-    Apparatus,
     PhysicsRig,
     Plant,
+    PlantProperties,
     wall_segments,
 )
 from shoal.swarm.grid.tasks import place
@@ -30,7 +30,7 @@ ROOM = GridWorkspace(np.ones((9, 9)))
 
 
 def plant(points, workspace=ROOM, *, seed=1, kind="roll", **values):
-    return Plant(workspace, points, Apparatus(kind, **values), np.random.default_rng(seed))
+    return Plant(workspace, points, PlantProperties(kind, **values), np.random.default_rng(seed))
 
 
 def push(plant, angle, cells=1.0):
@@ -42,7 +42,7 @@ def push(plant, angle, cells=1.0):
 @pytest.mark.parametrize("name", ["vessels:150:1", "maze:9x11", "cave:12x15"])
 def test_a_particle_without_errors_moves_as_in_the_grid(name, radius):
     vessel, rng = open_map(name), np.random.default_rng(5)
-    rig = PhysicsRig(vessel, place(vessel, 1, "uniform", rng), Apparatus(radius=radius), rng)
+    rig = PhysicsRig(vessel, place(vessel, 1, "uniform", rng), PlantProperties(radius=radius), rng)
     world = GridWorld(vessel, "block")
     state = world.initial(rig.observe())
     for command in rng.choice(list("lurd"), 120):
@@ -56,7 +56,7 @@ def test_particles_stay_in_the_vessel_and_apart(kind):
     vessel, rng = open_map("vessels:60:3"), np.random.default_rng(2)
     values = {"attraction": 3.0, "flow_x": 0.4, "flow_y": -0.2, "adhesion": 0.2}
     start = place(vessel, 12, "uniform", rng)
-    rig = PhysicsRig(vessel, start, Apparatus.of(kind, **values), rng)
+    rig = PhysicsRig(vessel, start, PlantProperties.of(kind, **values), rng)
     for command in rng.choice(list("lurd"), 40):
         rig.send(command)
         points = rig.plant.points
@@ -67,7 +67,7 @@ def test_particles_stay_in_the_vessel_and_apart(kind):
 
 def test_a_seed_repeats_everything():
     def run(seed):
-        rig = PhysicsRig(ROOM, [(1, 1), (4, 5)], Apparatus.of("pull", ghosts=1), _rng(seed))
+        rig = PhysicsRig(ROOM, [(1, 1), (4, 5)], PlantProperties.of("pull", ghosts=1), _rng(seed))
         seen = []
         for command in "rrdlu":
             rig.send(command)
@@ -219,25 +219,25 @@ def test_a_plant_is_flat():
 )
 def test_wrong_properties_are_refused(text, about):
     with pytest.raises(InvalidInputError, match=about):
-        Apparatus.parse(text)
+        PlantProperties.parse(text)
 
 
 def test_a_stopped_plant_refuses_commands():
-    rig = PhysicsRig(ROOM, [(1, 1)], Apparatus(), _rng(1))
+    rig = PhysicsRig(ROOM, [(1, 1)], PlantProperties(), _rng(1))
     rig.stop()
     with pytest.raises(RigError, match="stopped"):
         rig.send("r")
 
 
 def test_a_plant_is_a_rig():
-    check_rig(PhysicsRig(ROOM, [(1, 1)], Apparatus(), _rng(1)))
+    check_rig(PhysicsRig(ROOM, [(1, 1)], PlantProperties(), _rng(1)))
 
 
 @pytest.mark.parametrize("kind", USUAL)
 def test_a_plant_is_mapped(kind):
     vessel = open_map("vessels:100:2")
     start = place(vessel, 6, "uniform", _rng(3))
-    rig = PhysicsRig(vessel, start, Apparatus.of(kind), _rng(3))
+    rig = PhysicsRig(vessel, start, PlantProperties.of(kind), _rng(3))
     result = drive(rig, policy="closest-frontier", **TOLD)
     errors = MapErrors.of(vessel, start, result.belief)
     assert errors.right > 0.98

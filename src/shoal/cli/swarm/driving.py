@@ -23,7 +23,7 @@ from shoal.swarm.problem import DRIVEN, SwarmProblem
 if TYPE_CHECKING:
     from shoal.core.episode import Verification
     from shoal.rigs import Drive, Rig
-    from shoal.rigs.physics import Apparatus
+    from shoal.rigs.physics import PlantProperties
     from shoal.swarm import GridWorkspace, SwarmEpisode
 
 SECONDS = {"repeat_after": 5.0, "end_after": 60.0}
@@ -234,14 +234,14 @@ def _is_local(rig: str) -> bool:
     return rig == "simulated" or rig.partition(":")[0] == "physics"
 
 
-def _apparatus(rig: str) -> Apparatus | None:
+def _apparatus(rig: str) -> PlantProperties | None:
     """Return the apparatus that ``physics:...`` describes, or None for another rig."""
     kind, _, text = rig.partition(":")
     if kind != "physics":
         return None
-    from shoal.rigs.physics import Apparatus
+    from shoal.rigs.physics import PlantProperties
 
-    return Apparatus.parse(text)
+    return PlantProperties.parse(text)
 
 
 def _noise_told(problem: SwarmProblem) -> SwarmProblem:
@@ -272,7 +272,7 @@ def _check_local(truth: GridWorkspace | None, name: str) -> GridWorkspace:
 
 
 def _local_rig(
-    truth: GridWorkspace | None, problem: SwarmProblem, seed: int, apparatus: Apparatus | None
+    truth: GridWorkspace | None, problem: SwarmProblem, seed: int, apparatus: PlantProperties | None
 ) -> Rig:
     from shoal.rigs.physics import PhysicsRig
     from shoal.rigs.rig import NoisyRig, SimulatedRig
