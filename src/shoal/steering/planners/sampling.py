@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.contact.clearance import PLANNED
+from shoal.steering.contact.clearance import PLANNED, STRICT
 from shoal.steering.contact.world import ContactWorld, RegionWorld
 from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
@@ -51,6 +51,9 @@ USELESS = 2.0
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)
 # relative to the size: distance by which a lift without a clearance moves particles off walls
 LIFT = 1e-6
+# least component of an adjustment into the wall that holds a particle: relative to the size, and at
+# most this share of the tolerance
+PUSH, PUSH_SHARE = 2e-9, 0.02
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
 
 
@@ -165,7 +168,9 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
     walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
     clearance = task.clearance if task is not None else 0.0
     # the kernels multiply the size by the contact tolerance
-    wide = max(1.25 * clearance / TOUCH, 1.0) * size
+    wide = {"size": max(1.25 * clearance / TOUCH, 1.0) * size}
+    if clearance:
+        wide["pushed"] = STRICT
     corners = np.zeros((0, 2))
     if clearance and task is not None and isinstance(workspace, Region):
         corners = edges.ends[edges.reflex, :2]
@@ -173,15 +178,18 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
         far = np.linalg.norm(corners[:, None] - ends[None], axis=2) > clearance * size
         corners = np.ascontiguousarray(corners[far.all(axis=1)])
     lift = size * (PLANNED * clearance or LIFT)
+    push = min(PUSH * size, PUSH_SHARE * task.tolerance) if clearance and task is not None else 0.0
     return kernels.World(
         bool(not workspace.round and world.friction == np.inf),
         edges,
         walls,
-        edges._replace(size=wide),
-        walls._replace(size=wide),
+        edges._replace(**wide),
+        walls._replace(**wide),
         corners,
         1.5 * clearance * size,
         lift,
+        clearance * size,
+        push,
     )
 
 
@@ -255,7 +263,7 @@ class Tree:
             return None
         path = np.zeros((kernels.STEPS, 2))
         after = state.copy()
-        count = kernels.translate(after, x, y, self.world, path, 0)
+        count = kernels.translate(after, x, y, self.world, path, 0, True)
         ends: Iterable[Points] = [path[:count]]
         if self.task.error(after) > self.task.tolerance:
             ends = translations.around(np.array([-x, -y]))
