@@ -191,7 +191,7 @@ def translate(state, x, y, world, moves, count, exact):
         if length > 0.01:
             up, side = world.lift * away[0] / length, world.lift * away[1] / length
             count = send(state, up, side, world, moves, count)
-            if exact:
+            if exact or world.walls.friction < np.inf:
                 x, y = x - up, y - side
     return send(state, x, y, world, moves, count)
 

@@ -51,8 +51,8 @@ USELESS = 2.0
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)
 # relative to the size: distance by which a lift without a clearance moves particles off walls
 LIFT = 1e-6
-# least component of an adjustment into the wall that holds a particle: relative to the size, and at
-# most this share of the tolerance
+# component of an adjustment along a wall into this wall: relative to the size, and at most this
+# share of the tolerance
 PUSH, PUSH_SHARE = 2e-9, 0.02
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
 
@@ -178,7 +178,9 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
         far = np.linalg.norm(corners[:, None] - ends[None], axis=2) > clearance * size
         corners = np.ascontiguousarray(corners[far.all(axis=1)])
     lift = size * (PLANNED * clearance or LIFT)
-    push = min(PUSH * size, PUSH_SHARE * task.tolerance) if clearance and task is not None else 0.0
+    # A push into a wall moves sliding particles along it.
+    push = PUSH * size if world.friction == np.inf else 0.0
+    push = push if task is None else min(push, PUSH_SHARE * task.tolerance)
     return kernels.World(
         bool(not workspace.round and world.friction == np.inf),
         edges,
@@ -188,7 +190,7 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
         corners,
         1.5 * clearance * size,
         lift,
-        clearance * size,
+        max(clearance * size, push) if push else 0.0,
         push,
     )
 
