@@ -68,7 +68,7 @@ def random_problem(rng, name):
     while True:
         points = np.array([place(rng, space, name == "walls", radius) for _ in range(2 * count)])
         start, goal = points[:count], points[count:]
-        if all(np.linalg.norm(two[1] - two[0]) >= 2 * radius for two in (start, goal)):
+        if all(np.linalg.norm(two[1] - two[0]) > 2 * radius for two in (start, goal)):
             return SteeringProblem(space, start, goal, 1e-6 * space.size).replaced(**fields)
 
 
@@ -432,7 +432,7 @@ def test_moves_that_can_be_merged_are_merged():
                     (-0.1, 0.0),
                     (-0.05, 0.0),
                     (-0.05, 0.0),
-                    (0.0, 0.25),
+                    (-1e-8, 0.25),
                     (0.1, 0.0),
                     (0.1, 0.1),
                     (0.1, -0.1),

@@ -168,9 +168,11 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
     walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
     clearance = task.clearance if task is not None else 0.0
     # the kernels multiply the size by the contact tolerance
-    wide = {"size": max(1.25 * clearance / TOUCH, 1.0) * size}
-    if clearance:
-        wide["pushed"] = STRICT
+    wide = max(1.25 * clearance / TOUCH, 1.0) * size
+    wide_edges, wide_walls = edges._replace(size=wide), walls._replace(size=wide)
+    if clearance and world.friction == np.inf:
+        # What is the same where walls hold least and where they hold most is the same in between.
+        edges, walls = edges._replace(pushed=STRICT), walls._replace(pushed=STRICT)
     corners = np.zeros((0, 2))
     if clearance and task is not None and isinstance(workspace, Region):
         corners = edges.ends[edges.reflex, :2]
@@ -185,8 +187,8 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
         bool(not workspace.round and world.friction == np.inf),
         edges,
         walls,
-        edges._replace(**wide),
-        walls._replace(**wide),
+        wide_edges,
+        wide_walls,
         corners,
         1.5 * clearance * size,
         lift,
