@@ -20,7 +20,7 @@ CLEARANCE = 1e-6  # relative to the size: default of the option ``clearance``
 PLANNED = 2.5  # in clearances: distance that planners keep from all that must not be touched
 STEPS = 0.03, 0.3, 1.0  # in clearances: contact tolerances with which a plan is replayed
 # relative to the size: errors of starts and moves, and number of patterns of such errors
-ROUNDING, PATTERNS = (1e-12, 6)
+ROUNDING, PATTERNS = (1e-12, 16)
 # relative to the size: effect of such errors on the end of a plan that amplifies nothing
 FORGIVEN = 1e-10
 # relative to a move: slope below which a particle hardly leaves a wall; on a round wall, it meets

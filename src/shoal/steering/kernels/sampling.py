@@ -47,6 +47,7 @@ EQUAL = 1e-11
 PUSHES = 8  # offsets that differ by fewer pushes into walls count as equal
 # fraction of the workspace size: the search discards manoeuvres that move all particles by less
 CHANGED = 1e-7
+EXACT = 0.2  # probability of a contact that aims at the wall itself: goals may lie in corners
 WORSE = 0.3  # probability of keeping a state that is not more promising than its parent
 ROUNDS = 6  # number of random nodes, of which the search extends the most promising one
 
@@ -337,9 +338,11 @@ def manoeuvre(state, goal, world, rng, moves):
             normal[i] = normal[i] / length if length > 0.01 else 0.0
     if normal[0] == 0 and normal[1] == 0:
         wall_point(state[held], world, rng, place, normal)
-        x = place[0] - world.over * normal[0] - state[held, 0]
-        y = place[1] - world.over * normal[1] - state[held, 1]
-        count = translate(state, x, y, world, moves, count, False)
+        exact = rng.random() < EXACT
+        over = 0.0 if exact else world.over
+        x = place[0] - over * normal[0] - state[held, 0]
+        y = place[1] - over * normal[1] - state[held, 1]
+        count = translate(state, x, y, world, moves, count, exact)
     legs = 1 if rng.random() < 0.6 else 2
     for _leg in range(legs):
         x, y = adjustment(state, goal, held, normal, world, rng)
