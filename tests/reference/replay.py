@@ -3,8 +3,8 @@
 Nothing of Shoal is used: a plan is judged by the JSON form of its workspace, its start and its
 inputs. The rules are those of paper W, section III, as corrected: a particle within the contact
 tolerance of a wall with the inward normal N is held while N·u <= 1e-9 |u|, and otherwise moves
-until it meets a wall. The contact tolerance is a parameter, and the whole scene can be turned,
-scaled and shifted before the replay, so that every number of it is another one.
+until it meets a wall. The contact tolerance and the bound 1e-9 are parameters, and the whole scene
+can be turned, scaled and shifted before the replay, so that every number of it is another one.
 """
 
 from __future__ import annotations
@@ -69,7 +69,8 @@ def with_free_side_left(ring, *, counter_clockwise):
 class Scene:
     """The walls of a workspace: half spaces and a circle, or, around obstacles, segments."""
 
-    def __init__(self, workspace, turned, radius=0.0):
+    def __init__(self, workspace, turned, radius=0.0, leaving=LEAVING):
+        self.leaving = leaving
         self.planes, self.circle, self.segments, self.reflex = [], None, [], {}
         base = workspace.get("base", workspace) if workspace["type"] == "prism" else workspace
         radius *= turned.scale
@@ -163,7 +164,7 @@ class Scene:
     # obstacles
 
     def pushes(self, segment, way):
-        return dot(self.segments[segment][2], way) <= LEAVING * length_of(way)
+        return dot(self.segments[segment][2], way) <= self.leaving * length_of(way)
 
     def near_segment(self, segment, place, near):
         corner, along, normal, long = self.segments[segment]
@@ -219,7 +220,8 @@ def moved(scene, place, move, near, friction=inf):
     if friction < inf:
         return slid(scene, place, move, near, friction), 1.0
     if any(
-        dot(normal, move) <= LEAVING * length_of(move) for normal in scene.touching(place, near)
+        dot(normal, move) <= scene.leaving * length_of(move)
+        for normal in scene.touching(place, near)
     ):
         return place, 0.0
     share = min(1.0, scene.meeting(place, move))
@@ -231,7 +233,7 @@ def slid(scene, place, move, near, friction):
     left, least = 1.0, LEAVING * length_of(move)
     while left > 0:
         on = scene.touching(place, near)
-        pushing = [normal for normal in on if dot(normal, move) <= least]
+        pushing = [n for n in on if dot(n, move) <= scene.leaving * length_of(move)]
         velocity, along = (tuple(move), None) if not pushing else (None, None)
         for normal in pushing:
             push = max(-dot(normal, move), 0.0)
@@ -304,12 +306,22 @@ def collided(before, move, shares, apart):
         shares[who] = earliest
 
 
-def end_of(workspace, start, moves, *, touch=1e-9, turned=None, friction=inf, radius=0.0):
+def end_of(
+    workspace,
+    start,
+    moves,
+    *,
+    touch=1e-9,
+    turned=None,
+    friction=inf,
+    radius=0.0,
+    leaving=LEAVING,
+):
     """Return where the particles are after a plan, in the turned scene; ``touch`` is relative to
-    the size of the workspace.
+    the size of the workspace, and ``leaving`` to a move.
     """
     turned = Turned() if turned is None else turned
-    scene = Scene(workspace, turned, radius)
+    scene = Scene(workspace, turned, radius, leaving)
     places = [turned.point(place) for place in start]
     for vector in moves:
         move = turned.move(vector)

@@ -13,7 +13,7 @@ from tests.reference import replay
 from tests.reference.test_steering import random_polygon
 
 from shoal.steering import ContactWorld, cylinder, disk, polygon, prism, region, regular_polygon
-from shoal.steering.contact.clearance import PLANNED
+from shoal.steering.contact.clearance import PLANNED, STRICT
 from shoal.steering.contact.world import RegionWorld
 from shoal.steering.kernels import annealing, sampling, shooting
 from shoal.steering.planners.fewest_moves import directions
@@ -78,13 +78,14 @@ def simulated(room, touch=1e-9, friction=inf):
     )
 
 
-def played(room, points, moves, touch=1e-9, friction=inf):
+def played(room, points, moves, touch=1e-9, friction=inf, leaving=replay.LEAVING):
     ends = replay.end_of(
         describe(room),
         np.asarray(points).tolist(),
         np.asarray(moves).tolist(),
         touch=touch,
         friction=friction,
+        leaving=leaving,
     )
     return np.array(ends)
 
@@ -178,7 +179,7 @@ def test_moves_that_keep_the_clearance(name):
         corners, moves = corners_to_avoid(scene, task), np.array([way(rng, room) for _ in range(2)])
         states, plain = task.start, True
         for move in moves:
-            after = played(room, states, [move])
+            after = played(room, states, [move], leaving=STRICT)
             wide = played(room, states, [move], 1.25 * CLEARANCE)
             for p in range(2):
                 near = min(
@@ -206,9 +207,11 @@ def test_moves_that_a_wall_may_hold_begin_with_a_lift(name):
         )
         assert sampling.is_blocked(task.start, *move, world) == plain
         moves, state = np.zeros((8, 2)), task.start.copy()
-        count = sampling.translate(state, *move, world, moves, 0)
+        count = sampling.translate(state, *move, world, moves, 0, True)
         np.testing.assert_allclose(
-            state, played(room, task.start, moves[:count]), atol=1e-10 * room.size
+            state,
+            played(room, task.start, moves[:count], leaving=STRICT),
+            atol=1e-10 * room.size,
         )
         np.testing.assert_allclose(moves[:count].sum(axis=0), move, atol=1e-12 * room.size)
         assert plain or count == 1
@@ -234,19 +237,19 @@ def test_steps_of_plans_are_played_with_both_tolerances(name):
         moves, state = [], task.start
         for k in range(2):
             moves.append(steps.targets[k] - state[steps.particles[k]])
-            state = played(room, state, moves[-1:])
+            state = played(room, state, moves[-1:], leaving=STRICT)
         moves += [way(rng, room), way(rng, room)]
-        middle = played(room, state, moves[2:3])
-        end = played(room, middle, moves[3:])
+        middle = played(room, state, moves[2:3], leaving=STRICT)
+        end = played(room, middle, moves[3:], leaving=STRICT)
         # The last adjustment aims at the difference of the goals, and the translation at their
         # middle.
         goal = end
         moves[2] = -((goal[1] - goal[0]) - (state[1] - state[0]))
-        middle = played(room, state, moves[2:3])
+        middle = played(room, state, moves[2:3], leaving=STRICT)
         moves[3] = goal.mean(axis=0) - middle.mean(axis=0)
         path = [task.start]
         for move in moves:
-            path.append(played(room, path[-1], [move]))
+            path.append(played(room, path[-1], [move], leaving=STRICT))
         corners = corners_to_avoid(scene, task)
         near = min(
             (

@@ -60,7 +60,13 @@ def record_episodes(
 
     Raises
     ------
-    OptionError, MissingExtraError, OutputError
+    OptionError
+        If ``env`` is no environment of Shoal, a number is out of range, or the policy does not
+        support the task.
+    MissingExtraError
+        If the library Minari is not installed.
+    OutputError
+        If ``path`` exists, or cannot be written.
 
     Examples
     --------

@@ -164,6 +164,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         Raises
         ------
         OptionError
+            If a start position lies outside the region.
         """
         if seed is not None:
             self._rng = np.random.default_rng(seed)

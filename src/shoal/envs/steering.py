@@ -47,6 +47,7 @@ class SteeringWorlds(Worlds):
     Raises
     ------
     OptionError
+        If a field is unknown or invalid.
     """
 
     def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:

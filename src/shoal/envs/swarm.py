@@ -53,6 +53,7 @@ class SwarmWorlds(Worlds):
     Raises
     ------
     OptionError
+        If a field is unknown or invalid, or if ``map`` and ``maps`` are both missing.
     """
 
     action_space: gymnasium.spaces.Discrete

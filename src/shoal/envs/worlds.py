@@ -132,6 +132,7 @@ class WorldEnv(gymnasium.Env[Any, Any]):
         Raises
         ------
         OptionError
+            If an option or a seed is invalid.
         """
         super().reset(seed=seed)
         self._worlds.reset(seed=[seed], options=options)
@@ -261,6 +262,9 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         Raises
         ------
         OptionError
+            If an option or a seed is invalid.
+        gymnasium.error.ResetNeeded
+            If the first reset has a mask.
         """
         super().reset(seed=seed if isinstance(seed, int) else None)
         settings = dict(options or {})

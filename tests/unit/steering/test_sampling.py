@@ -137,7 +137,7 @@ def test_friction_and_goals_on_walls():
 @quick
 def test_few_moves_are_enough_or_nothing_is_found():
     world, pairs = ContactWorld(SQUARE), ([(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)])
-    assert len(planned(world, *pairs, max_moves=3)) == 3
+    assert len(planned(world, *pairs, max_moves=3)) <= 3
     assert (
         Sampling().plan(SteeringTask(world, *(np.array(pair) for pair in pairs), 1e-6, 1)) is None
     )

@@ -20,13 +20,15 @@ CLEARANCE = 1e-6  # relative to the size: default of the option ``clearance``
 PLANNED = 2.5  # in clearances: distance that planners keep from all that must not be touched
 STEPS = 0.03, 0.3, 1.0  # in clearances: contact tolerances with which a plan is replayed
 # relative to the size: errors of starts and moves, and number of patterns of such errors
-ROUNDING, PATTERNS = (1e-12, 6)
+ROUNDING, PATTERNS = (1e-12, 16)
 # relative to the size: effect of such errors on the end of a plan that amplifies nothing
 FORGIVEN = 1e-10
 # relative to a move: slope below which a particle hardly leaves a wall; on a round wall, it meets
 # the wall again
 GRAZING = 1e-7
 HELD = 1e-9  # relative to a move: slope up to which a wall holds a particle
+# relative to a move: the same in one of the replays, in which a move along a wall does not hold
+STRICT = -1e-12
 _TURN, _SCALE = 0.7, 3.0  # angle and scale of the turned copy of a world
 _SLACK = 1e-9  # relative to the tolerance: rounding in the turned copy
 
@@ -43,10 +45,12 @@ class _Copy:
 
 @lru_cache(maxsize=64)
 def _disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
-    """Return copies of a world with other contact tolerances, and one copy that is turned and
+    """Return copies of a world with other contact tolerances, and two copies that are turned and
     scaled.
 
-    The contact tolerances lie between 1e-12 of the workspace's size and ``clearance``.
+    The contact tolerances lie between 1e-12 of the workspace's size and ``clearance``. In one of
+    the turned copies, a wall holds only particles that a move pushes into it: whether it holds a
+    particle during a move along the wall, rounding errors decide.
     """
     d = world.workspace.dimensions
     touches = sorted(
@@ -63,7 +67,8 @@ def _disturbed_worlds(world: Any, clearance: float) -> tuple[_Copy, ...]:
     rounded = replace(world, **fields)
     return (
         *(_Copy(replace(world, touch=touch), np.eye(d)) for touch in touches),
-        *(_Copy(replace(rounded, touch=touch), matrix) for touch in (TOUCH, touches[-1])),
+        _Copy(replace(rounded, pushed=STRICT), matrix),
+        _Copy(replace(rounded, touch=touches[-1]), matrix),
     )
 
 
@@ -111,6 +116,7 @@ def why_sensitive(
         if error > tolerance * (1 + _SLACK) + 1e-15 * size:
             how = (
                 "in turned coordinates"
+                + (", where a move along a wall leaves it," if copy.world.pushed < 0 else "")
                 if scale != 1
                 else f"with a contact tolerance of {copy.world.touch:.2g} of the size"
             )

@@ -153,6 +153,9 @@ class ContactWorld(SteeringWorld):
     touch : float
         Contact tolerance, as a fraction of the workspace's size: a particle at most this far from a
         wall touches the wall.
+    pushed : float
+        Fraction of the length of a move: a wall holds a particle that touches it unless the move
+        leads off the wall by more.
 
     Raises
     ------
@@ -180,7 +183,8 @@ class ContactWorld(SteeringWorld):
     friction: float = inf
     gradient: Any = None
     radius: float = 0.0
-    touch: float = kernels.TOUCH
+    touch: float = TOUCH
+    pushed: float = PUSHED
 
     def __post_init__(self) -> None:
         check_number(self.friction, what="friction", least=0, finite=False)
@@ -241,7 +245,9 @@ class ContactWorld(SteeringWorld):
             np.array([*space.center, space.radius]),
         )
         near = float(self.workspace.size) * self.touch / kernels.TOUCH
-        return kernels.Walls(normals, space.offsets, circle, near, float(self.friction), self.gain)
+        return kernels.Walls(
+            normals, space.offsets, circle, near, float(self.friction), self.gain, self.pushed
+        )
 
     def is_held(self, point: Points, move: Points) -> bool:
         """Return whether a wall holds a particle at ``point`` at the start of the displacement
@@ -326,6 +332,9 @@ class RegionWorld(SteeringWorld):
     touch : float
         Contact tolerance, as a fraction of the workspace's size: a particle at most this far from
         an edge touches the edge.
+    pushed : float
+        Fraction of the length of a move: an edge holds a particle that touches it unless the move
+        leads off the edge by more.
 
     Notes
     -----
@@ -344,6 +353,7 @@ class RegionWorld(SteeringWorld):
 
     workspace: Region
     touch: float = TOUCH
+    pushed: float = PUSHED
 
     friction = inf
 
@@ -364,7 +374,7 @@ class RegionWorld(SteeringWorld):
         reflex = cross(before, along) < 0
         size = float(self.workspace.size) * self.touch / TOUCH
         return region_kernels.Edges(
-            edges, normals, lengths, links, reflex, size, _boxes_of_runs(edges)
+            edges, normals, lengths, links, reflex, size, _boxes_of_runs(edges), self.pushed
         )
 
     def is_held(self, point: Points, move: Points) -> bool:

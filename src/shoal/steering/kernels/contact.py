@@ -32,6 +32,8 @@ class Walls(NamedTuple):
     gain: NDArray[np.float64]
     """(d + 1,): (g, gx, gy, ...), if a particle at p moves by g + (gx, gy, ...)·p times the
     input."""
+    pushed: float = PUSHED
+    """Fraction of a move: a wall holds a particle unless the move leads off it by more."""
 
 
 @in_place_kernel
@@ -91,9 +93,9 @@ def is_held(point, move, walls):
     """Return whether a wall that the particle touches would prevent the move if the friction were
     infinite.
     """
-    near, least = TOUCH * walls.size, PUSHED * norm(move)
+    near, most = TOUCH * walls.size, walls.pushed * norm(move)
     for wall in range(walls.normals.shape[0] + 1):
-        if touches(point, wall, walls, near) and inward(point, wall, move, walls) <= least:
+        if touches(point, wall, walls, near) and inward(point, wall, move, walls) <= most:
             return True
     return False
 
@@ -118,7 +120,7 @@ def velocity_at(point, move, walls, velocity):
         if not touches(point, wall, walls, near):
             continue
         push = inward(point, wall, move, walls)
-        if push > least:
+        if push > walls.pushed * norm(move):
             continue
         for i in range(move.shape[0]):
             velocity[i] = move[i] - push * normal_part(point, wall, walls, i)
@@ -281,7 +283,13 @@ def advance_worlds(states, moves, chosen, gains, walls, shares, velocity):
     for k in range(chosen.shape[0]):
         world = chosen[k]
         own = Walls(
-            walls.normals, walls.offsets, walls.circle, walls.size, walls.friction, gains[world]
+            walls.normals,
+            walls.offsets,
+            walls.circle,
+            walls.size,
+            walls.friction,
+            gains[world],
+            walls.pushed,
         )
         for p in range(states.shape[1]):
             shares[world, p] = advance(states[world, p], moves[world], own, velocity)

@@ -27,6 +27,8 @@ class Edges(NamedTuple):
     boxes: NDArray[np.float64]
     """(groups, 4): smallest x, largest x, smallest y and largest y of consecutive edges. If a path
     is far from a box, the edges in the box need no test."""
+    pushed: float = PUSHED
+    """Fraction of a move: an edge holds a particle unless the move leads off it by more."""
 
 
 @in_place_kernel
@@ -58,7 +60,7 @@ def is_on(x, y, edge, edges, touch):
 def pushes(move, edge, edges, length):
     """Return whether a move leads towards an edge or along the edge."""
     normals = edges.normals
-    return normals[edge, 0] * move[0] + normals[edge, 1] * move[1] <= PUSHED * length
+    return normals[edge, 0] * move[0] + normals[edge, 1] * move[1] <= edges.pushed * length
 
 
 @in_place_kernel

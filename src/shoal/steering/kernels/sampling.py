@@ -25,6 +25,8 @@ class World(NamedTuple):
     corners: NDArray[np.float64]  # (corners, 2): that bend inward
     clear: float  # distance of particles from these corners
     lift: float  # distance by which a lift moves particles off walls before a translation
+    over: float  # distance behind a wall at which a contact with this wall aims
+    push: float  # distance by which an adjustment along a wall leads into the wall that holds
 
 
 class Tree(NamedTuple):
@@ -40,10 +42,12 @@ class Tree(NamedTuple):
 
 
 STEPS = 8  # maximum number of moves of one manoeuvre
-# fraction of the workspace size: two offsets with a smaller difference count as equal
+# fraction of the workspace size: two positions with a smaller difference count as equal
 EQUAL = 1e-11
+PUSHES = 8  # offsets that differ by fewer pushes into walls count as equal
 # fraction of the workspace size: the search discards manoeuvres that move all particles by less
 CHANGED = 1e-7
+EXACT = 0.2  # probability of a contact that aims at the wall itself: goals may lie in corners
 WORSE = 0.3  # probability of keeping a state that is not more promising than its parent
 ROUNDS = 6  # number of random nodes, of which the search extends the most promising one
 
@@ -172,11 +176,13 @@ def is_blocked(state, x, y, world):
 
 
 @kernel
-def translate(state, x, y, world, moves, count):
+def translate(state, x, y, world, moves, count, exact):
     """Move all particles by (x, y), after a small move off the walls if a wall would hold a
     particle at the start.
 
-    Return the new number of moves in the array ``moves``.
+    If ``exact`` is false, the small move comes on top of (x, y), so that a translation along a wall
+    keeps its distance from this wall. Where it leads back to the wall at its very end, rounding
+    errors decide how far the particle comes. Return the new number of moves in the array ``moves``.
     """
     if is_blocked(state, x, y, world):
         away = np.zeros(2)
@@ -186,7 +192,8 @@ def translate(state, x, y, world, moves, count):
         if length > 0.01:
             up, side = world.lift * away[0] / length, world.lift * away[1] / length
             count = send(state, up, side, world, moves, count)
-            return send(state, x - up, y - side, world, moves, count)
+            if exact or world.walls.friction < np.inf:
+                x, y = x - up, y - side
     return send(state, x, y, world, moves, count)
 
 
@@ -209,18 +216,18 @@ def spread(state, goal):
 
 
 @kernel
-def differing(state, goal, size):
+def differing(state, goal, equal):
     """Return the number of distinct x offsets plus the number of distinct y offsets, minus 2.
 
-    An offset is the position of a particle minus the position of its goal. The result is 0 if all
-    offsets are equal.
+    An offset is the position of a particle minus the position of its goal. Offsets that differ by
+    at most ``equal`` count as equal. The result is 0 if all offsets are equal.
     """
     count = 0
     for k in range(2):
         for p in range(1, state.shape[0]):
             new = True
             for q in range(p):
-                if abs(state[p, k] - goal[p, k] - state[q, k] + goal[q, k]) <= EQUAL * size:
+                if abs(state[p, k] - goal[p, k] - state[q, k] + goal[q, k]) <= equal:
                     new = False
             if new:
                 count += 1
@@ -276,12 +283,14 @@ def draw_move(rng, size):
 
 
 @kernel
-def adjustment(state, goal, held, normal, rng, size):
+def adjustment(state, goal, held, normal, world, rng):
     """Return a move that brings the offset of a random particle closer to the offset of the
     particle ``held``, or a random move.
 
     An offset is the position of a particle minus the position of its goal. Some moves make the
     offsets of the two particles equal, and others make only one component of the offsets equal.
+    Moves along the wall with the inward normal ``normal`` lead into it by ``world.push``, because
+    rounding errors would decide whether the wall holds the particle.
     """
     n = state.shape[0]
     other = (held + 1 + min(int(rng.random() * (n - 1)), n - 2)) % n
@@ -289,18 +298,20 @@ def adjustment(state, goal, held, normal, rng, size):
     y = state[held, 1] - goal[held, 1] - state[other, 1] + goal[other, 1]
     choice = rng.random()
     push = x * normal[0] + y * normal[1]
+    into = push + world.push
     if choice < 0.35 and push <= 0:
-        return x, y
+        into = max(into, 0.0)
+        return x - into * normal[0], y - into * normal[1]
     if choice < 0.6:
-        return x - push * normal[0], y - push * normal[1]
+        return x - into * normal[0], y - into * normal[1]
     if choice < 0.7:
         return x, 0.0
     if choice < 0.8:
         return 0.0, y
-    x, y = draw_move(rng, size)
-    push = x * normal[0] + y * normal[1]
-    if choice < 0.9 or push > 0:
-        return x - push * normal[0], y - push * normal[1]
+    x, y = draw_move(rng, world.walls.size)
+    into = x * normal[0] + y * normal[1] + world.push
+    if choice < 0.9 or into > 0:
+        return x - into * normal[0], y - into * normal[1]
     return x, y
 
 
@@ -316,20 +327,25 @@ def manoeuvre(state, goal, world, rng, moves):
         share = 1.0
         if choice < 0.1:
             share = free_share(state, x, y, world) * rng.random()
-        return translate(state, share * x, share * y, world, moves, 0)
+        return translate(state, share * x, share * y, world, moves, 0, False)
     count = 0
     held = min(int(rng.random() * state.shape[0]), state.shape[0] - 1)
     place, normal = np.empty(2), np.zeros(2)
     if choice < 0.3:
         add_normals(state[held], world, normal)
+        length = np.sqrt(normal[0] ** 2 + normal[1] ** 2)
+        for i in range(2):
+            normal[i] = normal[i] / length if length > 0.01 else 0.0
     if normal[0] == 0 and normal[1] == 0:
         wall_point(state[held], world, rng, place, normal)
-        count = translate(
-            state, place[0] - state[held, 0], place[1] - state[held, 1], world, moves, count
-        )
+        exact = rng.random() < EXACT
+        over = 0.0 if exact else world.over
+        x = place[0] - over * normal[0] - state[held, 0]
+        y = place[1] - over * normal[1] - state[held, 1]
+        count = translate(state, x, y, world, moves, count, exact)
     legs = 1 if rng.random() < 0.6 else 2
     for _leg in range(legs):
-        x, y = adjustment(state, goal, held, normal, rng, size)
+        x, y = adjustment(state, goal, held, normal, world, rng)
         count = send(state, x, y, world, moves, count)
     return count
 
@@ -366,6 +382,7 @@ def grow(tree, total, rounds, goal, tolerance, most, world, rng):
     last node completes the task.
     """
     states, depths, keys, size = tree.states, tree.depths, tree.keys, world.walls.size
+    equal = EQUAL * size + PUSHES * world.push
     moves, state, before = np.zeros((STEPS, 2)), np.zeros(goal.shape), np.zeros(goal.shape)
     while rounds > 0 and total < states.shape[0]:
         rounds -= 1
@@ -381,7 +398,7 @@ def grow(tree, total, rounds, goal, tolerance, most, world, rng):
             continue
         _, _, away = spread(state, goal)
         depth = depths[node] + count
-        key = differing(state, goal, size) + away / size + 0.01 * depth
+        key = differing(state, goal, equal) + away / size + 0.01 * depth
         hit = away <= tolerance
         if not hit and key >= keys[node] and rng.random() > WORSE:
             continue

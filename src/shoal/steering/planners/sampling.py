@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.contact.clearance import PLANNED
+from shoal.steering.contact.clearance import PLANNED, STRICT
 from shoal.steering.contact.world import ContactWorld, RegionWorld
 from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
@@ -51,6 +51,9 @@ USELESS = 2.0
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)
 # relative to the size: distance by which a lift without a clearance moves particles off walls
 LIFT = 1e-6
+# component of an adjustment along a wall into this wall: relative to the size, and at most this
+# share of the tolerance
+PUSH, PUSH_SHARE = 2e-9, 0.02
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
 
 
@@ -166,6 +169,10 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
     clearance = task.clearance if task is not None else 0.0
     # the kernels multiply the size by the contact tolerance
     wide = max(1.25 * clearance / TOUCH, 1.0) * size
+    wide_edges, wide_walls = edges._replace(size=wide), walls._replace(size=wide)
+    if clearance and world.friction == np.inf:
+        # What is the same where walls hold least and where they hold most is the same in between.
+        edges, walls = edges._replace(pushed=STRICT), walls._replace(pushed=STRICT)
     corners = np.zeros((0, 2))
     if clearance and task is not None and isinstance(workspace, Region):
         corners = edges.ends[edges.reflex, :2]
@@ -173,15 +180,20 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
         far = np.linalg.norm(corners[:, None] - ends[None], axis=2) > clearance * size
         corners = np.ascontiguousarray(corners[far.all(axis=1)])
     lift = size * (PLANNED * clearance or LIFT)
+    # A push into a wall moves sliding particles along it.
+    push = PUSH * size if world.friction == np.inf else 0.0
+    push = push if task is None else min(push, PUSH_SHARE * task.tolerance)
     return kernels.World(
         bool(not workspace.round and world.friction == np.inf),
         edges,
         walls,
-        edges._replace(size=wide),
-        walls._replace(size=wide),
+        wide_edges,
+        wide_walls,
         corners,
         1.5 * clearance * size,
         lift,
+        max(clearance * size, push) if push else 0.0,
+        push,
     )
 
 
@@ -255,7 +267,7 @@ class Tree:
             return None
         path = np.zeros((kernels.STEPS, 2))
         after = state.copy()
-        count = kernels.translate(after, x, y, self.world, path, 0)
+        count = kernels.translate(after, x, y, self.world, path, 0, True)
         ends: Iterable[Points] = [path[:count]]
         if self.task.error(after) > self.task.tolerance:
             ends = translations.around(np.array([-x, -y]))
