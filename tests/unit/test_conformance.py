@@ -254,6 +254,13 @@ class Unstoppable(SimulatedRig):
         """Go on."""
 
 
+class Surprised(SimulatedRig):
+    def send(self, command):
+        if self._stopped:
+            raise ValueError("magnets")
+        super().send(command)
+
+
 class Drifting(SimulatedRig):
     def observe(self):
         if not self._stopped:
@@ -297,7 +304,8 @@ class Misruled(SimulatedRig):
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        (Unstoppable, "after stop"),
+        (Unstoppable, "after stop.*got none"),
+        (Surprised, "after stop.*got ValueError"),
         (Drifting, "without a command"),
         (Losing, "3 particles became 2"),
         (Leaping, "travelled"),
