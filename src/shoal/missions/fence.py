@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.core.geometry import unit_vectors
+from shoal.core.geometry import cross, unit_vectors
 from shoal.core.notices import tell_once
 from shoal.search.regions.margin import with_margin, without_margin
 from shoal.search.regions.outline import Points
@@ -194,15 +194,15 @@ class _Ring:
         if count == 4:  # sides of a parallelogram never meet: a triangle at one of its corners
             yield from self._triangles()
         before, after, next_after = (np.roll(points, -shift, axis=0) for shift in (-1, 1, 2))
-        turns = _cross(points - before, after - points)  # above 0 at a corner that points outwards
+        turns = cross(points - before, after - points)  # above 0 at a corner that points outwards
         for k in np.flatnonzero(turns <= 0).tolist():
             yield float(-turns[k]) / 2, k, None, np.array([before[k], points[k], after[k]])
         # the neighbours of each side, extended beyond it
         side_before, side_after = points - before, after - next_after
-        across = _cross(side_before, side_after)
+        across = cross(side_before, side_after)
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = _cross(after - points, side_after) / across
-            back = _cross(after - points, side_before) / across
+            far = cross(after - points, side_after) / across
+            back = cross(after - points, side_before) / across
         outwards = (
             (turns > 0)
             & (np.roll(turns, -1) > 0)
@@ -215,7 +215,7 @@ class _Ring:
             meeting = points[k] + far[k] * side_before[k]
             triangle = np.array([points[k], meeting, after[k]])
             yield (
-                abs(float(_cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))) / 2,
+                abs(float(cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))) / 2,
                 k,
                 meeting,
                 triangle,
@@ -228,12 +228,12 @@ class _Ring:
         for corner in range(4):
             vertex, after, opposite, before = np.roll(self.points, -corner, axis=0)
             first_side, second_side, diagonal = after - vertex, before - vertex, opposite - vertex
-            area = float(_cross(first_side, second_side))
+            area = float(cross(first_side, second_side))
             if area <= 0:
                 continue
             # In the basis of the two sides, the third side is the line of all points with the
             # coordinate sum of the corner.
-            total = float(_cross(diagonal, second_side) + _cross(first_side, diagonal)) / area
+            total = float(cross(diagonal, second_side) + cross(first_side, diagonal)) / area
             ring = np.array([vertex, vertex + total * first_side, vertex + total * second_side])
             yield area * total**2 / 2 - float(self.shape.area), -1, ring, ring
 
@@ -259,10 +259,6 @@ class _Ring:
         return bool(
             reduced.is_valid and reduced.area > 0 and reduced.buffer(_HAIR).covers(self.shape)
         )
-
-
-def _cross(one: Points, other: Points) -> Any:
-    return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
 
 
 def _merged(rings: list[_Ring], accept: Callable[[list[Any]], bool]) -> bool:
