@@ -28,7 +28,7 @@ from shoal.search.regions.margin import grown
 from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import ROUNDED
 
-Sorties = tuple[Mission, ...]
+RobotMissions = tuple[Mission, ...]  # of one robot, sortie by sortie
 
 _ROUNDS = 6  # number of times that the time of loitering is lengthened by half
 _ENDINGS = {"multirotor": "land", "fixed-wing": "loiter", "rover": "return"}
@@ -96,7 +96,7 @@ def plan_missions(
             dead_ends={key: dict(known) for key, known in plan.airspace.dead_ends.items()},
         )
 
-    def sorties(robot: int, layer: int) -> Sorties:
+    def sorties(robot: int, layer: int) -> RobotMissions:
         vehicle = plan.vehicle
         if layer and separation is not None:
             vehicle = vehicle.replaced(altitude=vehicle.height + layer * separation.vertical)
@@ -114,7 +114,7 @@ def plan_missions(
             _start_in_turn(missions, plan, float(delay))
             for missions, delay in zip(by_robot, plan.delays, strict=True)
         ]
-    return _with_fence(
+    return _fenced_missions(
         [mission for missions in by_robot for mission in missions],
         plan,
         np.zeros((0, 2)) if rally is None else rally,
@@ -143,7 +143,7 @@ def _flight(
     )
 
 
-def _split(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> Sorties:
+def _split(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> RobotMissions:
     """Return the missions of one robot. A robot without cells has no missions."""
     stops = plan.stops(robot)
     if not len(stops):
@@ -179,7 +179,7 @@ def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
     )
 
 
-def _start_in_turn(missions: Sorties, plan: SearchPlan, start: float) -> Sorties:
+def _start_in_turn(missions: RobotMissions, plan: SearchPlan, start: float) -> RobotMissions:
     """Return the missions of one robot with their start times: each sortie begins when its vehicle
     is back and recharged.
     """
@@ -200,12 +200,12 @@ class _Schedule:
     """
 
     def __init__(
-        self, plan: SearchPlan, separation: Separation, sorties: Callable[[int, int], Sorties]
+        self, plan: SearchPlan, separation: Separation, sorties: Callable[[int, int], RobotMissions]
     ) -> None:
         self.plan, self.separation, self.sorties = plan, separation, sorties
         self.stay = 0.0
 
-    def keep_apart(self, by_robot: list[Sorties]) -> list[Sorties]:
+    def keep_apart(self, by_robot: list[RobotMissions]) -> list[RobotMissions]:
         """Return the missions with altitude layers, start times and takeover altitudes.
 
         While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
@@ -240,8 +240,8 @@ class _Schedule:
         )
 
     def _try(
-        self, by_robot: list[Sorties], *, stacked: bool = False
-    ) -> tuple[list[Sorties], float]:
+        self, by_robot: list[RobotMissions], *, stacked: bool = False
+    ) -> tuple[list[RobotMissions], float]:
         """Return the missions with layers and start times, and the time at which all vehicles are
         back or begin to loiter.
 
@@ -338,18 +338,18 @@ class _Schedule:
         return starts
 
     def _raised_flights(
-        self, by_robot: Sequence[Sorties], robot: int, layer: int
+        self, by_robot: Sequence[RobotMissions], robot: int, layer: int
     ) -> Sequence[Trajectory]:
         """Return the trajectories of a robot's first sortie in a given altitude layer."""
         return self._flights(by_robot, robot, 0, layer * self.separation.vertical)
 
     def _with_starts(
         self,
-        sorties: Sorties,
+        sorties: RobotMissions,
         robot: int,
         starts: dict[tuple[int, int], float],
         layers: Sequence[int],
-    ) -> Sorties:
+    ) -> RobotMissions:
         """Return the missions of a robot with its start times and its takeover altitude."""
         changes: dict[str, Any] = {}
         if self.plan.vehicle.kind != "rover":
@@ -376,7 +376,7 @@ class _Schedule:
         duration = max(flight.duration for flight in flights[number])
         return start + duration + self.separation.delay + self.plan.vehicle.recharge_seconds
 
-    def _stay(self, by_robot: Sequence[Sorties], robot: int, number: int) -> float:
+    def _stay(self, by_robot: Sequence[RobotMissions], robot: int, number: int) -> float:
         """Return how long a vehicle stays in the air after a mission, in seconds. A vehicle that
         lands does not stay.
         """
@@ -387,7 +387,7 @@ class _Schedule:
         )
 
     def _flights(
-        self, by_robot: Sequence[Sorties], robot: int, number: int, up: float
+        self, by_robot: Sequence[RobotMissions], robot: int, number: int, up: float
     ) -> Sequence[Trajectory]:
         """Return two trajectories of a mission: the first with the vehicle's speeds and turns, the
         second at a constant speed.
@@ -402,7 +402,7 @@ class _Schedule:
         return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
 
 
-def _with_fence(
+def _fenced_missions(
     missions: Sequence[Mission], plan: SearchPlan, rally: Points, *, fenced: bool
 ) -> tuple[Mission, ...]:
     """Return missions with the fence and the rally points of a plan."""

@@ -31,7 +31,7 @@ from shoal.core.files import check_suffix, write_json
 from shoal.search.cells.layers import layers_of
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
-from shoal.search.planning.plan import SearchPlan, Sorties, end_of, plan_search
+from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.network import Liar
 from shoal.search.regions.coverage import AreaCoverage, together
@@ -565,7 +565,7 @@ class SearchEpisode(Episode):
             raise InvalidInputError(f"{source}: not a search episode: {error}") from None
 
 
-def _schedule_from(data: Any, robots: int) -> tuple[Sorties, ...] | None:
+def _schedule_from(data: Any, robots: int) -> tuple[SortieTimes, ...] | None:
     """Return the start times and durations of all sorties from an episode file, or None if the plan
     determines them.
     """

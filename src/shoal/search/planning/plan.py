@@ -42,7 +42,7 @@ from shoal.search.cells.visibility_graph import leg_lengths
 from shoal.search.flight.dubins import LINK, Airspace, NoRoomError
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.legs import merge_straight_legs
-from shoal.search.flight.sorties import Sorties as FlightSorties
+from shoal.search.flight.sorties import Sorties
 from shoal.search.flight.timing import Trajectory, turn_cells, turn_shares, working_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.planning.orientation import (
@@ -106,7 +106,9 @@ def start_points(problem: SearchProblem, grid: CellGrid, rng: Generator) -> Poin
 
 
 Points = NDArray[np.float64]
-Sorties = tuple[tuple[float, float], ...]
+SortieTimes = tuple[tuple[float, float], ...]
+"""The start and the duration of each sortie of a robot, in seconds."""
+
 Durations = tuple[float, ...] | InvalidInputError
 """The durations of a robot's flights in seconds or, if it cannot fly its path, the reason."""
 
@@ -190,7 +192,7 @@ class SearchPlan:
     compared: tuple[Candidate, ...] = ()
     stay_inside: bool = False
     flies: bool = False
-    schedule: tuple[Sorties, ...] | None = None
+    schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
@@ -233,7 +235,7 @@ class SearchPlan:
         return (seconds - self.seconds(0.0)) / self.cell_seconds
 
     @cached_property
-    def sorties(self) -> tuple[Sorties, ...]:
+    def sorties(self) -> tuple[SortieTimes, ...]:
         """For each robot, the start time and the duration of each of its sorties, in seconds."""
         if self.schedule is not None:
             return self.schedule
@@ -283,7 +285,7 @@ class SearchPlan:
         detours: Sequence[Sequence[int]] = (),
         *,
         cells: float = 0.0,
-    ) -> Sorties:
+    ) -> SortieTimes:
         """Return the start time and the duration of each sortie in which robot ``robot`` (counted
         from 0) makes the given stops.
 
@@ -321,7 +323,7 @@ class SearchPlan:
             merge_straight_legs(way[: out + 1], MERGED)[:-1],
             merge_straight_legs(way[out:], MERGED),
         )
-        return FlightSorties(
+        return Sorties(
             np.vstack([way_out, search_way]), flight, _MEMORY, self.leg, robot + 1, len(way_out)
         ).trajectories()
 
@@ -534,7 +536,7 @@ class SearchPlan:
         return self._after_way_out(self._home(robot), self.paths.legs(np.concatenate(stops)))
 
 
-def end_of(sorties: Sorties) -> float:
+def end_of(sorties: SortieTimes) -> float:
     """Return the time in seconds at which a robot is back from its last sortie, or 0 for a robot
     without sorties.
     """
