@@ -551,6 +551,10 @@ def check_rig(rig: Rig, *, exact: bool = True, moves: int = 40, seed: int = 0) -
         rig.send(letters[0])
     except RigError:
         return
+    except Exception as error:
+        raise AssertionError(
+            f"{name}: expected RigError for a command after stop(), got {type(error).__name__}"
+        ) from error
     raise AssertionError(f"{name}: expected RigError for a command after stop(), got none")
 
 

@@ -10,6 +10,7 @@ from shoal.missions import FORMATS as MISSION_FORMATS
 from shoal.missions import MissionFormat
 from shoal.rigs import NoisyRig, SimulatedRig
 from shoal.search.allocation.allocate import ALLOCATORS, Arc
+from shoal.search.problem import ALLOCATIONS
 from shoal.steering import PLANNERS
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps import files
@@ -104,6 +105,10 @@ def test_a_planner_of_third_parties_passes():
 def test_violations_of_planners_are_found(planner, words):
     with pytest.raises(AssertionError, match=words):
         check_planner(planner)
+
+
+def test_the_help_lists_each_allocator():
+    assert sorted(ALLOCATIONS) == sorted(ALLOCATORS)
 
 
 @pytest.mark.parametrize("name", list(ALLOCATORS))
@@ -262,6 +267,13 @@ class Unstoppable(SimulatedRig):
         """Go on."""
 
 
+class Surprised(SimulatedRig):
+    def send(self, command):
+        if self._stopped:
+            raise ValueError("magnets")
+        super().send(command)
+
+
 class Drifting(SimulatedRig):
     def observe(self):
         if not self._stopped:
@@ -305,7 +317,8 @@ class Misruled(SimulatedRig):
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        (Unstoppable, "after stop"),
+        (Unstoppable, "after stop.*got none"),
+        (Surprised, "after stop.*got ValueError"),
         (Drifting, "without a command"),
         (Losing, "3 particles became 2"),
         (Leaping, "travelled"),

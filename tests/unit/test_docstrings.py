@@ -11,6 +11,7 @@ import shoal
 import shoal.envs
 import shoal.lab
 import shoal.missions
+import shoal.rigs
 import shoal.search
 import shoal.steering
 import shoal.swarm
@@ -22,6 +23,7 @@ PACKAGES = [
     shoal.lab,
     shoal.search,
     shoal.missions,
+    shoal.rigs,
     shoal.steering,
     shoal.swarm,
     shoal.views,
@@ -50,5 +52,9 @@ def test_all_parameters_are_described(name):
     if is_told_elsewhere(found):
         return
     told = found.__doc__ or ""
-    names = [one for one in inspect.signature(found).parameters if one not in ("self", "cls")]
+    names = [
+        one
+        for one in inspect.signature(found).parameters
+        if one not in ("self", "cls") and not one.startswith("_")
+    ]
     assert [one for one in names if not re.search(rf"\b{re.escape(one)}\b", told)] == []

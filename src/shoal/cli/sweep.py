@@ -326,20 +326,20 @@ def status(
     with Store(store) as opened:
         if watch:
             _watch(opened)
-        found = [opened.status(name) for name in opened.names]
-    result = {"store": str(store), "sweeps": [_described(one) for one in found]}
+        statuses = [opened.status(name) for name in opened.names]
+    result = {"store": str(store), "sweeps": [_described(sweep) for sweep in statuses]}
     if out is not None:
         write_json(out, result)
     if json_:
         print_json(result)
     elif not watch or not sys.stdout.isatty():
-        print_drawn(_table(found))
-        for one in found:
-            if _provenance(one):
-                print(visible(f"{one.name}: {_provenance(one)}"))
+        print_drawn(_table(statuses))
+        for sweep in statuses:
+            if _provenance(sweep):
+                print(visible(f"{sweep.name}: {_provenance(sweep)}"))
 
 
-def _table(found: list[SweepStatus]) -> Table:
+def _table(statuses: list[SweepStatus]) -> Table:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
@@ -349,28 +349,30 @@ def _table(found: list[SweepStatus]) -> Table:
             justify="right" if column in {"done", "of", "failures"} else "left",
             header_style="bold",
         )
-    for one in found:
-        state = "complete" if one.complete else "running" if one.running else "stopped"
-        pace = _pace(one.rate, one.left) if one.rate and not one.complete else ""
-        table.add_row(cell(one.name), str(one.done), str(one.total), str(one.failures), state, pace)
+    for sweep in statuses:
+        state = "complete" if sweep.complete else "running" if sweep.running else "stopped"
+        pace = _pace(sweep.rate, sweep.left) if sweep.rate and not sweep.complete else ""
+        table.add_row(
+            cell(sweep.name), str(sweep.done), str(sweep.total), str(sweep.failures), state, pace
+        )
     return table
 
 
 def _watch(store: Store) -> None:
     """Show the table of sweeps again and again until no sweep is running."""
-    found = [store.status(name) for name in store.names]
+    statuses = [store.status(name) for name in store.names]
     if not sys.stdout.isatty():
-        while any(one.running for one in found):
+        while any(sweep.running for sweep in statuses):
             time.sleep(_EVERY)
-            found = [store.status(name) for name in store.names]
+            statuses = [store.status(name) for name in store.names]
         return
     from rich.live import Live
 
-    with Live(_table(found), auto_refresh=False) as shown:
-        while any(one.running for one in found):
+    with Live(_table(statuses), auto_refresh=False) as shown:
+        while any(sweep.running for sweep in statuses):
             time.sleep(_EVERY)
-            found = [store.status(name) for name in store.names]
-            shown.update(_table(found), refresh=True)
+            statuses = [store.status(name) for name in store.names]
+            shown.update(_table(statuses), refresh=True)
 
 
 def summary(
@@ -434,9 +436,9 @@ def summary(
             {
                 "axes": others,
                 compare: [first, second],
-                "comparison": found and as_json(asdict(found)),
+                "comparison": comparison and as_json(asdict(comparison)),
             }
-            for others, first, second, found in pairs
+            for others, first, second, comparison in pairs
         ],
     }
     if out is not None:
@@ -482,8 +484,8 @@ def _print_summary(
                 "p",
             ],
             [
-                [*map(str, others.values()), *_compared(f"{second} less {first}", found)]
-                for others, first, second, found in pairs
+                [*map(str, others.values()), *_compared(f"{second} less {first}", comparison)]
+                for others, first, second, comparison in pairs
             ],
             title=along,
         )
@@ -604,19 +606,20 @@ def merge(
     check_folder(out.parent)
     names = merge_stores(stores, out)
     with Store(out) as opened:
-        found = [opened.status(name) for name in names]
+        statuses = [opened.status(name) for name in names]
     if json_:
         print_json(
             {
                 "out": str(out),
                 "sweeps": [
-                    {"name": one.name, "done": one.done, "total": one.total} for one in found
+                    {"name": sweep.name, "done": sweep.done, "total": sweep.total}
+                    for sweep in statuses
                 ],
             }
         )
     else:
         print_table(
-            [(one.name, f"{one.done} of {one.total} trials") for one in found],
+            [(sweep.name, f"{sweep.done} of {sweep.total} trials") for sweep in statuses],
             title=f"merged into {out}",
         )
 

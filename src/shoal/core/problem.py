@@ -234,7 +234,7 @@ def option_of(kind: type[Problem], name: str, **changes: Any) -> Any:
     return field(default=default, metadata={"option": replace(declared.option, **changes)})
 
 
-def declaration_of(one: Field[Any], value_type: Any, heading: str) -> Declaration:
+def declaration_of(class_field: Field[Any], value_type: Any, heading: str) -> Declaration:
     """Return the declaration of a dataclass field made by `option`, including the field's type and
     heading.
     """
@@ -245,13 +245,15 @@ def declaration_of(one: Field[Any], value_type: Any, heading: str) -> Declaratio
     )
     kinds = [part for part in parts if part is not type(None)]
     kind = kinds[0] if len(kinds) == 1 and kinds[0] in (int, float, bool, str) else object
-    made: Option = one.metadata["option"]
-    if kind is object and made.check is None:
+    declared: Option = class_field.metadata["option"]
+    if kind is object and declared.check is None:
         raise TypeError(
-            f"{one.name}: expected int, float, bool, str or an option with its own check, got"
+            f"{class_field.name}: expected int, float, bool, str or an option with its own check, got"
             f" {value_type}"
         )
-    return Declaration(one.name, kind, len(kinds) < len(parts), one.default, made, heading)
+    return Declaration(
+        class_field.name, kind, len(kinds) < len(parts), class_field.default, declared, heading
+    )
 
 
 def check_known(given: Mapping[str, Any], known: Iterable[str], *, where: str) -> None:
@@ -311,8 +313,8 @@ class Problem:
         """Names of the fields that the maker of the problem gave, at their defaults or at other
         values.
         """
-        found: frozenset[str] = self.__dict__["_given"]
-        return found
+        names: frozenset[str] = self.__dict__["_given"]
+        return names
 
     def __post_init__(self) -> None:
         for name, declared in self.declarations().items():
@@ -344,14 +346,14 @@ class Problem:
         """
         if not isinstance(data, Mapping):
             raise InvalidInputError(f"{where}: expected fields with values, got {shortened(data)}")
-        given = {name: value for name, value in data.items() if name != "kind"}
+        values = {name: value for name, value in data.items() if name != "kind"}
         known = cls.declarations()
-        check_known(given, known, where=where)
+        check_known(values, known, where=where)
         for name, declared in known.items():
-            if declared.required and name not in given:
+            if declared.required and name not in values:
                 raise InvalidInputError(f"{where}: {name}: expected this field, got none")
         with errors_at(where):
-            return cls(**given)
+            return cls(**values)
 
     @classmethod
     def from_file(cls, data: Any, path: str, *, trust: bool) -> Self:
@@ -400,29 +402,31 @@ class Problem:
         """Return the problem's fields and its ``kind`` as JSON data. Include fields with default
         values if ``defaults`` is true.
         """
-        told: dict[str, Any] = {"kind": self.part}
+        data: dict[str, Any] = {"kind": self.part}
         for name, declared in self.declarations().items():
             value = getattr(self, name)
             if defaults or declared.required or not _same(value, declared.default):
-                told[name] = (
+                data[name] = (
                     value
                     if declared.option.dump is None or value is None
                     else declared.option.dump(value)
                 )
-        return told
+        return data
 
     def canonical(self, *, without: tuple[str, ...] = ()) -> str:
         """Return the problem as a JSON text that omits default values. Equal problems give equal
         JSON texts.
         """
-        told = {name: value for name, value in self.to_dict().items() if name not in without}
-        return json.dumps(told, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        data = {name: value for name, value in self.to_dict().items() if name not in without}
+        return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
     def replaced(self, **changes: Any) -> Self:
         """Return a copy of the problem with new values for some fields."""
         check_known(changes, self.declarations(), where="problem")
-        kept = {name: getattr(self, name) for name in self.declarations() if name in self.given}
-        return type(self)(**kept | changes)
+        given_values = {
+            name: getattr(self, name) for name in self.declarations() if name in self.given
+        }
+        return type(self)(**given_values | changes)
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and self.to_dict() == other.to_dict()
@@ -491,11 +495,13 @@ class Problem:
 
 @cache
 def _declarations(cls: type[Problem]) -> Mapping[str, Declaration]:
-    hints, found, heading = get_type_hints(cls), {}, ""
-    for one in fields(cls):
-        heading = cls.headings.get(one.name, heading)
-        found[one.name] = declaration_of(one, hints[one.name], heading)
-    return found
+    hints, declarations, heading = get_type_hints(cls), {}, ""
+    for class_field in fields(cls):
+        heading = cls.headings.get(class_field.name, heading)
+        declarations[class_field.name] = declaration_of(
+            class_field, hints[class_field.name], heading
+        )
+    return declarations
 
 
 def _stamp(path: str) -> tuple[int, ...]:

@@ -108,7 +108,7 @@ class MissionApproach:
         """Return the approach as a mapping for JSON. With a frame, the mapping has the position in
         metres and in degrees.
         """
-        told = {
+        summary = {
             "robots": list(self.robots),
             "sorties": list(self.sorties),
             "horizontal_m": self.horizontal,
@@ -119,8 +119,8 @@ class MissionApproach:
             "up_m": float(self.place[2]),
         }
         if frame is None:
-            return told
-        return told | dict(
+            return summary
+        return summary | dict(
             zip(
                 ("longitude", "latitude"),
                 frame.to_degrees(self.place[None, :2])[0].tolist(),
@@ -161,20 +161,23 @@ def missions_approach(
         The nearest approach, or None if all vehicles always keep the vertical separation.
     """
     flights = _Flights(
-        {(one.robot, one.sortie): one for one in missions}, separation, frame, vehicle
+        {(mission.robot, mission.sortie): mission for mission in missions},
+        separation,
+        frame,
+        vehicle,
     )
     best: MissionApproach | None = None
-    for one, other in combinations(sorted(flights.missions), 2):
-        found = None if one[0] == other[0] else flights.approach(one, other)
-        if found is not None and (best is None or found.horizontal < best.horizontal):
-            time = flights.starts[one] + found.times[0]
+    for first, second in combinations(sorted(flights.missions), 2):
+        approach = None if first[0] == second[0] else flights.approach(first, second)
+        if approach is not None and (best is None or approach.horizontal < best.horizontal):
+            time = flights.starts[first] + approach.times[0]
             best = MissionApproach(
-                (one[0], other[0]),
-                (one[1], other[1]),
-                found.horizontal,
-                found.vertical,
+                (first[0], second[0]),
+                (first[1], second[1]),
+                approach.horizontal,
+                approach.vertical,
                 time,
-                found.places[0],
+                approach.places[0],
             )
     return best
 
@@ -203,9 +206,9 @@ class _Flights:
                 for one, start in self.starts.items()
                 if one[1] < key[1]
             ]
-            since = max(before) + separation.delay if before else 0.0
-            told = missions[key].start
-            self.starts[key] = since if told is None else told
+            earliest = max(before) + separation.delay if before else 0.0
+            planned = missions[key].start
+            self.starts[key] = earliest if planned is None else planned
         last = (
             max(
                 (start + self.flown[key].duration for key, start in self.starts.items()),
@@ -296,26 +299,29 @@ def clearance_of(
     InvalidInputError
         If the terrain has no height at a point of a mission.
     """
-    found = []
+    extremes = []
     for mission in missions:
         if mission.kind == "rover":
             continue
         places, heights = _heights_of(mission, terrain, frame)
-        asked = mission.altitude_frame == "ground" and mission.altitudes is None
-        error = float(np.abs(heights - mission.altitude).max()) if asked else 0.0
-        found += [
+        follows_ground = mission.altitude_frame == "ground" and mission.altitudes is None
+        error = float(np.abs(heights - mission.altitude).max()) if follows_ground else 0.0
+        extremes += [
             (float(heights[k]), mission.name, places[k], error)
             for k in (heights.argmin(), heights.argmax())
         ]
-    if not found:
+    if not extremes:
         return None
-    low, high = min(found, key=lambda one: one[0]), max(found, key=lambda one: one[0])
+    low, high = (
+        min(extremes, key=lambda extreme: extreme[0]),
+        max(extremes, key=lambda extreme: extreme[0]),
+    )
     return Clearance(
         low[0],
         high[0],
         (low[1], high[1]),
         np.array([low[2], high[2]]),
-        max(one[3] for one in found),
+        max(extreme[3] for extreme in extremes),
     )
 
 
@@ -386,7 +392,7 @@ class NearHomes:
         }
 
     def __str__(self) -> str:
-        one, other = self.robots
+        first, second = self.robots
         more = (
             f" and {self.pairs - 1} more pair{'s' * (self.pairs > 2)} as near"
             if self.pairs > 1
@@ -394,7 +400,7 @@ class NearHomes:
         )
         return (
             f"expected homes and landing points of different vehicles at least {self.required:g} m"
-            f" apart, got {self.distance:.3g} m between robots {one} and {other}{more}; give each"
+            f" apart, got {self.distance:.3g} m between robots {first} and {second}{more}; give each"
             " vehicle its own point, or clear the point before the next vehicle uses it"
         )
 
@@ -428,19 +434,19 @@ def near_homes(
     robots = np.array([robot for robot, _ in known])
     points = np.array([place for _, place in known])
     points = points if frame is None else frame.to_metres(points)
-    made = shapely.points(points)
-    one, other = shapely.STRtree(made).query(
-        made, predicate="dwithin", distance=max(required - ROUNDING, 0.0)
+    shapes = shapely.points(points)
+    first, second = shapely.STRtree(shapes).query(
+        shapes, predicate="dwithin", distance=max(required - ROUNDING, 0.0)
     )
-    one, other = np.stack([one, other])[:, robots[one] < robots[other]]
-    if not len(one):
+    first, second = np.stack([first, second])[:, robots[first] < robots[second]]
+    if not len(first):
         return None
-    apart = np.hypot(*(points[one] - points[other]).T)
-    nearest = int(np.argmin(apart))
-    pairs = len({*zip(robots[one].tolist(), robots[other].tolist(), strict=True)})
+    distances = np.hypot(*(points[first] - points[second]).T)
+    nearest = int(np.argmin(distances))
+    pairs = len({*zip(robots[first].tolist(), robots[second].tolist(), strict=True)})
     return NearHomes(
-        (int(robots[one[nearest]]), int(robots[other[nearest]])),
-        float(apart[nearest]),
+        (int(robots[first[nearest]]), int(robots[second[nearest]])),
+        float(distances[nearest]),
         pairs,
         required,
     )
@@ -451,5 +457,5 @@ def homes_of(missions: Iterable[Mission]) -> list[tuple[int, Place]]:
 
     A point at which a vehicle loiters is no landing point.
     """
-    found = [(mission.robot, mission.home) for mission in missions]
-    return found + [(mission.robot, mission.end) for mission in missions if mission.loiter is None]
+    homes = [(mission.robot, mission.home) for mission in missions]
+    return homes + [(mission.robot, mission.end) for mission in missions if mission.loiter is None]

@@ -28,7 +28,7 @@ from shoal.search.regions.margin import grown
 from shoal.search.regions.outline import Points, text_of
 from shoal.search.regions.projection import ROUNDED
 
-Sorties = tuple[Mission, ...]
+RobotMissions = tuple[Mission, ...]  # of one robot, sortie by sortie
 
 _ROUNDS = 6  # number of times that the time of loitering is lengthened by half
 _ENDINGS = {"multirotor": "land", "fixed-wing": "loiter", "rover": "return"}
@@ -96,7 +96,7 @@ def plan_missions(
             dead_ends={key: dict(known) for key, known in plan.airspace.dead_ends.items()},
         )
 
-    def sorties(robot: int, layer: int) -> Sorties:
+    def sorties(robot: int, layer: int) -> RobotMissions:
         vehicle = plan.vehicle
         if layer and separation is not None:
             vehicle = vehicle.replaced(altitude=vehicle.height + layer * separation.vertical)
@@ -106,16 +106,16 @@ def plan_missions(
         return _split(plan, robot, flight, autopilot=autopilot, cap=cap)
 
     robots = range(len(plan.places))
-    made = [sorties(robot, 0) for robot in robots]
+    by_robot = [sorties(robot, 0) for robot in robots]
     if separation is not None:
-        made = _Schedule(plan, separation, sorties).keep_apart(made)
+        by_robot = _Schedule(plan, separation, sorties).keep_apart(by_robot)
     else:
-        made = [
-            _start_in_turn(one, plan, float(delay))
-            for one, delay in zip(made, plan.delays, strict=True)
+        by_robot = [
+            _start_in_turn(missions, plan, float(delay))
+            for missions, delay in zip(by_robot, plan.delays, strict=True)
         ]
-    return _with_fence(
-        [mission for one in made for mission in one],
+    return _fenced_missions(
+        [mission for missions in by_robot for mission in missions],
         plan,
         np.zeros((0, 2)) if rally is None else rally,
         fenced=fenced,
@@ -143,7 +143,7 @@ def _flight(
     )
 
 
-def _split(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> Sorties:
+def _split(plan: SearchPlan, robot: int, flight: Flight, **limits: Any) -> RobotMissions:
     """Return the missions of one robot. A robot without cells has no missions."""
     stops = plan.stops(robot)
     if not len(stops):
@@ -179,12 +179,12 @@ def _loiter_place(plan: SearchPlan, place: Points, blocked: Any) -> Points:
     )
 
 
-def _start_in_turn(made: Sorties, plan: SearchPlan, start: float) -> Sorties:
+def _start_in_turn(missions: RobotMissions, plan: SearchPlan, start: float) -> RobotMissions:
     """Return the missions of one robot with their start times: each sortie begins when its vehicle
     is back and recharged.
     """
     timed = []
-    for mission in made:
+    for mission in missions:
         timed.append(replace(mission, start=start))
         start += mission.duration(plan.vehicle) + plan.vehicle.recharge_seconds
     return tuple(timed)
@@ -200,21 +200,21 @@ class _Schedule:
     """
 
     def __init__(
-        self, plan: SearchPlan, separation: Separation, sorties: Callable[[int, int], Sorties]
+        self, plan: SearchPlan, separation: Separation, sorties: Callable[[int, int], RobotMissions]
     ) -> None:
         self.plan, self.separation, self.sorties = plan, separation, sorties
         self.stay = 0.0
 
-    def keep_apart(self, made: list[Sorties]) -> list[Sorties]:
+    def keep_apart(self, by_robot: list[RobotMissions]) -> list[RobotMissions]:
         """Return the missions with altitude layers, start times and takeover altitudes.
 
         While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
         """
         self.stay = 2 * max(
             (
-                self._flights(made, robot, 0, 0.0)[0].duration
-                for robot, one in enumerate(made)
-                if one
+                self._flights(by_robot, robot, 0, 0.0)[0].duration
+                for robot, sorties in enumerate(by_robot)
+                if sorties
             ),
             default=0.0,
         )
@@ -225,9 +225,12 @@ class _Schedule:
         for stacked in (False, True):
             self.stay = longest
             for _ in range(_ROUNDS):
-                found, last = self._try(made, stacked=stacked)
-                if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
-                    return found
+                scheduled, last = self._try(by_robot, stacked=stacked)
+                if (
+                    not any(sorties and sorties[-1].loiter is not None for sorties in by_robot)
+                    or last <= self.stay
+                ):
+                    return scheduled
                 # vehicles that stay in the air must be separated from all later flights
                 self.stay = 1.5 * last
         raise InvalidInputError(
@@ -236,44 +239,50 @@ class _Schedule:
             " vehicles with enough endurance for a single sortie each"
         )
 
-    def _try(self, made: list[Sorties], *, stacked: bool = False) -> tuple[list[Sorties], float]:
+    def _try(
+        self, by_robot: list[RobotMissions], *, stacked: bool = False
+    ) -> tuple[list[RobotMissions], float]:
         """Return the missions with layers and start times, and the time at which all vehicles are
         back or begin to loiter.
 
         Vehicles that loiter stay in the air for ``self.stay`` seconds. If ``stacked`` is true, each
         vehicle has its own layer, and the vehicles start from the highest layer down.
         """
-        plan, robots = self.plan, range(len(made))
-        layers: Sequence[int] = [0] * len(made)
+        plan, robots = self.plan, range(len(by_robot))
+        layers: Sequence[int] = [0] * len(by_robot)
         # from between the layers of a volume, no part of it is seen
         layered = plan.vehicle.kind != "rover" and not plan.grid.region.height
         if layered and stacked:
-            lasting = [
-                self._flights(made, robot, 0, 0.0)[0].duration if made[robot] else 0.0
+            durations = [
+                self._flights(by_robot, robot, 0, 0.0)[0].duration if by_robot[robot] else 0.0
                 for robot in robots
             ]
-            layers = np.argsort(np.argsort(lasting, kind="stable")).tolist()
+            layers = np.argsort(np.argsort(durations, kind="stable")).tolist()
         elif layered:
-            raised = [partial(self._raised_flights, made, robot) for robot in robots]
-            layers = stagger_starts(raised, self.separation, earliest=plan.delays)[0].tolist()
-        made = [
-            self.sorties(robot, layer) if layer else made[robot]
+            first_flights = [partial(self._raised_flights, by_robot, robot) for robot in robots]
+            layers = stagger_starts(first_flights, self.separation, earliest=plan.delays)[
+                0
+            ].tolist()
+        by_robot = [
+            self.sorties(robot, layer) if layer else by_robot[robot]
             for robot, layer in zip(robots, layers, strict=True)
         ]
         flights = [
-            [self._flights(made, robot, number, 0.0) for number in range(len(made[robot]))]
+            [self._flights(by_robot, robot, number, 0.0) for number in range(len(by_robot[robot]))]
             for robot in robots
         ]
         starts = self._first_starts(flights, layers, stacked=stacked)
         ready = [
             (self._ready_at(flights[robot], 0, starts[robot, 0]), robot, 1)
             for robot in robots
-            if len(made[robot]) > 1
+            if len(by_robot[robot]) > 1
         ]
         while ready:
             since, robot, number = heappop(ready)
             others = [
-                (flights[one][other], at) for (one, other), at in starts.items() if one != robot
+                (flights[other_robot][other], at)
+                for (other_robot, other), at in starts.items()
+                if other_robot != robot
             ]
             _, (start,) = stagger_starts(
                 [partial(_in_own_layer, flights[robot][number])],
@@ -283,20 +292,21 @@ class _Schedule:
                 others,
             )
             starts[robot, number] = float(start)
-            if number + 1 < len(made[robot]):
+            if number + 1 < len(by_robot[robot]):
                 heappush(
                     ready, (self._ready_at(flights[robot], number, float(start)), robot, number + 1)
                 )
         # The time for which a vehicle stays in the air is part of its last flight.
         ends = [
             start
-            + max(one.duration for one in flights[robot][number])
-            - self._stay(made, robot, number)
+            + max(flight.duration for flight in flights[robot][number])
+            - self._stay(by_robot, robot, number)
             for (robot, number), start in starts.items()
         ]
         last = max(ends, default=0.0) + self.separation.delay
         return [
-            self._with_starts(one, robot, starts, layers) for robot, one in enumerate(made)
+            self._with_starts(other_robot, robot, starts, layers)
+            for robot, other_robot in enumerate(by_robot)
         ], last
 
     def _first_starts(
@@ -328,24 +338,33 @@ class _Schedule:
         return starts
 
     def _raised_flights(
-        self, made: Sequence[Sorties], robot: int, layer: int
+        self, by_robot: Sequence[RobotMissions], robot: int, layer: int
     ) -> Sequence[Trajectory]:
         """Return the trajectories of a robot's first sortie in a given altitude layer."""
-        return self._flights(made, robot, 0, layer * self.separation.vertical)
+        return self._flights(by_robot, robot, 0, layer * self.separation.vertical)
 
     def _with_starts(
-        self, made: Sorties, robot: int, starts: dict[tuple[int, int], float], layers: Sequence[int]
-    ) -> Sorties:
+        self,
+        sorties: RobotMissions,
+        robot: int,
+        starts: dict[tuple[int, int], float],
+        layers: Sequence[int],
+    ) -> RobotMissions:
         """Return the missions of a robot with its start times and its takeover altitude."""
-        told: dict[str, Any] = {}
+        changes: dict[str, Any] = {}
         if self.plan.vehicle.kind != "rover":
-            above = max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
-            base = (
-                float(made[0].elevation or 0.0) if made and made[0].altitude_frame == "sea" else 0.0
+            altitude = (
+                max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
             )
-            told = {"takeover": above + base}
+            home_elevation = (
+                float(sorties[0].elevation or 0.0)
+                if sorties and sorties[0].altitude_frame == "sea"
+                else 0.0
+            )
+            changes = {"takeover": altitude + home_elevation}
         return tuple(
-            replace(one, start=starts[robot, number], **told) for number, one in enumerate(made)
+            replace(mission, start=starts[robot, number], **changes)
+            for number, mission in enumerate(sorties)
         )
 
     def _ready_at(
@@ -354,36 +373,36 @@ class _Schedule:
         """Return the time at which a vehicle can start again after a sortie, even if the sortie is
         late.
         """
-        lasting = max(one.duration for one in flights[number])
-        return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
+        duration = max(flight.duration for flight in flights[number])
+        return start + duration + self.separation.delay + self.plan.vehicle.recharge_seconds
 
-    def _stay(self, made: Sequence[Sorties], robot: int, number: int) -> float:
+    def _stay(self, by_robot: Sequence[RobotMissions], robot: int, number: int) -> float:
         """Return how long a vehicle stays in the air after a mission, in seconds. A vehicle that
         lands does not stay.
         """
         return (
             self.stay
-            if number + 1 == len(made[robot]) and made[robot][number].loiter is not None
+            if number + 1 == len(by_robot[robot]) and by_robot[robot][number].loiter is not None
             else 0.0
         )
 
     def _flights(
-        self, made: Sequence[Sorties], robot: int, number: int, up: float
+        self, by_robot: Sequence[RobotMissions], robot: int, number: int, up: float
     ) -> Sequence[Trajectory]:
         """Return two trajectories of a mission: the first with the vehicle's speeds and turns, the
         second at a constant speed.
         """
-        if number >= len(made[robot]):
+        if number >= len(by_robot[robot]):
             return ()
-        mission, plan = made[robot][number], self.plan
+        mission, plan = by_robot[robot][number], self.plan
         way = common_way(mission, plan.grid.region.frame)
         way[1 : len(way) - 1, 2] += up
-        stay = self._stay(made, robot, number)
+        stay = self._stay(by_robot, robot, number)
         as_flown = mission_trajectory(mission, way, plan.vehicle, float(plan.rates[robot]), stay)
         return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
 
 
-def _with_fence(
+def _fenced_missions(
     missions: Sequence[Mission], plan: SearchPlan, rally: Points, *, fenced: bool
 ) -> tuple[Mission, ...]:
     """Return missions with the fence and the rally points of a plan."""

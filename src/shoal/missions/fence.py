@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.core.geometry import unit_vectors
+from shoal.core.geometry import cross, unit_vectors
 from shoal.core.notices import tell_once
 from shoal.search.regions.margin import with_margin, without_margin
 from shoal.search.regions.outline import Points
@@ -90,9 +90,10 @@ def enclosing_polygons(
     import shapely
 
     free: list[Clear] = list(clear) if len(clear) else [None] * len(shapes)
-    shapely.prepare([one[0] for one in free if one is not None])
+    shapely.prepare([kept_clear[0] for kept_clear in free if kept_clear is not None])
     rings = [
-        _Ring(_widened(_rough(shape, one)), one) for shape, one in zip(shapes, free, strict=True)
+        _Ring(_widened(_rough(shape, kept_clear)), kept_clear)
+        for shape, kept_clear in zip(shapes, free, strict=True)
     ]
     while sum(len(ring.points) for ring in rings) > most:
         best = min(rings, key=lambda ring: ring.least, default=None)
@@ -193,15 +194,15 @@ class _Ring:
         if count == 4:  # sides of a parallelogram never meet: a triangle at one of its corners
             yield from self._triangles()
         before, after, next_after = (np.roll(points, -shift, axis=0) for shift in (-1, 1, 2))
-        turns = _cross(points - before, after - points)  # above 0 at a corner that points outwards
+        turns = cross(points - before, after - points)  # above 0 at a corner that points outwards
         for k in np.flatnonzero(turns <= 0).tolist():
             yield float(-turns[k]) / 2, k, None, np.array([before[k], points[k], after[k]])
         # the neighbours of each side, extended beyond it
-        one, other = points - before, after - next_after
-        across = _cross(one, other)
+        side_before, side_after = points - before, after - next_after
+        across = cross(side_before, side_after)
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = _cross(after - points, other) / across
-            back = _cross(after - points, one) / across
+            far = cross(after - points, side_after) / across
+            back = cross(after - points, side_before) / across
         outwards = (
             (turns > 0)
             & (np.roll(turns, -1) > 0)
@@ -211,10 +212,10 @@ class _Ring:
             & np.isfinite(back)
         )
         for k in np.flatnonzero(outwards).tolist():
-            meeting = points[k] + far[k] * one[k]
+            meeting = points[k] + far[k] * side_before[k]
             triangle = np.array([points[k], meeting, after[k]])
             yield (
-                abs(float(_cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))) / 2,
+                abs(float(cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))) / 2,
                 k,
                 meeting,
                 triangle,
@@ -225,15 +226,15 @@ class _Ring:
         opposite corner.
         """
         for corner in range(4):
-            here, after, opposite, before = np.roll(self.points, -corner, axis=0)
-            one, other, far = after - here, before - here, opposite - here
-            area = float(_cross(one, other))
+            vertex, after, opposite, before = np.roll(self.points, -corner, axis=0)
+            first_side, second_side, diagonal = after - vertex, before - vertex, opposite - vertex
+            area = float(cross(first_side, second_side))
             if area <= 0:
                 continue
             # In the basis of the two sides, the third side is the line of all points with the
             # coordinate sum of the corner.
-            total = float(_cross(far, other) + _cross(one, far)) / area
-            ring = np.array([here, here + total * one, here + total * other])
+            total = float(cross(diagonal, second_side) + cross(first_side, diagonal)) / area
+            ring = np.array([vertex, vertex + total * first_side, vertex + total * second_side])
             yield area * total**2 / 2 - float(self.shape.area), -1, ring, ring
 
     def _without(self, corner: int, meeting: Points | None) -> Points:
@@ -254,12 +255,10 @@ class _Ring:
         added = shapely.Polygon(triangle)
         if added.area > 0 and _near(added.buffer(-_HAIR), self.clear):
             return False
-        left = shapely.Polygon(self._without(corner, meeting))
-        return bool(left.is_valid and left.area > 0 and left.buffer(_HAIR).covers(self.shape))
-
-
-def _cross(one: Points, other: Points) -> Any:
-    return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+        reduced = shapely.Polygon(self._without(corner, meeting))
+        return bool(
+            reduced.is_valid and reduced.area > 0 and reduced.buffer(_HAIR).covers(self.shape)
+        )
 
 
 def _merged(rings: list[_Ring], accept: Callable[[list[Any]], bool]) -> bool:
@@ -272,19 +271,21 @@ def _merged(rings: list[_Ring], accept: Callable[[list[Any]], bool]) -> bool:
         return False
     shapes = np.array([ring.shape for ring in rings], dtype=object)
     middles = shapely.get_coordinates(shapely.centroid(shapes))
-    found: list[tuple[float, int, int]] = []
+    candidates: list[tuple[float, int, int]] = []
     for k in range(len(rings)):
-        away = np.hypot(*(middles - middles[k]).T)
-        for other in np.argsort(away)[1 : 1 + _NEIGHBOURS].tolist():
-            hull = shapely.union(shapes[k], shapes[other]).convex_hull
-            heapq.heappush(found, (hull.area - shapes[k].area - shapes[other].area, k, other))
-    while found:
-        _, one, other = heapq.heappop(found)
-        hull = shapely.union(shapes[one], shapes[other]).convex_hull
-        clear = rings[one].clear  # all polygons that may be merged keep clear of the same things
-        others = [shape for k, shape in enumerate(shapes) if k not in (one, other)]
+        distances = np.hypot(*(middles - middles[k]).T)
+        for second in np.argsort(distances)[1 : 1 + _NEIGHBOURS].tolist():
+            hull = shapely.union(shapes[k], shapes[second]).convex_hull
+            heapq.heappush(
+                candidates, (hull.area - shapes[k].area - shapes[second].area, k, second)
+            )
+    while candidates:
+        _, first, second = heapq.heappop(candidates)
+        hull = shapely.union(shapes[first], shapes[second]).convex_hull
+        clear = rings[first].clear  # all polygons that may be merged keep clear of the same things
+        others = [shape for k, shape in enumerate(shapes) if k not in (first, second)]
         if not _near(hull.buffer(-_HAIR), clear) and accept([hull, *others]):
-            for index in sorted((one, other), reverse=True):
+            for index in sorted((first, second), reverse=True):
                 del rings[index]
             rings.append(_Ring(hull, clear))
             return True
@@ -404,19 +405,21 @@ def fenced_region(
     """
     import shapely
 
-    there = shapely.multipoints(places)
-    kept = [hole for hole in (() if wing else region.holes) if not hole.intersects(there)]
-    window = _window(shapely.union_all([region.outline, there]))
+    launch_points = shapely.multipoints(places)
+    closed_holes = [
+        hole for hole in (() if wing else region.holes) if not hole.intersects(launch_points)
+    ]
+    window = _window(shapely.union_all([region.outline, launch_points]))
     zones = [
         _clipped(zone, window)
-        for zone in _solid_parts(shapely.union_all([region.no_go, *kept]), region.outline)
+        for zone in _solid_parts(shapely.union_all([region.no_go, *closed_holes]), region.outline)
         if zone.intersects(window)
     ]
     inclusion = corners_of(_solid_parts(_filled(region).convex_hull)) + _LEAST_INCLUSION
     room = most - min(inclusion, max(_LEAST_INCLUSION, most // 4))
     if not zones or corners_of(zones) <= room:
         return region
-    clear = (there, region.margin + ROUNDED) if len(places) else None
+    clear = (launch_points, region.margin + ROUNDED) if len(places) else None
     plain = without_margin(region)
 
     def undivided(polygons: list[Any]) -> bool:
@@ -430,11 +433,11 @@ def fenced_region(
     if corners_of(barriers) > room:
         return region
     try:
-        found = with_margin(plain, region.margin, barriers=barriers, pointed=wing)
+        barred_region = with_margin(plain, region.margin, barriers=barriers, pointed=wing)
     except InvalidInputError:
         return region
-    kept_parts = found.parts[: len(region.parts)]
-    if len(kept_parts) < len(found.parts):  # pockets between polygons that were merged
+    kept_parts = barred_region.parts[: len(region.parts)]
+    if len(kept_parts) < len(barred_region.parts):  # pockets between polygons that were merged
         free = shapely.union_all(kept_parts)
         if free.area < _LEAST_KEPT * region.free.area:
             return region
@@ -442,8 +445,8 @@ def fenced_region(
             f"fence: {region.free.area - free.area:.3g} m² between no-go zones cannot be entered,"
             f" because the autopilot stores at most {most} corners"
         )
-        found = replace(found, free=free, bends=None)
-    return found
+        barred_region = replace(barred_region, free=free, bends=None)
+    return barred_region
 
 
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
@@ -485,10 +488,12 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
         strips.append(
             shapely.buffer(shapely.intersection(near, filled), region.margin, quad_segs=2)
         )
-    whole = shapely.union_all([filled, *np.concatenate(strips)])
+    covered = shapely.union_all([filled, *np.concatenate(strips)])
     # a notch has fewer corners as an exclusion zone
-    whole = whole.union(region.no_go.intersection(whole.convex_hull))
-    outer = shapely.Polygon(whole.exterior) if whole.geom_type == "Polygon" else whole.convex_hull
+    covered = covered.union(region.no_go.intersection(covered.convex_hull))
+    outer = (
+        shapely.Polygon(covered.exterior) if covered.geom_type == "Polygon" else covered.convex_hull
+    )
     zones, holes = _zones(region, flown, _window(outer))
     zones, beyond = _split(zones, outer)
     holes, _ = _split(holes, outer)
@@ -518,24 +523,24 @@ def _written(shape: Any, frame: LocalFrame | None, *, whole: bool) -> list[Point
         grown_by = shape.buffer(width, join_style="mitre") if width else shape
         ring = shapely.get_coordinates(grown_by.exterior)[:-1]
         if frame is None:
-            made = shapely.make_valid(shapely.Polygon(ring), method="structure")
+            repaired = shapely.make_valid(shapely.Polygon(ring), method="structure")
         else:
             corners = shapely.Polygon(np.round(frame.to_degrees(ring), DECIMALS))
             if corners.is_valid:
                 return [shapely.get_coordinates(corners.exterior)[:-1]]
-            made = shapely.set_precision(
+            repaired = shapely.set_precision(
                 shapely.make_valid(corners, method="structure"), 10.0**-DECIMALS
             )
         parts = sorted(
-            (one for one in shapely.get_parts(made) if one.geom_type == "Polygon"),
-            key=lambda one: -one.area,
+            (piece for piece in shapely.get_parts(repaired) if piece.geom_type == "Polygon"),
+            key=lambda piece: -piece.area,
         )
-        found = [shapely.get_coordinates(part.exterior)[:-1] for part in parts]
+        part_rings = [shapely.get_coordinates(part.exterior)[:-1] for part in parts]
         if frame is not None:
-            found = [np.round(one, DECIMALS) for one in found]
-        rings = rings or found
-        if len(found) == 1 or (found and not whole):
-            return found
+            part_rings = [np.round(piece, DECIMALS) for piece in part_rings]
+        rings = rings or part_rings
+        if len(part_rings) == 1 or (part_rings and not whole):
+            return part_rings
     return rings
 
 
@@ -547,18 +552,20 @@ def _largest(outer: Any, zones: list[Any], holes: list[Any], flown: Any, most: i
         *sorted(zones, key=lambda zone: -zone.area),
         *sorted(holes, key=lambda hole: -hole.area),
     ]
-    kept = len(ranked)
+    count = len(ranked)
     simple = _simplified(outer, ranked, [], flown, most)
-    while kept and (over := corners_of(simple) - most) > 0:
-        while kept and over > 0:
-            over -= corners_of([simple[kept]])
-            kept -= 1
-        simple = _simplified(outer, ranked[:kept], [], flown, most)
-    left = ranked[kept:]
-    away = min((float(zone.distance(flown)) for zone in left if not flown.is_empty), default=0.0)
+    while count and (over := corners_of(simple) - most) > 0:
+        while count and over > 0:
+            over -= corners_of([simple[count]])
+            count -= 1
+        simple = _simplified(outer, ranked[:count], [], flown, most)
+    omitted = ranked[count:]
+    nearest = min(
+        (float(zone.distance(flown)) for zone in omitted if not flown.is_empty), default=0.0
+    )
     tell_once(
-        f"fence: {len(left)} of {len(ranked)} no-go zones and holes are no exclusion polygons,"
-        f" because the autopilot stores at most {most} corners; all paths keep at least {away:.3g}"
+        f"fence: {len(omitted)} of {len(ranked)} no-go zones and holes are no exclusion polygons,"
+        f" because the autopilot stores at most {most} corners; all paths keep at least {nearest:.3g}"
         " m from them"
     )
     return simple
@@ -629,13 +636,13 @@ def _solid_parts(shape: Any, ground: Any = None) -> list[Any]:
     """
     import shapely
 
-    found, left = [], [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
-    while left:
-        part = left.pop()
+    solids, pending = [], [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+    while pending:
+        part = pending.pop()
         if part.buffer(-TOUCH).is_empty:
             continue
         holes = [shapely.Polygon(ring) for ring in part.interiors]
-        held = next(
+        enclosing = next(
             (
                 hole
                 for hole in holes
@@ -643,19 +650,19 @@ def _solid_parts(shape: Any, ground: Any = None) -> list[Any]:
             ),
             None,
         )
-        if held is None:
-            found.append(shapely.Polygon(part.exterior))
+        if enclosing is None:
+            solids.append(shapely.Polygon(part.exterior))
             continue
         # a ring around ground becomes two polygons, cut through the middle of the ground
         low, under, high, top = part.bounds
-        middle = held.centroid.x
+        middle = enclosing.centroid.x
         for half in (shapely.box(low, under, middle, top), shapely.box(middle, under, high, top)):
-            left += [
+            pending += [
                 piece
                 for piece in shapely.get_parts(part.intersection(half))
                 if piece.geom_type == "Polygon"
             ]
-    return found
+    return solids
 
 
 def _zones(region: SearchRegion, flown: Any, window: Any) -> tuple[list[Any], list[Any]]:
@@ -684,7 +691,7 @@ def _zones(region: SearchRegion, flown: Any, window: Any) -> tuple[list[Any], li
 
 def _split(shapes: list[Any], outer: Any) -> tuple[list[Any], list[Any]]:
     """Return the shapes that overlap a polygon, and the other shapes."""
-    found: tuple[list[Any], list[Any]] = ([], [])
+    groups: tuple[list[Any], list[Any]] = ([], [])
     for shape in shapes:
-        found[bool(shape.intersection(outer).buffer(-TOUCH).is_empty)].append(shape)
-    return found
+        groups[bool(shape.intersection(outer).buffer(-TOUCH).is_empty)].append(shape)
+    return groups

@@ -122,7 +122,7 @@ class MissionSet:
             problem = problem.replaced(vehicle=VEHICLE).at_place(problem.place)
         options.check_for(problem)
         terrain = None if options.terrain is None else open_terrain(options.terrain)
-        fenced = _with_fence(problem, options)
+        fenced = _fenced_problem(problem, options)
         widest = fenced.margin or 0.0
         for share in (*NARROWER, None) if problem.margin is None else (None,):
             try:
@@ -136,7 +136,7 @@ class MissionSet:
                 if share is None:
                     raise
                 narrower = problem.replaced(margin=share * widest).at_place(problem.place)
-                fenced = _with_fence(narrower, options)
+                fenced = _fenced_problem(narrower, options)
         if not fenced.margin:
             tell_once(
                 "margin: paths may touch the fence and no-go zones, because the margin is 0 m"
@@ -331,7 +331,7 @@ class MissionSet:
         }
 
 
-def _with_fence(problem: SearchProblem, options: MissionOptions) -> SearchProblem:
+def _fenced_problem(problem: SearchProblem, options: MissionOptions) -> SearchProblem:
     """Return a problem with the margin of missions, and with exclusion polygons that the autopilot
     can store.
     """

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_choice, check_integer, count_text
+from shoal.core.checks import check_choice, check_integer, count_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status, Verification
 from shoal.core.errors import InvalidInputError, OutputError, RigError, ShoalError
@@ -149,7 +149,7 @@ def drive(
     rig: Rig,
     *,
     seed: int = 0,
-    log: DriveLog | None = None,
+    log: DriveLog | str | os.PathLike[str] | None = None,
     on_moves: OnMoves | None = None,
     test_move: bool = True,
     spacing: tuple[float, ...] | None = None,
@@ -172,8 +172,9 @@ def drive(
     rig : Rig
     seed : int
         Seed of the random numbers, for policies with random decisions.
-    log : DriveLog, optional
-        Log of the run. Shoal writes each command and each scan to the log immediately.
+    log : DriveLog or path, optional
+        Log of the run, or the path of a new log. Shoal writes each command and each scan to the log
+        immediately.
     on_moves : callable, optional
         Function that `drive` calls during the run, with the number of moves made and the number of
         remaining frontier cells.
@@ -202,6 +203,8 @@ def drive(
     ------
     InvalidInputError, UnknownNameError
         Raised if an argument is invalid.
+    OutputError
+        Raised if the log exists already, or cannot be written.
     RigError
         Raised if the rig does not answer, or if a position lies outside the field of view. After
         the first scan, the error is a `DriveError`, whose attribute ``drive`` holds the result so
@@ -244,6 +247,10 @@ def drive(
         raise InvalidInputError(f"rule: expected {rule}, got {rig.rule} from the rig {rig.name}")
     if particles is not None:
         check_integer(particles, what="particles", least=1)
+    if isinstance(log, str | os.PathLike):
+        log = DriveLog(log)
+    elif log is not None and not isinstance(log, DriveLog):
+        raise InvalidInputError(f"log: expected a DriveLog or a path, got {shortened(log)}")
     problem = _in_view(SwarmProblem("rig", rule=rig.rule, **fields), tuple(rig.shape))
     problem.check_at_place()
     load_drive_kernels(problem)

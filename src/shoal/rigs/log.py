@@ -264,7 +264,11 @@ class RecordedRig:
 def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRig:
     """Read a log file. Ignore an incomplete last line, which a power failure may leave.
 
-    If ``trust`` is false, refuse a log with a third-party task.
+    Parameters
+    ----------
+    path : path
+    trust : bool
+        Whether the log may name a third-party task. If ``trust`` is false, refuse such a log.
 
     Raises
     ------

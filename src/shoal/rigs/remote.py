@@ -382,7 +382,13 @@ class RigSession:
 
 
 class RemoteRig(RigSession):
-    """A rig of particles on a grid behind a connection. `RigSession` describes the parameters."""
+    """A rig of particles on a grid behind a connection.
+
+    Parameters
+    ----------
+    transport, repeat_after, end_after, on_event, session
+        The parameters of `RigSession`.
+    """
 
     @property
     def name(self) -> str:

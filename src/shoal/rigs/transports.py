@@ -296,6 +296,11 @@ def open_transport(spec: str) -> Transport:
     """Return the connection for an address, without opening it. `shoal.rigs.open_rig` explains the
     addresses.
 
+    Parameters
+    ----------
+    spec : str
+        The address, such as ``tcp:HOST:PORT``.
+
     Raises
     ------
     InvalidInputError, MissingExtraError

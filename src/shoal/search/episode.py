@@ -31,7 +31,7 @@ from shoal.core.files import check_suffix, write_json
 from shoal.search.cells.layers import layers_of
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
-from shoal.search.planning.plan import SearchPlan, Sorties, end_of, plan_search
+from shoal.search.planning.plan import SearchPlan, SortieTimes, end_of, plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.network import Liar
 from shoal.search.regions.coverage import AreaCoverage, together
@@ -201,7 +201,7 @@ class SearchEpisode(Episode):
         if not self.plan.flies:
             return self.plan.seconds(0.0) + moments * self.plan.cell_seconds
         seconds = moments * self._pace
-        if robot is None or (end := self.returns[robot]) is None:
+        if robot is None or not self._faultless or (end := self.returns[robot]) is None:
             return seconds
         own, known = self._own_clock(self.trace.robots[robot], float(self.plan.delays[robot]), end)
         # when its work is done, a robot waits for what the others do
@@ -565,7 +565,7 @@ class SearchEpisode(Episode):
             raise InvalidInputError(f"{source}: not a search episode: {error}") from None
 
 
-def _schedule_from(data: Any, robots: int) -> tuple[Sorties, ...] | None:
+def _schedule_from(data: Any, robots: int) -> tuple[SortieTimes, ...] | None:
     """Return the start times and durations of all sorties from an episode file, or None if the plan
     determines them.
     """

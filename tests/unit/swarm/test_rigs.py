@@ -516,6 +516,16 @@ def test_a_log_replays(tmp_path, every, rule):
     assert "breaks off" in verified.message
 
 
+def test_a_log_may_be_a_path(tmp_path):
+    workspace = open_map("maze:9x7")
+    drive(SimulatedRig(workspace, workspace.cells[:1]), log=tmp_path / "log.jsonl", max_moves=5)
+    assert replay_log(tmp_path / "log.jsonl")[1]
+    with pytest.raises(OutputError, match="the file exists already"):
+        drive(SimulatedRig(workspace, workspace.cells[:1]), log=str(tmp_path / "log.jsonl"))
+    with pytest.raises(InvalidInputError, match="log: expected a DriveLog or a path, got True"):
+        drive(SimulatedRig(workspace, workspace.cells[:1]), log=True)
+
+
 def test_a_changed_log_is_noticed(tmp_path):
     log = tmp_path / "log.jsonl"
     drive(

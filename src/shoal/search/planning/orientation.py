@@ -71,9 +71,9 @@ class Candidate:
 
     def report(self) -> dict[str, Any]:
         """Return the candidate as a mapping that can be written as JSON."""
-        told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
-        told |= {} if self.allocation is None else {"allocation": self.allocation}
-        return told | ({} if self.seconds is None else {"seconds": self.seconds})
+        summary = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
+        summary |= {} if self.allocation is None else {"allocation": self.allocation}
+        return summary | ({} if self.seconds is None else {"seconds": self.seconds})
 
 
 def compared_allocations(
@@ -116,16 +116,17 @@ def compared_allocations(
     [('hop', 33.0), ('stay', 34.0)]
     """
     work = len(tour_cost) * len(starts)
-    reckoned = allocators if work <= (_COMPARED if widths.max() == 1 else _WIDE) else allocators[:1]
-    found = [
+    names = allocators if work <= (_COMPARED if widths.max() == 1 else _WIDE) else allocators[:1]
+    allocations = [
         allocate(tour_cost, starts, allocator=name, rates=rates, places=places, widths=widths)
-        for name in reckoned
+        for name in names
     ]
     times = [
-        time_with_sorties(one, tour_cost, places, energy=energy, recharge=recharge) for one in found
+        time_with_sorties(allocation, tour_cost, places, energy=energy, recharge=recharge)
+        for allocation in allocations
     ]
     order = np.argsort(times, kind="stable")
-    return [(found[k], times[k]) for k in order.tolist()]
+    return [(allocations[k], times[k]) for k in order.tolist()]
 
 
 def time_with_sorties(
@@ -253,10 +254,10 @@ def grid_tour(
     """
     turn = turn_cost or TURN
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset))
-    made = make_tour(_maker(tour, along_rows), grid.mask)
+    cell_tour = make_tour(_maker(tour, along_rows), grid.mask)
     if tour == BoustrophedonTour.name and not stepwise:  # long rows have few bends at their ends
-        grid = along_tour(grid, made.cells, turn)
-    return GridTour(grid, made, RegionPaths(grid, transit=transit))
+        grid = along_tour(grid, cell_tour.cells, turn)
+    return GridTour(grid, cell_tour, RegionPaths(grid, transit=transit))
 
 
 def _maker(name: str, along_rows: bool | None) -> str | TourMaker:
@@ -312,19 +313,25 @@ def in_layers(
             if key not in known:
                 known[key] = grid_tour(area, side, tour, angle=key[1], **given)
             layers.append(known[key])
-    grids = tuple(one.grid for one in layers if not isinstance(one.grid, LayeredGrid))
+    grids = tuple(layer.grid for layer in layers if not isinstance(layer.grid, LayeredGrid))
     grid = LayeredGrid(grids, np.repeat(np.asarray(altitudes, dtype=np.float64), passes), climb)
     points = [
         with_climb_cost(
             grid,
-            at_altitude(one.viewpoints[one.viewpoint_starts[one.ordinals(laid.tour.cells)]], up),
+            at_altitude(
+                cells.viewpoints[cells.viewpoint_starts[cells.ordinals(layer.tour.cells)]], altitude
+            ),
         )
         / grid.size
-        for one, laid, up in zip(grids, layers, grid.altitudes.tolist(), strict=True)
+        for cells, layer, altitude in zip(grids, layers, grid.altitudes.tolist(), strict=True)
     ]
-    whole = joined([one.tour for one in layers], points, turn=max(given.get("turn_cost", 0.0), TIE))
-    paths = LayeredPaths(grid, [one.paths for one in layers if isinstance(one.paths, RegionPaths)])
-    return GridTour(grid, whole, paths, first.compared, tuple(layers))
+    joined_tour = joined(
+        [layer.tour for layer in layers], points, turn=max(given.get("turn_cost", 0.0), TIE)
+    )
+    paths = LayeredPaths(
+        grid, [layer.paths for layer in layers if isinstance(layer.paths, RegionPaths)]
+    )
+    return GridTour(grid, joined_tour, paths, first.compared, tuple(layers))
 
 
 def best_grid_tour(
@@ -363,7 +370,7 @@ def best_grid_tour(
     turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
     orientations = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
-    whole = [
+    grid_tours = [
         grid_tour(
             region,
             size,
@@ -377,22 +384,25 @@ def best_grid_tour(
         )
         for (direction, offset), tour in product(orientations[:tried], tours)
     ]
-    found = sorted(
-        ((laid, laid.once_round(turn, turn_cost * size)) for laid in whole), key=lambda one: one[1]
+    ranked = sorted(
+        ((candidate, candidate.once_round(turn, turn_cost * size)) for candidate in grid_tours),
+        key=lambda one: one[1],
     )
-    best = found[0][0]
+    best = ranked[0][0]
     compared = {
-        laid.tour.name: Candidate(laid.tour.row_angle(laid.grid.angle), laid.tour.name, cost)
-        for laid, cost in reversed(found)
+        candidate.tour.name: Candidate(
+            candidate.tour.row_angle(candidate.grid.angle), candidate.tour.name, cost
+        )
+        for candidate, cost in reversed(ranked)
     }
     chosen_among = (
         sorted(compared.values(), key=lambda one: one.cells)
         if angle is None or len(tours) > 1
         else ()
     )
-    kept = replace(best, compared=tuple(chosen_among))
-    vars(kept)["route"] = best.route  # known already
-    return kept
+    chosen = replace(best, compared=tuple(chosen_among))
+    vars(chosen)["route"] = best.route  # known already
+    return chosen
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:

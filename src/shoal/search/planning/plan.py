@@ -42,7 +42,7 @@ from shoal.search.cells.visibility_graph import leg_lengths
 from shoal.search.flight.dubins import LINK, Airspace, NoRoomError
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.legs import merge_straight_legs
-from shoal.search.flight.sorties import Sorties as FlightSorties
+from shoal.search.flight.sorties import Sorties
 from shoal.search.flight.timing import Trajectory, turn_cells, turn_shares, working_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.planning.orientation import (
@@ -106,7 +106,9 @@ def start_points(problem: SearchProblem, grid: CellGrid, rng: Generator) -> Poin
 
 
 Points = NDArray[np.float64]
-Sorties = tuple[tuple[float, float], ...]
+SortieTimes = tuple[tuple[float, float], ...]
+"""The start and the duration of each sortie of a robot, in seconds."""
+
 Durations = tuple[float, ...] | InvalidInputError
 """The durations of a robot's flights in seconds or, if it cannot fly its path, the reason."""
 
@@ -190,7 +192,7 @@ class SearchPlan:
     compared: tuple[Candidate, ...] = ()
     stay_inside: bool = False
     flies: bool = False
-    schedule: tuple[Sorties, ...] | None = None
+    schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
@@ -233,7 +235,7 @@ class SearchPlan:
         return (seconds - self.seconds(0.0)) / self.cell_seconds
 
     @cached_property
-    def sorties(self) -> tuple[Sorties, ...]:
+    def sorties(self) -> tuple[SortieTimes, ...]:
         """For each robot, the start time and the duration of each of its sorties, in seconds."""
         if self.schedule is not None:
             return self.schedule
@@ -256,7 +258,7 @@ class SearchPlan:
             for robot in range(len(self.places))
             if len(stops := self.stops(robot))
         )
-        return next((lasting for lasting in durations if not isinstance(lasting, tuple)), None)
+        return next((duration for duration in durations if not isinstance(duration, tuple)), None)
 
     def _durations(
         self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]] = ()
@@ -283,21 +285,21 @@ class SearchPlan:
         detours: Sequence[Sequence[int]] = (),
         *,
         cells: float = 0.0,
-    ) -> Sorties:
+    ) -> SortieTimes:
         """Return the start time and the duration of each sortie in which robot ``robot`` (counted
         from 0) makes the given stops.
 
         If the vehicle cannot fly the path, because its battery is too small or it has no room for a
         turn, the duration is that of ``cells`` cells.
         """
-        since, found = float(self.delays[robot]), []
+        start, sorties = float(self.delays[robot]), []
         if not len(np.asarray(stops)):
             return ()
         durations = self._durations(robot, stops, detours)
         for seconds in durations if isinstance(durations, tuple) else (self.seconds(cells),):
-            found.append((since, seconds))
-            since += seconds + self.vehicle.recharge_seconds
-        return tuple(found)
+            sorties.append((start, seconds))
+            start += seconds + self.vehicle.recharge_seconds
+        return tuple(sorties)
 
     def _flights(
         self, robot: int, stops: ArrayLike, detours: Sequence[Sequence[int]]
@@ -317,12 +319,12 @@ class SearchPlan:
             rate=float(self.rates[robot]),
             link=float(self.footprints[robot]) * LINK,
         )
-        led, searched = (
+        way_out, search_way = (
             merge_straight_legs(way[: out + 1], MERGED)[:-1],
             merge_straight_legs(way[out:], MERGED),
         )
-        return FlightSorties(
-            np.vstack([led, searched]), flight, _MEMORY, self.leg, robot + 1, len(led)
+        return Sorties(
+            np.vstack([way_out, search_way]), flight, _MEMORY, self.leg, robot + 1, len(way_out)
         ).trajectories()
 
     def flown_route(
@@ -491,8 +493,6 @@ class SearchPlan:
         """
         if not (self.stay_inside and self.grid.region.contains(stop[None])[0]):
             return self._transits.way(place, stop)
-        import shapely
-
         part = min(
             self.grid.region.parts, key=lambda one: float(one.distance(shapely.points(stop)))
         )
@@ -511,8 +511,6 @@ class SearchPlan:
 
         The landing point is the launch point, unless the plan has landing points.
         """
-        import shapely
-
         stops = self.stops(robot)
         if not len(stops):
             return 0.0, 0.0
@@ -538,11 +536,11 @@ class SearchPlan:
         return self._after_way_out(self._home(robot), self.paths.legs(np.concatenate(stops)))
 
 
-def end_of(sorties: Sorties) -> float:
+def end_of(sorties: SortieTimes) -> float:
     """Return the time in seconds at which a robot is back from its last sortie, or 0 for a robot
     without sorties.
     """
-    return max((start + lasting for start, lasting in sorties), default=0.0)
+    return max((start + duration for start, duration in sorties), default=0.0)
 
 
 def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
@@ -573,17 +571,17 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         return _said(plan)
     for share in NARROWER if isinstance(plan.refusal, NoRoomError) else ():
         margin = share * region.margin
-        place = with_margin(
+        narrow_region = with_margin(
             without_margin(region), margin, barriers=region.barriers, pointed=region.pointed
         )
         try:
-            narrow = problem.replaced(margin=margin).at_place(place)
-            found = plan_at_margin(narrow, seed)
+            narrow_problem = problem.replaced(margin=margin).at_place(narrow_region)
+            narrow_plan = plan_at_margin(narrow_problem, seed)
         except InvalidInputError:
             continue
-        if not isinstance(found.refusal, NoRoomError):
+        if not isinstance(narrow_plan.refusal, NoRoomError):
             tell_once(narrower_margin_text(margin, region.margin))
-            return _said(found)
+            return _said(narrow_plan)
     return _said(plan)
 
 
@@ -675,13 +673,15 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         else {}
     )
     tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
-    every = [
-        plan for laid in tours for plan in _team_plans(problem, laid, speeds, landing, seed, scale)
+    all_plans = [
+        plan
+        for grid_tour in tours
+        for plan in _team_plans(problem, grid_tour, speeds, landing, seed, scale)
     ]
-    every = [replace(plan, airspace=every[0].airspace) for plan in every]
-    plans = [plan for plan in every if plan.refusal is None]
+    all_plans = [replace(plan, airspace=all_plans[0].airspace) for plan in all_plans]
+    plans = [plan for plan in all_plans if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
-        return min(every, key=lambda plan: plan.seconds(plan.allocation.makespan))
+        return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
     best = min(plans, key=_without_delays)
     return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
 
@@ -701,19 +701,21 @@ def _compared_tours(plans: Sequence[SearchPlan]) -> list[Candidate]:
     """Return the compared tours with the time of the best plan along each, the fastest first. A
     single tour gives no candidates.
     """
-    found: dict[str, Candidate] = {}
+    fastest: dict[str, Candidate] = {}
     for plan in sorted(plans, key=_without_delays):
         name, cells = plan.tour.name, plan.cells(plan.planned_seconds)
-        found.setdefault(name, Candidate(plan.row_angle, name, cells, seconds=plan.planned_seconds))
-    return list(found.values()) if len(found) > 1 else []
+        fastest.setdefault(
+            name, Candidate(plan.row_angle, name, cells, seconds=plan.planned_seconds)
+        )
+    return list(fastest.values()) if len(fastest) > 1 else []
 
 
 def _compared_allocations(plans: Sequence[SearchPlan], best: SearchPlan) -> list[Candidate]:
     """Return the compared allocations of the best plan's tour, the fastest first. A single
     allocation gives no candidates.
     """
-    alike = sorted((plan for plan in plans if plan.tour is best.tour), key=_without_delays)
-    found = [
+    same_tour = sorted((plan for plan in plans if plan.tour is best.tour), key=_without_delays)
+    candidates = [
         Candidate(
             plan.row_angle,
             plan.tour.name,
@@ -721,23 +723,28 @@ def _compared_allocations(plans: Sequence[SearchPlan], best: SearchPlan) -> list
             plan.allocation.allocator,
             seconds=plan.planned_seconds,
         )
-        for plan in alike
+        for plan in same_tour
     ]
-    return found if len(found) > 1 else []
+    return candidates if len(candidates) > 1 else []
 
 
 def _team_plans(
     problem: SearchProblem,
-    laid: GridTour,
+    grid_tour: GridTour,
     speeds: NDArray[np.float64],
     landing: Points | None,
     seed: int,
     scale: float,
 ) -> list[SearchPlan]:
     """Return a plan for each compared allocation of a tour, the best by its cost in cells first."""
-    robots, grid, tour, vehicle = problem.robots, laid.grid, laid.tour, problem.chosen_vehicle
+    robots, grid, tour, vehicle = (
+        problem.robots,
+        grid_tour.grid,
+        grid_tour.tour,
+        problem.chosen_vehicle,
+    )
     footprints = scale * check_footprints(problem.chosen_footprint, robots)
-    tour_cost = _tour_cost(laid, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
+    tour_cost = _tour_cost(grid_tour, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
     ground = layers_of(grid)[0]
     places = start_points(problem, ground, np.random.default_rng(seed))
     numbers = tour.position[tuple(grid.cell_of(places).T)]
@@ -756,12 +763,14 @@ def _team_plans(
         energy=working_seconds(vehicle) * float(speeds.min()) / cell,
         recharge=vehicle.recharge_seconds / cell,
     )
-    shared = [Candidate(angle, tour.name, time, given.allocator) for given, time in compared]
+    candidates = [
+        Candidate(angle, tour.name, time, allocation.allocator) for allocation, time in compared
+    ]
     delays = np.zeros(robots) if problem.delays is None else np.array(problem.delays)
     plans = []
     flown: dict[Any, Durations] = {}
     for allocation, _ in compared:
-        given = allocation
+        shared = allocation
         if problem.multiplicity > 1:
             team = zip(
                 range(1, robots + 1),
@@ -770,26 +779,26 @@ def _team_plans(
                 widths.tolist(),
                 strict=True,
             )
-            given = in_passes(tour_cost, allocation, tuple(team), middles, problem.multiplicity)
+            shared = in_passes(tour_cost, allocation, tuple(team), middles, problem.multiplicity)
         plan = SearchPlan(
             grid,
             tour_cost,
             places,
             numbers,
             speeds,
-            given,
+            shared,
             footprints,
             problem.transit,
             landing,
             vehicle,
             delays=delays,
-            compared=laid.compared + tuple(shared if len(shared) > 1 else ()),
+            compared=grid_tour.compared + tuple(candidates if len(candidates) > 1 else ()),
             flies=problem.vehicle is not None,
             stay_inside=problem.stay_inside,
             image=None if problem.image is None else problem.image.scaled(1 / scale),
             flown=flown,
         )
-        plans.append(replace(plan, allocation=replace(given, times=given.times + _late(plan))))
+        plans.append(replace(plan, allocation=replace(shared, times=shared.times + _late(plan))))
     return plans
 
 
@@ -820,72 +829,75 @@ def _grid_tour(
         for up in altitudes
     ]
     turn_cost = turn_cells(vehicle, sizes[0])
-    given: dict[str, Any] = {
+    options: dict[str, Any] = {
         "transit": problem.transit,
         "turn_cost": turn_cost,
         "stepwise": problem.stepwise,
     }
     tours = problem.tours_to_compare(turn_cost) if tour is None else (tour,)
-    given["along_rows"] = isinstance(problem.angle, float) or None
-    first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **given)
+    options["along_rows"] = isinstance(problem.angle, float) or None
+    first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **options)
     name = problem.tour if tour is None and problem.tour != AUTO else first.tour.name
     climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(
         first.tour.row_angle(first.grid.angle)
     )
-    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **given)
+    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **options)
 
 
-def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:
+def _tour_cost(grid_tour: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:
     """Return a tour with its costs, computed from the lengths of paths that stay inside
     the region.
     """
-    grid, tour, paths, whole = laid.grid, laid.tour, laid.paths, laid.route
+    grid, tour, paths, round_trip = grid_tour.grid, grid_tour.tour, grid_tour.paths, grid_tour.route
     index = grid.ordinals(tour.cells)
     firsts = grid.viewpoints[grid.viewpoint_starts[index]]
-    far = partial_sums(leg_lengths(with_climb_cost(grid, whole.points)))[whole.stops]
+    distances = partial_sums(leg_lengths(with_climb_cost(grid, round_trip.points)))[
+        round_trip.stops
+    ]
     begins = partial_sums(np.diff(grid.viewpoint_starts)[index])
-    steps = np.diff(far[begins]) / grid.size
+    steps = np.diff(distances[begins]) / grid.size
     # the last entry of the turns belongs to the first point
-    around = np.concatenate([whole.points, whole.points[1:2]])
-    bent = turn_shares(around, reach=turn_cost * grid.size)
-    turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
+    closed_way = np.concatenate([round_trip.points, round_trip.points[1:2]])
+    shares = turn_shares(closed_way, reach=turn_cost * grid.size)
+    turns = np.diff(np.cumsum(np.concatenate([[0], shares[-1:], shares]))[round_trip.stops[begins]])
     free = grid.region.free
     straight = not stepwise and bool(free.convex_hull.area - free.area <= _HOLLOW * free.area)
-    given: dict[str, Any] = {"distances": None}
+    options: dict[str, Any] = {"distances": None}
     if isinstance(paths, LayeredPaths):
-        given |= _of_layers(laid, paths, straight=straight or stepwise)
+        options |= _of_layers(grid_tour, paths, straight=straight or stepwise)
         if stepwise:
-            given["distances"] = cells_of_layers(paths.grid, tour, steps)
+            options["distances"] = cells_of_layers(paths.grid, tour, steps)
     else:
-        given["footprint"] = RegionFootprint(paths.grid, tour)
+        options["footprint"] = RegionFootprint(paths.grid, tour)
         if not straight:
             cellwise = CellDistances(
                 tour, planes=[plane_of(paths.grid, tour.position)], steps=steps
             )
-            given["distances"] = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
-    given |= {"turn_cost": turn_cost, "steps": steps, "turns": turns, "reckoned": True}
-    return TourCost(tour, with_climb_cost(grid, firsts) / grid.size, **given)
+            options["distances"] = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
+    options |= {"turn_cost": turn_cost, "steps": steps, "turns": turns, "reckoned": True}
+    return TourCost(tour, with_climb_cost(grid, firsts) / grid.size, **options)
 
 
-def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
+def _of_layers(grid_tour: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
     """Return the arguments of `TourCost` for a tour through several layers."""
-    numbers = LayerNumbers(laid.tour, tuple(layer.tour for layer in laid.layers))
+    numbers = LayerNumbers(grid_tour.tour, tuple(layer.tour for layer in grid_tour.layers))
     own = {
         layer: {} if straight else vars(_tour_cost(layer, 0.0))
-        for layer in dict.fromkeys(laid.layers)
+        for layer in dict.fromkeys(grid_tour.layers)
     }
     seen = {
         layer: RegionFootprint(grid, layer.tour)
-        for layer, grid in zip(laid.layers, layers_of(laid.grid), strict=True)
+        for layer, grid in zip(grid_tour.layers, layers_of(grid_tour.grid), strict=True)
     }
     return {
-        "footprint": LayeredFootprint(numbers, [seen[layer] for layer in laid.layers]),
+        "footprint": LayeredFootprint(numbers, [seen[layer] for layer in grid_tour.layers]),
         "least": (
-            sum(layer.grid.n_cells * layer.grid.size for layer in laid.layers) / laid.grid.size
+            sum(layer.grid.n_cells * layer.grid.size for layer in grid_tour.layers)
+            / grid_tour.grid.size
         ),
         "distances": LayeredDistances(
             paths,
             numbers,
-            [own[layer]["distances"] for layer in laid.layers] if not straight else (),
+            [own[layer]["distances"] for layer in grid_tour.layers] if not straight else (),
         ),
     }

@@ -65,6 +65,9 @@ READING = ("layer", "inner", "hidden", "closed_lines")
 
 LIVE_FAULTS = ("crash", "slow")
 ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
+"""Names of all allocators, the one that is most often the fastest first. They stand here again,
+because the registry `ALLOCATORS` belongs to a higher layer.
+"""
 
 
 @dataclass(frozen=True, eq=False)

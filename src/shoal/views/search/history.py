@@ -105,20 +105,20 @@ class RobotWays:
         plan = self.episode.plan
         ups = np.array(plan.altitudes)
         if len(ups) == 1:
-            found = plan.leg(start, end)
-            return found, partial_sums(plan.leg_lengths(found))
+            path = plan.leg(start, end)
+            return path, partial_sums(plan.leg_lengths(path))
         ends = np.array(
             [[*place[:2], place[2] if len(place) == 3 else 0.0] for place in (start, end)]
         )
         heights = ups[ends[:, 2].astype(np.int64)]
         if plan.grid.region.contains(ends[:, :2]).all():
-            found = plan.paths.legs(np.column_stack([ends[:, :2], heights])).points
+            path = plan.paths.legs(np.column_stack([ends[:, :2], heights])).points
         else:  # an outside launch point: the altitude changes at the beginning of the path
-            found = plan.leg(start, end)
-            found = np.column_stack([found, np.where(np.arange(len(found)) == 0, *heights)])
-        nearer = np.argmin(np.abs(found[:, 2, None] - ups[ends[:, 2].astype(np.int64)]), axis=1)
-        far = partial_sums(plan.leg_lengths(found))
-        return np.column_stack([found[:, :2], ends[nearer, 2]]), far
+            path = plan.leg(start, end)
+            path = np.column_stack([path, np.where(np.arange(len(path)) == 0, *heights)])
+        nearer = np.argmin(np.abs(path[:, 2, None] - ups[ends[:, 2].astype(np.int64)]), axis=1)
+        far = partial_sums(plan.leg_lengths(path))
+        return np.column_stack([path[:, :2], ends[nearer, 2]]), far
 
     def _rate(self, robot: int, times: Floats) -> Floats:
         """Return the relative speed of a robot just before each of the given times."""
@@ -175,22 +175,32 @@ class RobotWays:
         start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
         times, points, home = trajectory.times, trajectory.points, self._home(robot)
         for k in range(len(log.cells) - 1, 0, -1):
-            one, other = int(log.cells[k - 1]), int(log.cells[k])
-            there = plan.tour_cost.length(one, start) / rates[k]
-            back = plan.tour_cost.length(start, other) / rates[k]
+            last_cell, next_cell = int(log.cells[k - 1]), int(log.cells[k])
+            flight_home = plan.tour_cost.length(last_cell, start) / rates[k]
+            flight_back = plan.tour_cost.length(start, next_cell) / rates[k]
             if (
-                abs(log.times[k] - log.times[k - 1] - there - brief.recharge - back - 1 / rates[k])
+                abs(
+                    log.times[k]
+                    - log.times[k - 1]
+                    - flight_home
+                    - brief.recharge
+                    - flight_back
+                    - 1 / rates[k]
+                )
                 > 1e-6
             ):
                 continue
             first = np.searchsorted(times, log.times[k - 1], side="right")
             last = np.searchsorted(times, log.times[k], side="left")
-            left = log.times[k - 1]
+            left_at = log.times[k - 1]
             ways = [self._way(points[first - 1], home), self._way(home, points[last])]
             moments = [
                 begin + span * far / max(float(far[-1]), size * 1e-9)
                 for (_, far), begin, span in zip(
-                    ways, (left, left + there + brief.recharge), (there, back), strict=True
+                    ways,
+                    (left_at, left_at + flight_home + brief.recharge),
+                    (flight_home, flight_back),
+                    strict=True,
                 )
             ]
             times = np.concatenate([times[:first], *moments, times[last:]])
@@ -218,9 +228,11 @@ class RobotWays:
             home, first if len(first) == 2 else np.append(first[:2], plan.tour.cells[cells[0], 0])
         )
         times = began + far / plan.grid.size / float(self._rate(robot, np.array([died]))[0])
-        whole = RobotTrajectory(times, way)
-        kept = whole.until(min(died, float(times[-1])))
-        return RobotTrajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
+        planned = RobotTrajectory(times, way)
+        flown = planned.until(min(died, float(times[-1])))
+        return RobotTrajectory(
+            np.append(times[: len(flown) - 1], min(died, float(times[-1]))), flown
+        )
 
     def _home(self, robot: int) -> Floats:
         """Return the launch point of a robot, with columns as in `of`."""
@@ -317,7 +329,7 @@ class LayerPanels:
         """For each square of the drawing, the tour index of the cell that contains the square, or
         -1; int64, of shape `shape`.
         """
-        found = np.full(self.shape, -1, dtype=np.int64)
+        numbers = np.full(self.shape, -1, dtype=np.int64)
         position = self.plan.tour.position
         rows, columns = self._panel.tolist()
         left, top = self.extent[0], self.extent[3]
@@ -335,10 +347,10 @@ class LayerPanels:
             cells = np.full(len(middles), -1, dtype=np.int64)
             cells[inside] = own[row[inside], col[inside]]
             begin = self._apart * (down, right)
-            found[begin[0] : begin[0] + rows, begin[1] : begin[1] + columns] = cells.reshape(
+            numbers[begin[0] : begin[0] + rows, begin[1] : begin[1] + columns] = cells.reshape(
                 rows, columns
             )
-        return found
+        return numbers
 
     @cached_property
     def parts(self) -> list[list[Floats]]:
@@ -469,7 +481,7 @@ class SearchHistory:
         """The log of each robot, with the times of the drawing."""
         if not self.episode.plan.flies:
             return self.episode.trace.robots
-        found = []
+        drawn_logs = []
         for robot, log in enumerate(self.episode.trace.robots):
             times, begins, finds = (
                 self.drawn_times(robot, moments).tolist()
@@ -481,7 +493,7 @@ class SearchHistory:
             )
             states = zip(begins, (state for _, state in log.states), strict=True)
             obstructed = zip(finds, (cell for _, cell in log.obstructed), strict=True)
-            found.append(
+            drawn_logs.append(
                 replace(
                     log,
                     times=np.array(times, dtype=np.float64),
@@ -489,7 +501,7 @@ class SearchHistory:
                     obstructed=tuple(obstructed),
                 )
             )
-        return tuple(found)
+        return tuple(drawn_logs)
 
     @cached_property
     def end(self) -> float:
@@ -599,7 +611,7 @@ class SearchHistory:
         """For each cell in tour order, whether the first search came from a stop in another robot's
         part (see `others`); bool.
         """
-        found = np.zeros(self.n_cells, dtype=np.bool_)
+        taken = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
             seen = self.episode.seen[robot]
             over = np.concatenate(
@@ -608,8 +620,8 @@ class SearchHistory:
                     np.zeros(0, dtype=np.int64),
                 ]
             )
-            found[over[self.first[1][over] == robot + 1]] = True
-        return found
+            taken[over[self.first[1][over] == robot + 1]] = True
+        return taken
 
     def searched(self, time: float) -> int:
         """Return the number of cells that robots have searched up to a given time."""
@@ -626,24 +638,26 @@ class SearchHistory:
 
     def _activities(self, robot: int) -> list[Activity]:
         log = self.logs[robot]
-        found: list[Activity] = []
+        activities: list[Activity] = []
         bounds = [moment for moment, _ in log.states] + [self.end]
         others = self.others(robot)
         for (begin, state), end in zip(log.states, bounds[1:], strict=True):
             if state == "searching":
                 inside = np.flatnonzero((log.times > begin) & (log.times <= end))
-                _add_searching(found, begin, end, log.times[inside], others[inside])
+                _add_searching(activities, begin, end, log.times[inside], others[inside])
             elif end > begin or state in ("dead", "complete"):
-                found.append(Activity(begin, end, state))
-        return found
+                activities.append(Activity(begin, end, state))
+        return activities
 
     @cached_property
     def trajectories(self) -> tuple[RobotTrajectory, ...]:
         """The trajectory of each robot in drawing coordinates (see `on_picture`)."""
         trajectories = map(self.ways.trajectory, range(self.n_robots))
         return tuple(
-            RobotTrajectory(self.drawn_times(robot, one.times), self.on_picture(one.points))
-            for robot, one in enumerate(trajectories)
+            RobotTrajectory(
+                self.drawn_times(robot, trajectory.times), self.on_picture(trajectory.points)
+            )
+            for robot, trajectory in enumerate(trajectories)
         )
 
     @cached_property
@@ -651,10 +665,10 @@ class SearchHistory:
         """The time of discovery of each obstacle that robots found, by the tour index of its
         cell.
         """
-        found: dict[int, float] = {}
+        discovered: dict[int, float] = {}
         for moment, cell in sorted(entry for log in self.logs for entry in log.obstructed):
-            found.setdefault(cell, moment)
-        return found
+            discovered.setdefault(cell, moment)
+        return discovered
 
     def on_picture(self, points: Floats) -> Floats:
         """Convert points of the region to drawing coordinates in metres, in which the rows of cells
