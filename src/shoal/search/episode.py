@@ -195,7 +195,8 @@ class SearchEpisode(Episode):
 
         The end of the search is at `makespan`. If the problem names a vehicle, earlier moments are
         in proportion: those of the search to `makespan`, and those of robot number ``robot``
-        (counted from 0) to its departure and its own return.
+        (counted from 0) to its departure and its own return. If something can go wrong, all robots
+        have the clock of the search, so that a fault changes nothing of what was before.
         """
         moments = np.asarray(moments, dtype=np.float64)
         if not self.plan.flies:
@@ -203,11 +204,11 @@ class SearchEpisode(Episode):
         seconds = moments * self._pace
         if robot is None or not self._faultless or (end := self.returns[robot]) is None:
             return seconds
-        own, known = self._own_clock(self.trace.robots[robot], float(self.plan.delays[robot]), end)
+        cell, last = self.plan.cell_seconds, float(self.trace.robots[robot].times[-1])
+        departure = min(float(self.plan.delays[robot]) / cell, last)
+        own = np.interp(moments, [0.0, departure, last], [0.0, departure * cell, end])
         # when its work is done, a robot waits for what the others do
-        return np.where(
-            moments <= own[-1], np.interp(moments, own, known), np.maximum(seconds, end)
-        )
+        return np.where(moments <= last, own, np.maximum(seconds, end))
 
     @cached_property
     def _pace(self) -> float:
@@ -220,25 +221,6 @@ class SearchEpisode(Episode):
             if end is not None and log.times.size
         ]
         return max(paces, default=self.plan.cell_seconds)
-
-    def _own_clock(
-        self, log: RobotLog, delay: float, end: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return moments of a robot's log up to its last search, and their times in seconds.
-
-        Delays and waits take their own time. The rest of the time is that of the robot's flights.
-        """
-        cell, last = self.plan.cell_seconds, float(log.times[-1]) if log.times.size else 0.0
-        rests = [(0.0, delay / cell)] + ([] if self._faultless else self._waits(log))
-        moments = np.unique(np.clip([0.0, last, *np.ravel(rests)], 0.0, last))
-        begins, spans = moments[:-1], np.diff(moments)
-        resting = np.zeros(len(spans), dtype=np.bool_)
-        for since, then in rests:
-            resting |= (since <= begins) & (begins < then)
-        rest = float(spans[resting].sum())
-        pace = (end - rest * cell) / max(last - rest, 1e-12)
-        lasting = spans * np.where(resting, cell, pace)
-        return moments, np.concatenate([[0.0], np.cumsum(lasting)])
 
     @property
     def cell_time(self) -> float:
