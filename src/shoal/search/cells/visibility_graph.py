@@ -86,10 +86,21 @@ class VisibilityGraph:
         self._seen_from: dict[int, tuple[float, NDArray[np.int64], NDArray[np.float64]]] = {}
 
     def within(self, low: Points, high: Points) -> NDArray[np.int64]:
-        """Return the indices of the corners inside the box with the corners ``low`` and ``high``;
-        int64, shape (k,).
+        """Return the indices of the corners inside the box with the corners ``low`` and ``high``,
+        in increasing order; int64, shape (k,).
         """
-        return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
+        reach = float((high - low).max()) / 2 * (1 + _ALONG)
+        near = self._tree.query_ball_point((low + high) / 2, reach, p=np.inf, return_sorted=True)
+        found = np.array(near, dtype=np.int64)
+        places = self.corners[found]
+        return np.asarray(found[((places >= low) & (places <= high)).all(axis=1)])
+
+    def around(self, points: Points, distance: float) -> NDArray[np.int64]:
+        """Return the indices of the corners that are at most ``distance`` metres away from one of
+        the points, in increasing order; int64, shape (k,).
+        """
+        near = self._tree.query_ball_point(points, distance).tolist()
+        return np.unique(np.array([corner for some in near for corner in some], dtype=np.int64))
 
     def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
         """Return the shortest path that bends only at given corners, or None if no path exists;
@@ -100,7 +111,7 @@ class VisibilityGraph:
         start, end : ndarray of float64, shape (2,)
             Start and end of the path in metres, which must lie inside the region.
         candidates : ndarray of int64, shape (c,)
-            Indices of the corners at which the path may bend.
+            Indices of the corners at which the path may bend, in increasing order.
         """
         few = candidates[candidates < self._few]
         found = self._shortest(start, end, few) if len(few) else None
@@ -114,17 +125,19 @@ class VisibilityGraph:
         another. The first group contains the most promising corners, and each group is larger than
         the previous group.
         """
-        allowed = np.zeros(len(self.corners), dtype=np.bool_)
-        allowed[candidates] = True
-        wide = (
-            float(np.hypot(*np.ptp(self.corners[candidates], axis=0))) if len(candidates) else 0.0
-        )
-        to_end = np.hypot(*(self.corners - end).T)
-        length = np.full(len(self.corners), np.inf)
-        came = np.full(len(self.corners), _START)
+        # All arrays count the candidates only: most paths are short, and regions may have many
+        # corners.
+        if not len(candidates):
+            return None
+        places = self.corners[candidates]
+        allowed = np.ones(len(candidates), dtype=np.bool_)
+        wide = float(np.hypot(*np.ptp(places, axis=0)))
+        to_end = np.hypot(*(places - end).T)
+        length = np.full(len(candidates), np.inf)
+        came = np.full(len(candidates), _START)
         queue: list[tuple[float, int]] = []
-        first = candidates[self._touched(candidates, self.corners[candidates] - start)]
-        away = np.hypot(*(self.corners[first] - start).T)
+        first = np.flatnonzero(self._touched(candidates, places - start))
+        away = np.hypot(*(places[first] - start).T)
         order = np.argsort(away + to_end[first], kind="stable")
         first, away = first[order], away[order]
         asked, step = 0, _AT_FIRST
@@ -135,7 +148,7 @@ class VisibilityGraph:
             if node == _START:
                 others, lengths = first[asked : asked + step], away[asked : asked + step]
                 seen = inside(
-                    self._region, np.broadcast_to(start, (len(others), 2)), self.corners[others]
+                    self._region, np.broadcast_to(start, (len(others), 2)), places[others]
                 )
                 others, lengths = others[seen], lengths[seen]
                 asked, step = asked + step, 2 * step
@@ -147,10 +160,12 @@ class VisibilityGraph:
                 allowed[node] = False  # done
                 # no other path can be shorter, because the queue gives the most promising node
                 # first
-                if self._ends(node, end):
-                    return np.vstack([start, self.corners[_chain(came, node)], end])
-                others, lengths = self._neighbours(node, wide)
-                lengths = length[node] + lengths
+                if self._ends(int(candidates[node]), end):
+                    return np.vstack([start, places[_chain(came, node)], end])
+                corners, lengths = self._neighbours(int(candidates[node]), wide)
+                others = np.minimum(np.searchsorted(candidates, corners), len(candidates) - 1)
+                known = candidates[others] == corners
+                others, lengths = others[known], length[node] + lengths[known]
             better = allowed[others] & (lengths < length[others])
             others, lengths = others[better], lengths[better]
             length[others], came[others] = lengths, node
