@@ -495,7 +495,8 @@ class RegionPaths:
             )
             if len(candidates) > _MOST_CORNERS:
                 return best
-            found = self._corners.shortest(start, end, candidates)
+            # where that fails, `_far` finds the cells through which a path leads
+            found = self._corners.shortest(start, end, candidates, rough=True)
             best = best if found is None else found
             # A path around more distant corners would have to go there and come back.
             needed = np.inf if found is None else (length_of(found) - straight) / 2
@@ -542,7 +543,8 @@ class RegionPaths:
         for k, free in enumerate(straight.tolist()):
             leg = stops[k : k + 2]
             if not free:
-                middle, side = leg.mean(axis=0), 1.01 * self.grid.size
+                # the whole cell, whatever its angle: no corner of a square is farther away
+                middle, side = leg.mean(axis=0), 1.01 * 2**0.5 * self.grid.size
                 leg = self._by_corners(
                     leg[0], leg[1], self._corners.within(middle - side, middle + side)
                 )

@@ -82,8 +82,10 @@ class VisibilityGraph:
         self._sides = [
             side / np.maximum(np.hypot(*side.T), np.finfo(float).tiny)[:, None] for side in sides
         ]
-        self._tree = KDTree(self.corners)
-        self._seen_from: dict[int, tuple[float, NDArray[np.int64], NDArray[np.float64]]] = {}
+        self._tree, self._few_tree = KDTree(self.corners), KDTree(self.corners[: self._few])
+        self._seen_from: dict[
+            tuple[int, bool], tuple[float, NDArray[np.int64], NDArray[np.float64]]
+        ] = {}
 
     def within(self, low: Points, high: Points) -> NDArray[np.int64]:
         """Return the indices of the corners inside the box with the corners ``low`` and ``high``,
@@ -102,7 +104,9 @@ class VisibilityGraph:
         near = self._tree.query_ball_point(points, distance).tolist()
         return np.unique(np.array([corner for some in near for corner in some], dtype=np.int64))
 
-    def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
+    def shortest(
+        self, start: Points, end: Points, candidates: NDArray[np.int64], *, rough: bool = False
+    ) -> Points | None:
         """Return the shortest path that bends only at given corners, or None if no path exists;
         float64, shape (k, 2).
 
@@ -112,12 +116,19 @@ class VisibilityGraph:
             Start and end of the path in metres, which must lie inside the region.
         candidates : ndarray of int64, shape (c,)
             Indices of the corners at which the path may bend, in increasing order.
+        rough : bool
+            Whether a path that bends only at corners of `SearchRegion.bends` is enough, if the
+            region has such a shape. That no such path exists is known sooner.
         """
         few = candidates[candidates < self._few]
-        found = self._shortest(start, end, few) if len(few) else None
-        return self._shortest(start, end, candidates) if found is None else found
+        found = self._shortest(start, end, few, few=True)
+        if found is not None or (rough and self._few):
+            return found
+        return self._shortest(start, end, candidates, few=False)
 
-    def _shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
+    def _shortest(
+        self, start: Points, end: Points, candidates: NDArray[np.int64], *, few: bool
+    ) -> Points | None:
         """Find the shortest path that bends only at candidate corners, with the algorithm A*. If no
         path exists, return None.
 
@@ -162,7 +173,7 @@ class VisibilityGraph:
                 # first
                 if self._ends(int(candidates[node]), end):
                     return np.vstack([start, places[_chain(came, node)], end])
-                corners, lengths = self._neighbours(int(candidates[node]), wide)
+                corners, lengths = self._neighbours(int(candidates[node]), wide, few=few)
                 others = np.minimum(np.searchsorted(candidates, corners), len(candidates) - 1)
                 known = candidates[others] == corners
                 others, lengths = others[known], length[node] + lengths[known]
@@ -182,18 +193,19 @@ class VisibilityGraph:
         )
 
     def _neighbours(
-        self, corner: int, wide: float
+        self, corner: int, wide: float, *, few: bool
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the corners to which a shortest path could continue from a corner, and their
         distances in metres.
 
         The result contains all possible corners up to the distance ``wide``, and may contain
-        farther corners.
+        farther corners. If ``few`` is true, only corners of `SearchRegion.bends` count.
         """
-        known, others, away = self._seen_from.get(corner, (-1.0, None, None))
+        known, others, away = self._seen_from.get((corner, few), (-1.0, None, None))
         if others is None or away is None or known < wide:
             place = self.corners[corner]
-            around = np.array(self._tree.query_ball_point(place, 2 * wide), dtype=np.int64)
+            tree = self._few_tree if few else self._tree
+            around = np.array(tree.query_ball_point(place, 2 * wide), dtype=np.int64)
             around = np.sort(around[around != corner])
             directions = self.corners[around] - place
             likely = self._touched(
@@ -204,7 +216,7 @@ class VisibilityGraph:
                 inside(self._region, np.broadcast_to(place, (len(others), 2)), self.corners[others])
             ]
             away = np.hypot(*(self.corners[others] - place).T)
-            self._seen_from[corner] = 2 * wide, others, away
+            self._seen_from[corner, few] = 2 * wide, others, away
         return others, away
 
     def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:
