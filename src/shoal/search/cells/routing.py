@@ -355,6 +355,8 @@ class RegionPaths:
     def __init__(self, grid: CellGrid, *, transit: bool = False) -> None:
         self.grid = grid
         self.transit = transit
+        # plans compare routes that have most of their legs in common
+        self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = {}
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another, in metres; float64, shape (k, 2), k >= 2.
@@ -464,6 +466,13 @@ class RegionPaths:
 
         The path stays inside the region, unless the points lie in different parts of the region.
         """
+        key = start.tobytes(), end.tobytes()
+        if key not in self._known:
+            self._known[key] = self._found_way(start, end)
+        return self._known[key]
+
+    def _found_way(self, start: Points, end: Points) -> tuple[Points, bool]:
+        """Find the path that `_way` returns."""
         if self._part(start) != self._part(end):
             if not self.transit:
                 raise InvalidInputError(
