@@ -18,6 +18,10 @@ from shoal.search import (
     open_region,
     region_of,
 )
+from shoal.search.cells import routing
+from shoal.search.cells.clipping import clipped_to
+from shoal.search.cells.visibility_graph import VisibilityGraph
+from shoal.search.regions.margin import with_margin
 
 
 def length(way):
@@ -106,7 +110,81 @@ def test_many_cells_on_a_fine_border_stay_few_shapes():
     assert len(grid.clipped.pieces) < 4 * 500 + 400
 
 
+def star(spikes):
+    """A region with narrow spikes all around."""
+    angles = np.arange(2 * spikes) * np.pi / spikes
+    radius = np.where(np.arange(2 * spikes) % 2, 100.0, 60.0)
+    corners = np.stack([radius * np.cos(angles), radius * np.sin(angles)], axis=1)
+    return region_of(shapely.Polygon(corners))
+
+
+def corners_cut(monkeypatch, spikes):
+    """The number of corners of all shapes that are cut for the cells of a star with a margin."""
+    cut, intersection = [0], shapely.intersection
+
+    def counted(shape, other, **given):
+        pair = np.broadcast_arrays(shape, other)[0]
+        cut[0] += int(shapely.get_num_coordinates(pair).sum())
+        return intersection(shape, other, **given)
+
+    kept = with_margin(star(spikes), 0.1)
+    with monkeypatch.context() as patched:
+        patched.setattr(shapely, "intersection", counted)
+        cells_of(kept, 2000 / spikes / 4)
+    return cut[0]
+
+
+def test_no_cell_is_cut_out_of_the_whole_area(monkeypatch):
+    # 4 times as many corners, and 16 times as many cells on the border
+    assert corners_cut(monkeypatch, 120) < 20 * corners_cut(monkeypatch, 30)
+
+
+def test_many_boxes_cut_a_shape_as_one_box_does():
+    shape, rng = star(60).area, np.random.default_rng(3)
+    low = rng.uniform(-110, 90, (200, 2))
+    high = low + rng.uniform(1, 30, (200, 2))
+    for whole in (shape, shape.boundary):
+        cut = clipped_to(whole, low, high)
+        expected = shapely.intersection(whole, shapely.box(*low.T, *high.T))
+        assert shapely.area(shapely.symmetric_difference(cut, expected)).max() < 1e-9
+        assert shapely.length(cut) == pytest.approx(shapely.length(expected), abs=1e-9)
+        assert (shapely.get_dimensions(cut) == shapely.get_dimensions(expected)).all()
+
+
 # Ways
+
+
+def test_corners_near_a_place():
+    graph, (low, high) = VisibilityGraph(star(60)), np.array([[-50.0, 10.0], [20.0, 70.0]])
+    places = np.array([[60.0, 0.0], [0.0, 55.0]])
+    away = np.hypot(*(graph.corners[:, None] - places).T).min(axis=0)
+    inner = ((graph.corners >= low) & (graph.corners <= high)).all(axis=1)
+    assert graph.within(low, high).tolist() == np.flatnonzero(inner).tolist() != []
+    assert graph.around(places, 15.0).tolist() == np.flatnonzero(away <= 15).tolist() != []
+    assert graph.around(places[:0], 15.0).tolist() == []
+
+
+def test_from_spike_to_spike():
+    kept = with_margin(star(60), 0.1)
+    graph, grid = VisibilityGraph(kept), cells_of(kept, 2)
+    along = grid.viewpoints[:, 0]
+    ends = grid.viewpoints[[np.argmax(along), np.argmax(along * (grid.viewpoints[:, 1] > 30))]]
+    way = RegionPaths(grid).leg(*ends)
+    shortest = graph.shortest(*ends, np.arange(len(graph.corners)))
+    assert len(way) > 2
+    assert kept.contains(way).all()
+    assert length(way) <= 1.01 * length(shortest)
+
+
+def test_paths_in_cells_that_stand_on_a_corner(monkeypatch):
+    # a path from portal to portal may bend a cell's diagonal away
+    monkeypatch.setattr(routing, "_MOST_CORNERS", 0)
+    region = star(60)
+    grid = cells_of(region, 20, angle=45)
+    there = grid.cells.repeat(2, axis=0)
+    there[1::2] = grid.cells[::-1]
+    route = RegionPaths(grid).route(there)
+    assert coverage_check(region, [route.points], 20).legs_outside == 0
 
 
 def test_straight_where_it_can_be():

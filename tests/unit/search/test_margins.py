@@ -14,7 +14,7 @@ import shapely
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
 from shoal.search.problem import SearchProblem
-from shoal.search.regions.margin import with_margin
+from shoal.search.regions.margin import with_default_margin, with_margin
 from shoal.search.regions.region import region_of
 from shoal.search.run import run
 
@@ -98,6 +98,16 @@ def test_a_region_that_falls_apart_under_the_margin_is_refused_in_one_sentence_o
         InvalidInputError, match="margin: expected a margin that leaves some area of the region"
     ):
         with_margin(region, 40)
+
+
+def test_a_speck_that_vanishes_does_not_hide_that_the_margin_divides_the_rest():
+    rooms = shapely.union_all(
+        [shapely.box(0, 0, 50, 50), shapely.box(54, 0, 104, 50), shapely.box(50, 20, 54, 24)]
+    )
+    speck = shapely.box(104.5, 0, 105, 0.5)
+    region = region_of(shapely.union_all([rooms, speck]))
+    kept = with_default_margin(region, 3.0, footprint=20.0)
+    assert (kept.margin, len(kept.parts)) == (1.5, 1)  # the corridor is 4 m wide
 
 
 def test_the_check_of_missions_measures_what_a_margin_lets_be_seen(tmp_path, monkeypatch, capsys):

@@ -30,6 +30,7 @@ from shoal.missions import (
 )
 from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
 from shoal.search.flight.legs import merge_straight_legs
+from shoal.search.flight.sorties import Sorties
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.problem import SearchProblem
 from shoal.views.search.missions import missions_figure
@@ -208,6 +209,15 @@ def test_ways_home_around_obstacles():
         )
         for mission in straight
     )
+
+
+def test_a_path_of_thousands_of_sorties_is_refused_before_the_first_is_flown(monkeypatch):
+    monkeypatch.setattr(Sorties, "_fits", None)
+    lanes = np.tile([(0.0, 0.0), (500.0, 0.0)], (2000, 1))
+    with pytest.raises(
+        InvalidInputError, match="at most 300 sorties for robot 1, got a path of 2000"
+    ):
+        missions_of(lanes, None, vehicle="multirotor,endurance=2,reserve=0")
 
 
 def test_a_path_home_that_the_battery_does_not_allow_is_named_with_its_time():

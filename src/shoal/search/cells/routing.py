@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -51,14 +50,13 @@ class PortalGraph:
         from scipy.sparse.csgraph import breadth_first_order
 
         first, last = self._piece(start), self._piece(end)
-        _, came = breadth_first_order(self._graph, first, directed=False)
+        _, came = breadth_first_order(self._graph, first)
         way = [last]
         while way[-1] != first:
             if came[way[-1]] < 0:
                 return None
             way.append(int(came[way[-1]]))
-        way.reverse()
-        return np.vstack([start, *(self._gate(*pair) for pair in pairwise(way)), end])
+        return np.vstack([start, self._gates(np.array(way[::-1])), end])
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
@@ -84,27 +82,40 @@ class PortalGraph:
             ]
         )
         ends = np.searchsorted(self._numbers, pairs)
+        ends = np.concatenate([ends, ends[:, ::-1]])  # both ways, once for all searches
         return coo_array(
             (np.ones(len(ends)), tuple(ends.T)), shape=(len(self._numbers),) * 2
         ).tocsr()
 
-    @cached_property
-    def _gates(self) -> dict[tuple[int, int], Points]:
-        """Midpoint of the widest portal between each pair of connected nodes, in metres."""
-        portals = self.grid.portals
-        order = np.argsort(portals.widths, kind="stable")  # widest last
-        nodes = np.sort(np.searchsorted(self._numbers, portals.pairs[order]), axis=1)
-        return {
-            (one, other): portals.middles[k]
-            for (one, other), k in zip(nodes.tolist(), order.tolist(), strict=True)
-        }
+    def _pairs(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return one number for each pair of nodes, whatever their order; int64, shape (k,)."""
+        return np.asarray(nodes.min(axis=1) * len(self._numbers) + nodes.max(axis=1))
 
-    def _gate(self, one: int, other: int) -> Points:
-        known = self._gates.get((min(one, other), max(one, other)))
-        if known is not None:
-            return known
-        rows, cols = np.divmod(self._numbers[[one, other]] - self._n, self.grid.shape[1])
-        return self.grid.lattice.to_region(self.grid.lattice.centers(rows, cols).mean(axis=0))
+    @cached_property
+    def _widest(self) -> tuple[NDArray[np.int64], Points]:
+        """The pairs of nodes that portals connect, in increasing order, and the midpoint of the
+        widest portal of each pair in metres.
+        """
+        portals = self.grid.portals
+        pairs = self._pairs(np.searchsorted(self._numbers, portals.pairs))
+        order = np.lexsort((-portals.widths, pairs))
+        known, first = np.unique(pairs[order], return_index=True)
+        return known, portals.middles[order[first]]
+
+    def _gates(self, way: NDArray[np.int64]) -> Points:
+        """Return a point between each two consecutive nodes of a path, in metres; float64, shape
+        (k - 1, 2).
+        """
+        lattice, (known, middles) = self.grid.lattice, self._widest
+        rows, cols = np.divmod(self._numbers[way] - self._n, self.grid.shape[1])
+        centers = lattice.centers(rows, cols)
+        gates = lattice.to_region((centers[:-1] + centers[1:]) / 2)  # between two whole cells
+        pairs = self._pairs(np.stack([way[:-1], way[1:]], axis=1))
+        at = np.searchsorted(known, pairs)
+        portal = at < len(known)
+        portal[portal] = known[at[portal]] == pairs[portal]
+        gates[portal] = middles[at[portal]]
+        return np.asarray(gates)
 
     def _piece(self, point: Points) -> int:
         """Return the node whose piece or whole cell is nearest to a point."""
@@ -113,9 +124,10 @@ class PortalGraph:
         clipped, lattice = self.grid.clipped, self.grid.lattice
         there = lattice.from_region(point)
         col, row = (there - [lattice.left, lattice.top]) * [1, -1] / lattice.size
-        near = np.flatnonzero(
-            (np.abs(clipped.rows + 0.5 - row) <= 1.5) & (np.abs(clipped.cols + 0.5 - col) <= 1.5)
-        )
+        # pieces are sorted by row and column
+        low = np.searchsorted(clipped.rows, row - 2)
+        high = np.searchsorted(clipped.rows, row + 1, side="right")
+        near = low + np.flatnonzero(np.abs(clipped.cols[low:high] + 0.5 - col) <= 1.5)
         r, c = np.clip([int(row), int(col)], 0, np.array(lattice.shape) - 1)
         if clipped.whole[r, c]:
             return int(np.searchsorted(self._numbers, self._n + r * lattice.shape[1] + c))
@@ -343,6 +355,8 @@ class RegionPaths:
     def __init__(self, grid: CellGrid, *, transit: bool = False) -> None:
         self.grid = grid
         self.transit = transit
+        # plans compare routes that have most of their legs in common
+        self._known: dict[tuple[bytes, bytes], tuple[Points, bool]] = {}
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another, in metres; float64, shape (k, 2), k >= 2.
@@ -452,6 +466,13 @@ class RegionPaths:
 
         The path stays inside the region, unless the points lie in different parts of the region.
         """
+        key = start.tobytes(), end.tobytes()
+        if key not in self._known:
+            self._known[key] = self._found_way(start, end)
+        return self._known[key]
+
+    def _found_way(self, start: Points, end: Points) -> tuple[Points, bool]:
+        """Find the path that `_way` returns."""
         if self._part(start) != self._part(end):
             if not self.transit:
                 raise InvalidInputError(
@@ -483,7 +504,8 @@ class RegionPaths:
             )
             if len(candidates) > _MOST_CORNERS:
                 return best
-            found = self._corners.shortest(start, end, candidates)
+            # where that fails, `_far` finds the cells through which a path leads
+            found = self._corners.shortest(start, end, candidates, rough=True)
             best = best if found is None else found
             # A path around more distant corners would have to go there and come back.
             needed = np.inf if found is None else (length_of(found) - straight) / 2
@@ -530,7 +552,8 @@ class RegionPaths:
         for k, free in enumerate(straight.tolist()):
             leg = stops[k : k + 2]
             if not free:
-                middle, side = leg.mean(axis=0), 1.01 * self.grid.size
+                # the whole cell, whatever its angle: no corner of a square is farther away
+                middle, side = leg.mean(axis=0), 1.01 * 2**0.5 * self.grid.size
                 leg = self._by_corners(
                     leg[0], leg[1], self._corners.within(middle - side, middle + side)
                 )
@@ -548,12 +571,7 @@ class RegionPaths:
 
     def _corners_beside(self, way: Points) -> NDArray[np.int64]:
         """Return the corners that are at most one cell side away from a bend of the path."""
-        from scipy.spatial import KDTree
-
-        bends, corners = way[1:-1], self._corners.corners
-        if len(bends) == 0 or len(corners) == 0:
-            return np.zeros(0, dtype=np.int64)
-        return np.flatnonzero(KDTree(bends).query(corners)[0] <= self.grid.size)
+        return self._corners.around(way[1:-1], self.grid.size)
 
     @cached_property
     def _portal_graph(self) -> PortalGraph:

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.cells.clipping import (
-    SPECK,
-)
+from shoal.search.cells.clipping import SPECK, clipped_to
 from shoal.search.regions.outline import Points
 
 _HAIR = 1e-9  # relative to a footprint
@@ -65,9 +63,17 @@ def viewpoints_of(
     if free is None and len(hard):
         single = _single(pieces[hard], centers[hard], footprint / 2, speck)
     for k, place in zip(hard.tolist(), single, strict=True):
-        found[k] = (
-            _viewpoints(pieces[k], free, centers[k], footprint, speck) if place is None else place
-        )
+        if place is not None:
+            found[k] = place
+        elif free is None:
+            found[k] = _within(pieces[k], pieces[k], centers[k], footprint / 2, speck)[0]
+    if free is not None:
+        for k, places in zip(
+            hard.tolist(),
+            _beside(pieces[hard], free, centers[hard], footprint / 2, speck),
+            strict=True,
+        ):
+            found[k] = places
     counts = [len(points) for points in found]
     points = np.concatenate(found) if found else np.zeros((0, 2))
     return points, np.repeat(np.arange(len(found)), counts)
@@ -98,22 +104,24 @@ def _single(pieces: Any, centers: Points, half: float, speck: float) -> list[Poi
     return found
 
 
-def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
-    """Return points from which, together, a whole piece is visible.
-
-    The points lie inside the piece. If robots may only be in ``free``, the points lie in ``free``,
-    inside or beside the piece.
+def _beside(pieces: Any, free: Any, centers: Points, half: float, speck: float) -> list[Points]:
+    """Return, for each piece, points of ``free``, inside or beside the piece, from which together
+    the whole piece is visible.
     """
-    half = footprint / 2
-    if free is None:
-        return _within(piece, piece, center, half, speck)[0]
-    area = _around(free, piece, half)
-    places, left = _within(piece, area, center, half, speck, most=_MOST)
-    if left.area <= speck:
-        return places
+    areas = _around(free, pieces, half)
+    every = [
+        _within(piece, area, center, half, speck, most=_MOST)
+        for piece, area, center in zip(pieces, areas, centers, strict=True)
+    ]
+    found = [places for places, _ in every]
     # A robot sees the rest while it follows the border of the free area. From single points on a
     # slanted border, it would not.
-    return np.concatenate([places, *_lines(_around(free.boundary, left, half))])
+    unseen = np.flatnonzero([left.area > speck for _, left in every])
+    if len(unseen):
+        lefts = np.array([every[k][1] for k in unseen.tolist()], dtype=object)
+        for k, border in zip(unseen.tolist(), _around(free.boundary, lefts, half), strict=True):
+            found[k] = np.concatenate([found[k], *_lines(border)])
+    return found
 
 
 def _lines(shape: Any) -> list[Points]:
@@ -128,14 +136,14 @@ def _lines(shape: Any) -> list[Points]:
     return [shapely.get_coordinates(line) for line in lines]
 
 
-def _around(shape: Any, piece: Any, half: float) -> Any:
-    """Return the points of a shape from which a robot's footprint overlaps a piece, as a Shapely
-    geometry.
+def _around(shape: Any, pieces: Any, half: float) -> Any:
+    """Return, for each piece, the points of a shape from which a robot's footprint overlaps the
+    piece; Shapely geometries, shape (n,).
     """
     import shapely
 
-    low, high = np.reshape(piece.bounds, (2, 2))
-    return shapely.intersection(shape, shapely.box(*(low - half), *(high + half)))
+    low, high = np.split(shapely.bounds(pieces), 2, axis=1)
+    return clipped_to(shape, low - half, high + half)
 
 
 def _square(place: Points, half: float) -> Any:

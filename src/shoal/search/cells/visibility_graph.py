@@ -82,16 +82,31 @@ class VisibilityGraph:
         self._sides = [
             side / np.maximum(np.hypot(*side.T), np.finfo(float).tiny)[:, None] for side in sides
         ]
-        self._tree = KDTree(self.corners)
-        self._seen_from: dict[int, tuple[float, NDArray[np.int64], NDArray[np.float64]]] = {}
+        self._tree, self._few_tree = KDTree(self.corners), KDTree(self.corners[: self._few])
+        self._seen_from: dict[
+            tuple[int, bool], tuple[float, NDArray[np.int64], NDArray[np.float64]]
+        ] = {}
 
     def within(self, low: Points, high: Points) -> NDArray[np.int64]:
-        """Return the indices of the corners inside the box with the corners ``low`` and ``high``;
-        int64, shape (k,).
+        """Return the indices of the corners inside the box with the corners ``low`` and ``high``,
+        in increasing order; int64, shape (k,).
         """
-        return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
+        reach = float((high - low).max()) / 2 * (1 + _ALONG)
+        near = self._tree.query_ball_point((low + high) / 2, reach, p=np.inf, return_sorted=True)
+        found = np.array(near, dtype=np.int64)
+        places = self.corners[found]
+        return np.asarray(found[((places >= low) & (places <= high)).all(axis=1)])
 
-    def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
+    def around(self, points: Points, distance: float) -> NDArray[np.int64]:
+        """Return the indices of the corners that are at most ``distance`` metres away from one of
+        the points, in increasing order; int64, shape (k,).
+        """
+        near = self._tree.query_ball_point(points, distance).tolist()
+        return np.unique(np.array([corner for some in near for corner in some], dtype=np.int64))
+
+    def shortest(
+        self, start: Points, end: Points, candidates: NDArray[np.int64], *, rough: bool = False
+    ) -> Points | None:
         """Return the shortest path that bends only at given corners, or None if no path exists;
         float64, shape (k, 2).
 
@@ -100,13 +115,20 @@ class VisibilityGraph:
         start, end : ndarray of float64, shape (2,)
             Start and end of the path in metres, which must lie inside the region.
         candidates : ndarray of int64, shape (c,)
-            Indices of the corners at which the path may bend.
+            Indices of the corners at which the path may bend, in increasing order.
+        rough : bool
+            Whether a path that bends only at corners of `SearchRegion.bends` is enough, if the
+            region has such a shape. That no such path exists is known sooner.
         """
         few = candidates[candidates < self._few]
-        found = self._shortest(start, end, few) if len(few) else None
-        return self._shortest(start, end, candidates) if found is None else found
+        found = self._shortest(start, end, few, few=True)
+        if found is not None or (rough and self._few):
+            return found
+        return self._shortest(start, end, candidates, few=False)
 
-    def _shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
+    def _shortest(
+        self, start: Points, end: Points, candidates: NDArray[np.int64], *, few: bool
+    ) -> Points | None:
         """Find the shortest path that bends only at candidate corners, with the algorithm A*. If no
         path exists, return None.
 
@@ -114,17 +136,19 @@ class VisibilityGraph:
         another. The first group contains the most promising corners, and each group is larger than
         the previous group.
         """
-        allowed = np.zeros(len(self.corners), dtype=np.bool_)
-        allowed[candidates] = True
-        wide = (
-            float(np.hypot(*np.ptp(self.corners[candidates], axis=0))) if len(candidates) else 0.0
-        )
-        to_end = np.hypot(*(self.corners - end).T)
-        length = np.full(len(self.corners), np.inf)
-        came = np.full(len(self.corners), _START)
+        # All arrays count the candidates only: most paths are short, and regions may have many
+        # corners.
+        if not len(candidates):
+            return None
+        places = self.corners[candidates]
+        allowed = np.ones(len(candidates), dtype=np.bool_)
+        wide = float(np.hypot(*np.ptp(places, axis=0)))
+        to_end = np.hypot(*(places - end).T)
+        length = np.full(len(candidates), np.inf)
+        came = np.full(len(candidates), _START)
         queue: list[tuple[float, int]] = []
-        first = candidates[self._touched(candidates, self.corners[candidates] - start)]
-        away = np.hypot(*(self.corners[first] - start).T)
+        first = np.flatnonzero(self._touched(candidates, places - start))
+        away = np.hypot(*(places[first] - start).T)
         order = np.argsort(away + to_end[first], kind="stable")
         first, away = first[order], away[order]
         asked, step = 0, _AT_FIRST
@@ -135,7 +159,7 @@ class VisibilityGraph:
             if node == _START:
                 others, lengths = first[asked : asked + step], away[asked : asked + step]
                 seen = inside(
-                    self._region, np.broadcast_to(start, (len(others), 2)), self.corners[others]
+                    self._region, np.broadcast_to(start, (len(others), 2)), places[others]
                 )
                 others, lengths = others[seen], lengths[seen]
                 asked, step = asked + step, 2 * step
@@ -147,10 +171,12 @@ class VisibilityGraph:
                 allowed[node] = False  # done
                 # no other path can be shorter, because the queue gives the most promising node
                 # first
-                if self._ends(node, end):
-                    return np.vstack([start, self.corners[_chain(came, node)], end])
-                others, lengths = self._neighbours(node, wide)
-                lengths = length[node] + lengths
+                if self._ends(int(candidates[node]), end):
+                    return np.vstack([start, places[_chain(came, node)], end])
+                corners, lengths = self._neighbours(int(candidates[node]), wide, few=few)
+                others = np.minimum(np.searchsorted(candidates, corners), len(candidates) - 1)
+                known = candidates[others] == corners
+                others, lengths = others[known], length[node] + lengths[known]
             better = allowed[others] & (lengths < length[others])
             others, lengths = others[better], lengths[better]
             length[others], came[others] = lengths, node
@@ -167,18 +193,19 @@ class VisibilityGraph:
         )
 
     def _neighbours(
-        self, corner: int, wide: float
+        self, corner: int, wide: float, *, few: bool
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the corners to which a shortest path could continue from a corner, and their
         distances in metres.
 
         The result contains all possible corners up to the distance ``wide``, and may contain
-        farther corners.
+        farther corners. If ``few`` is true, only corners of `SearchRegion.bends` count.
         """
-        known, others, away = self._seen_from.get(corner, (-1.0, None, None))
+        known, others, away = self._seen_from.get((corner, few), (-1.0, None, None))
         if others is None or away is None or known < wide:
             place = self.corners[corner]
-            around = np.array(self._tree.query_ball_point(place, 2 * wide), dtype=np.int64)
+            tree = self._few_tree if few else self._tree
+            around = np.array(tree.query_ball_point(place, 2 * wide), dtype=np.int64)
             around = np.sort(around[around != corner])
             directions = self.corners[around] - place
             likely = self._touched(
@@ -189,7 +216,7 @@ class VisibilityGraph:
                 inside(self._region, np.broadcast_to(place, (len(others), 2)), self.corners[others])
             ]
             away = np.hypot(*(self.corners[others] - place).T)
-            self._seen_from[corner] = 2 * wide, others, away
+            self._seen_from[corner, few] = 2 * wide, others, away
         return others, away
 
     def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.geometry import partial_sums
-from shoal.search.cells.clipping import rotated_shape
+from shoal.search.cells.clipping import clipped_to, rotated_shape
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.visibility_graph import inside
 from shoal.search.regions.outline import Points
@@ -87,7 +87,11 @@ def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
     around = parts[order[np.searchsorted(of[order], np.arange(len(free)))]]
     shapes = shapely.intersection(around, boxes)
     if grid.region.restricted:
-        shapes = shapely.intersection(shapes, rotated_shape(grid.region.free, -grid.angle))
+        some = ~shapely.is_empty(shapes)
+        free, shapes = free[some], shapes[some]
+        low, high = np.split(shapely.bounds(shapes), 2, axis=1)
+        near = clipped_to(rotated_shape(grid.region.free, -grid.angle), low, high)
+        shapes = shapely.intersection(shapes, near)
     return {
         k: shape
         for k, shape in zip(free.tolist(), shapes, strict=True)

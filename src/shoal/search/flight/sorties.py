@@ -23,6 +23,8 @@ _FLAT = 2e-4  # relative to the time: difference between north in the plane and 
 _ROUNDING = 0.1  # seconds reserved for the rounding of coordinates in files
 _FINE = 0.01  # metres: accuracy of cutting a leg at the battery's limit
 _SHORTEST = 0.1  # metres: minimum progress of a sortie
+_MOST = 300  # sorties of a vehicle: about 100 hours in the air with a battery for 20 minutes
+_HOPE = 2.0  # relative to the previous sortie: the longest rest that is tried at once
 
 
 class Sorties:
@@ -67,6 +69,7 @@ class Sorties:
         # what was tried is flown, too: most paths are one sortie, tried once
         self._tried: dict[tuple[float, float], NDArray[np.float64]] = {}
         self._flown: dict[tuple[float, float], Trajectory] = {}
+        self._home: dict[tuple[bytes, float], Points] = {}  # paths home, from each tried point
 
     def trajectories(self) -> list[Trajectory]:
         """Return the trajectory of each sortie, from take-off to landing.
@@ -74,8 +77,8 @@ class Sorties:
         Raises
         ------
         InvalidInputError
-            If the battery or the memory is too small for a point of the path, or if the vehicle has
-            no room for a turn.
+            If the battery or the memory is too small for a point of the path, if the path takes
+            far more than 300 sorties, or if the vehicle has no room for a turn.
         """
         return [self._trajectory(begin, until) for begin, until in self._sections()]
 
@@ -93,19 +96,29 @@ class Sorties:
 
     def _sections(self) -> list[tuple[float, float]]:
         """Return the distances along the path at which each sortie joins and leaves the path."""
-        begin, end = 0.0, float(self.at[-1])
-        found = [(begin, self._latest(begin))]
+        end, vehicle = float(self.at[-1]), self.flight.vehicle
+        each = vehicle.cruise * self.limit  # metres
+        if end > _MOST * each > 0:
+            raise InvalidInputError(
+                f"endurance: expected a path of at most {_MOST} sorties for robot {self.robot}, got"
+                f" a path of {end / 1000:.4g} km, which takes {end / each:.0f} sorties or more of"
+                f" {self.limit / 60:.4g} min without the reserve"
+            )
+        found = [(0.0, self._latest(0.0))]
         while found[-1][1] < end:
-            begin = found[-1][1]
-            found.append((begin, self._latest(begin)))
+            before, begin = found[-1]
+            # the whole rest is as slow to compute as it is long
+            found.append((begin, self._latest(begin, hope=end - begin < _HOPE * (begin - before))))
         return found
 
-    def _latest(self, begin: float) -> float:
+    def _latest(self, begin: float, *, hope: bool = True) -> float:
         """Return the largest distance along the path at which a sortie that joins the path at
         ``begin`` can leave the path.
+
+        If ``hope`` is true, the end of the path is tried first.
         """
         end = float(self.at[-1])
-        if self._fits(begin, end):
+        if hope and self._fits(begin, end):
             return end
         if not self._fits(begin, begin):
             self._refuse(begin)
@@ -188,13 +201,17 @@ class Sorties:
         """Return the path from a point of the route to home or to the landing point, including both
         ends.
         """
+        key = end.tobytes(), at
+        if key in self._home:
+            return self._home[key]
         point = self._point(at)
         way = np.array([point[:2], end])
         if self.ways is not None and not np.array_equal(*way):
             found = check_plane_points(self.ways(point[:2], end), what="way home")
             way = found if len(found) >= 2 else way
         # the whole path has the altitude of the point
-        return np.column_stack([way, np.tile(point[2:], (len(way), 1))])
+        self._home[key] = np.column_stack([way, np.tile(point[2:], (len(way), 1))])
+        return self._home[key]
 
     def _between(self, begin: float, until: float) -> Points:
         """Return the points of the path between two distances along the path, with both ends."""

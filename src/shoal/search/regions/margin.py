@@ -161,7 +161,6 @@ def with_default_margin(
         near.append(float(shapely.distance(outline.boundary, shapely.points(inner)).min()))
     if outer is not None and len(outer) and not region.no_go.is_empty:
         near.append(float(shapely.distance(region.no_go, shapely.points(outer)).min()))
-    parts = len(shapely.get_parts(outline))
     shape: dict[str, Any] = (
         {"join_style": "mitre", "mitre_limit": _POINTED} if pointed else {"quad_segs": 4}
     )
@@ -173,7 +172,7 @@ def with_default_margin(
             )
             continue
         free = polygons_in(outline.buffer(-margin, **shape))
-        if free.is_empty or (len(shapely.get_parts(free)) != parts and not divided):
+        if free.is_empty or (_divides(outline, free) and not divided):
             reason = reason or "the wider margin would divide the region"
         elif outline.difference(free.buffer(footprint / 2)).area > _MOST_UNSEEN * outline.area:
             reason = reason or "parts of the region could not be seen with the wider margin"
@@ -187,6 +186,17 @@ def with_default_margin(
             " sets another one"
         )
     return with_margin(region, margin, pointed=pointed)
+
+
+def _divides(outline: Any, free: Any) -> bool:
+    """Return whether any part of a region consists of several parts of the area where robots may
+    be. A part without such an area is not divided: whether it may stay unseen is asked elsewhere.
+    """
+    import shapely
+
+    places = shapely.point_on_surface(shapely.get_parts(free))
+    _, of = shapely.STRtree(shapely.get_parts(outline)).query(places, predicate="within")
+    return bool((np.bincount(of, minlength=1) > 1).any())
 
 
 def grown(shape: Any, margin: float, *, pointed: bool = False) -> Any:
