@@ -57,9 +57,9 @@ def test_cells_painted_by_numbers_are_undone_and_kept(page: Page, studio: Studio
     for name, value in (("row", 1), ("column", 2), ("rows", 2), ("columns", 3)):
         page.locator(f".numbers input[name={name}]").fill(str(value))
     page.get_by_role("button", name="Apply").click()
-    assert "6 rows × 8 columns, 42 free" in page.locator(".underStage .facts").inner_text()
+    page.locator(".underStage .facts").get_by_text("6 rows × 8 columns, 42 free").wait_for()
     page.get_by_role("button", name="Undo").click()
-    assert "48 free" in page.locator(".underStage .facts").inner_text()
+    page.locator(".underStage .facts").get_by_text("48 free").wait_for()
     page.get_by_role("button", name="Redo").click()
     episode = run_and_load(page, studio)
     free = np.ones((6, 8), dtype=bool)

@@ -129,7 +129,7 @@ for world in (RegionWorld(yard), ContactWorld(regular_polygon(3)), ContactWorld(
         state, made = world.final(task.start, moves), np.zeros((8, 2))
         print(np.round(state, 9).tolist(), sampling.keeps_clear(task.start.copy(), moves, 4, wide))
         print(sampling.is_blocked(state, *moves[0], wide), sampling.passes_corner(*points[0], *state[0], wide))
-        count = sampling.translate(state, *moves[0], wide, made, 0)
+        count = sampling.translate(state, *moves[0], wide, made, 0, True)
         print(count, np.round(state, 9).tolist(), np.round(made, 9).tolist())
         steps = annealing.Steps(np.array([0, 0, 1, 2]), np.array([0, 1, 1, 0]), *np.zeros((3, 4, 2)))
         steps.targets[:2] = points[:2] + moves[:2]

@@ -398,7 +398,7 @@ class NoisyBelief:
 
         Free cells that no particle can reach any more were reached through a cell that counts as a
         wall now. The odds that such cells are free multiply the odds that a wall between them and
-        the cells in reach is free, and the product must not exceed the odds of a misclassification.
+        the cells in reach is free, and the product must not exceed the odds of a wrong classification.
         """
         return self._walls_before_unknown | self._walls_before_lost
 
