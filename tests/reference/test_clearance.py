@@ -150,11 +150,23 @@ FAILED = [
         [(0.9444444444444444, 0.05555555555555558), (0.15, 0.55)],
         "greedy",
     ),
+    (
+        cylinder(0.5, 0.8),
+        [
+            (-0.39768480006450047, 0.2256257677157506, 0.6237654588015336),
+            (-0.3645140325480277, 0.10093113103280638, 0.3964557080882199),
+        ],
+        [
+            (0.11755861390150302, -0.36865815767198784, 0.7294650523088938),
+            (-0.1595901221714333, 0.003501272156628321, 0.5435900478403983),
+        ],
+        "shortest",
+    ),
 ]
 
 
 @pytest.mark.parametrize(
-    ("space", "start", "goal", "planner"), FAILED, ids=["60 sides", "U", "slide"]
+    ("space", "start", "goal", "planner"), FAILED, ids=["60 sides", "U", "slide", "one tolerance"]
 )
 def test_plans_that_were_sensitive_arrive_now(space, start, goal, planner, small_searches):
     episode = steer(SteeringProblem(space, start, goal, planner=planner))

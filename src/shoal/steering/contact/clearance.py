@@ -18,7 +18,8 @@ from shoal.steering.workspaces.region import Region
 
 CLEARANCE = 1e-6  # relative to the size: default of the option ``clearance``
 PLANNED = 2.5  # in clearances: distance that planners keep from all that must not be touched
-STEPS = 0.03, 0.3, 1.0  # in clearances: contact tolerances with which a plan is replayed
+# in clearances: contact tolerances with which a plan is replayed
+STEPS = 0.003, 0.01, 0.03, 0.1, 0.3, 1.0
 # relative to the size: errors of starts and moves, and number of patterns of such errors
 ROUNDING, PATTERNS = (1e-12, 16)
 # relative to the size: effect of such errors on the end of a plan that amplifies nothing
