@@ -257,7 +257,11 @@ class _Ring:
             return False
         reduced = shapely.Polygon(self._without(corner, meeting))
         return bool(
-            reduced.is_valid and reduced.area > 0 and reduced.buffer(_HAIR).covers(self.shape)
+            reduced.is_valid
+            and reduced.area > 0
+            and reduced.buffer(_HAIR).covers(self.shape)
+            # a path along a side that the triangle covers would lie inside
+            and not _near(reduced.buffer(-_HAIR), self.clear)
         )
 
 

@@ -407,6 +407,14 @@ def test_enclosing_polygons_contain_the_given_ones_and_keep_clear(seed):
         assert simple.distance(lines) > far - 0.01
 
 
+def test_a_zone_does_not_grow_over_a_path_along_its_side():
+    """With margin 0, a path may follow the sides of a zone."""
+    zone = shapely.Polygon([(0, 0), (10, 0), (10, 10), (5, 9), (0, 10)])
+    path = shapely.LineString([(10, 10), (5, 9), (0, 10)])
+    (simple,) = enclosing_polygons([zone], 4, clear=[(path, 0.0)])
+    assert simple.buffer(-2e-3).intersection(path).length == 0
+
+
 def test_stay_inside_crosses_the_border_once_and_at_the_nearest_place():
     given = {"robots": 1, "footprint": 20.0, "launch": ((-60.0, 90.0),), "simulate": False}
     region = region_of(shapely.union(shapely.box(0, 0, 200, 30), shapely.box(0, 0, 30, 200)))
