@@ -170,18 +170,23 @@ def free_by_brightness(
                 f" {extremes.low} to {extremes.high} (--level N takes the values from N as free,"
                 " --label N the value N, --threshold a share of the largest value)"
             )
+        if extremes.high > 0:
+            free_numbers = "the largest counts as white, and " + (
+                f"less than {least:g}" if options.invert else f"{least:g} or more"
+            )
+        else:  # no share of the largest number is a boundary
+            free_numbers = "0 or less" if options.invert else "only a number above 0"
         tell_once(
             f"shoal: {where}: the numbers from {extremes.low:g} to {extremes.high:g} have no white"
-            " of their own; the largest counts as white, and"
-            f" {'less than ' if options.invert else ''}{least:g}"
-            f" {'' if options.invert else 'or more '}is free"
+            f" of their own; {free_numbers} is free"
         )
     if extremes.high is not None and extremes.high < least and extremes.high > 0:
+        first, last = sorted((number_of(extremes.low), number_of(extremes.high)))
         raise InvalidInputError(
-            f"{where}: expected pixels with a brightness of at least {threshold:g} ({least:g} of"
-            f" {white:g}), got values from {extremes.low:g} to {extremes.high:g} (--threshold takes"
-            " a smaller share of white, --level N the values from N, and --label N the value N as"
-            " free)"
+            f"{where}: expected pixels with a brightness of at least {threshold:g}"
+            f" ({number_of(least):g} of {white:g}), got values from {first:g} to {last:g}"
+            " (--threshold takes a smaller share of white, --level N the values from N, and"
+            " --label N the value N as free)"
         )
     share = 100 * free.free / max(1, free.size)
     if middle > 0.5 * looked_at:
