@@ -667,3 +667,35 @@ def test_a_pass_that_is_missed_is_not_complete():
         InvalidInputError, match="multiplicity: expected at most 2, the number of robots, got 3"
     ):
         search("square:60", robots=2, multiplicity=3)
+
+
+@pytest.mark.parametrize(
+    ("region", "given"),
+    [
+        ("square:100", {"footprint": 60, "vehicle": "rover"}),
+        ("square:12", {"footprint": 25, "vehicle": "rover"}),
+        ("square:12", {"footprint": 25, "vehicle": "fixed-wing"}),
+        ("square:30", {"footprint": (10, 30), "robots": 2}),
+        ("square:33", {"footprint": 10, "vehicle": "multirotor,wind_speed=3", "robots": 2}),
+        ("box:25x25x20", {"footprint": 20}),
+        ("square:40", {"footprint": 30, "vehicle": "rover", "multiplicity": 2, "robots": 2}),
+    ],
+)
+def test_no_plan_takes_less_than_the_bound(region, given):
+    """The bound was once a time for each cell, also for cells that lie closer or need no path."""
+    report = search(region, seed=1, **({"robots": 1} | given)).report()
+    assert 0 <= report["lower_bound_s"] <= report["planned_s"] + 1e-9
+    assert report["lower_bound_s"] <= report["makespan_s"] + 1e-9
+    assert 0 <= report["lower_bound_cells"] <= report["planned_cells"] + 1e-9
+
+
+@pytest.mark.parametrize("region", ["square:60", "square:25", "ring:50x40"])
+@pytest.mark.parametrize("vehicle", [None, "rover"])
+def test_the_bound_holds_for_other_angles_and_tours(region, vehicle):
+    plans = [
+        planned(region, robots=1, footprint=10, vehicle=vehicle, angle=angle, tour=tour)
+        for angle in (0, 30, 45)
+        for tour in ("comb", "spanning-tree")
+    ]
+    assert max(plan.least_seconds for plan in plans) <= min(plan.planned_seconds for plan in plans)
+    assert min(plan.least_seconds for plan in plans) > 0

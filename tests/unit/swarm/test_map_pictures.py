@@ -250,6 +250,47 @@ def test_tiff_numbers_of_24_bits(tmp_path):
         read_map(tmp_path / "short.tif")
 
 
+def test_notices_about_min_is_white_name_the_numbers_of_the_file(tmp_path, said):
+    """The notices once named brightnesses that `label` refuses, and said that white is free."""
+    tifffile = pytest.importorskip("tifffile")
+    path = tmp_path / "mask.tif"
+    lines = RANDOM.random((12, 19)) < 0.4
+    tifffile.imwrite(path, np.where(lines, 4095, 0).astype("u2"), photometric="miniswhite")
+    for invert, label in ((False, 0), (True, 4095)):
+        said.clear()
+        free = read_map(path, invert=invert).free
+        np.testing.assert_array_equal(free, read_map(path, label=label).free)
+        mask, polarity = said[:2]
+        assert f"two brightnesses, 0 and 4095 of 65535; it is read as a mask, in which {label}" in (
+            mask
+        )
+        assert ("white is free" in polarity) == (not invert)
+        assert "large numbers as free" in polarity
+    pages = [np.where(lines, 65535, number).astype("u2") for number in (60000, 61000)]
+    tifffile.imwrite(path, np.stack(pages), photometric="miniswhite")
+    said.clear()
+    np.testing.assert_array_equal(read_map(path).free, [~lines, ~lines])
+    assert "two brightnesses, 65535 and one" in said[0]
+    assert "every brightness below 65535 is free" in said[0]
+    tifffile.imwrite(path, RANDOM.integers(50000, 60001, (9, 9)).astype("u2") | 1, photometric=0)
+    with pytest.raises(InvalidInputError, match=r"\(32767 of 65535\), got values from 5.* to 5"):
+        read_map(path)
+
+
+def test_notices_about_negative_numbers_name_no_white(tmp_path, said):
+    """A picture of -3 and -0.5 was once said to be "of 1e-30"."""
+    tifffile = pytest.importorskip("tifffile")
+    path = tmp_path / "negative.tif"
+    values = np.where(np.eye(7, dtype=bool), -0.5, -3).astype("f4")
+    tifffile.imwrite(path, values)
+    np.testing.assert_array_equal(read_map(path).free, values == -0.5)
+    assert "two brightnesses, -3 and -0.5; it is read as a mask, in which -0.5 is free" in said[0]
+    values[0, 1] = -2
+    tifffile.imwrite(path, values)
+    assert read_map(path, invert=True).free.all()
+    assert "from -3 to -0.5 have no white of their own; 0 or less is free" in said[1]
+
+
 @pytest.mark.parametrize("dtype", ["i1", "i2", "i4", "u4", "f2", "f4", "f8"])
 @pytest.mark.parametrize("low", [0, 3])
 def test_min_is_white_in_masks_without_a_number_of_white(tmp_path, said, dtype, low):

@@ -99,7 +99,8 @@ def times_text(result: dict[str, Any]) -> str:
         duration_text(result[f"{name}_s"]) for name in ("makespan", "planned", "lower_bound")
     )
     how = " in the simulation" if result["simulated"] else ""
-    return f"{made}{how}; planned {planned}, and no plan takes less than {least}"
+    bound = f", and no plan takes less than {least}" if result["lower_bound_s"] >= 1 else ""
+    return f"{made}{how}; planned {planned}{bound}"
 
 
 def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:

@@ -126,6 +126,7 @@ _FLOWN = 3_000
 _NARROWED = 6  # number of compared widths of the rows of a camera
 _UNSEEN = 1e-5  # share of a region that images may miss
 _LOOKED = 20_000  # cells: in larger plans, images are not compared with the region
+_ROUNDED = 1e-9  # cells: rounding error of a number of cells
 _HOLLOW = 1e-9  # share of its area that a convex region may lack because of rounding
 
 
@@ -346,6 +347,35 @@ class SearchPlan:
         if not self.flies:
             return self.seconds(self.allocation.makespan)
         return max((end_of(sorties) for sorties in self.sorties), default=0.0)
+
+    @cached_property
+    def least_seconds(self) -> float:
+        """Lower bound in seconds on the duration of the search, for any cells, tour and allocation.
+
+        Let A be the area that robots must see, s_r the side of the square footprint of robot r and
+        v_r its speed. A square that moves by a distance l newly covers at most sqrt(2) s_r l, and
+        covers s_r^2 before it moves. Therefore A <= sum_r (s_r^2 + sqrt(2) s_r v_r t) in a time t.
+        Without a vehicle, each stop also takes at least the time of one cell, and a robot sees at
+        most w_r^2 cells from one stop, where w_r is the width of its footprint in cells.
+        """
+        n = len(self.tour_cost)
+        visits = sum(arc.count for work in self.allocation.work for arc in work) / n
+        layers = layers_of(self.grid)
+        areas = np.array([layer.region.area_m2 for layer in layers])
+        sides = np.array([layer.size for layer in layers])
+        # A path from layer to layer sees no more of one layer than its projection to this layer.
+        footprints = self.footprints * (sides / sides[0])[:, None]
+        fastest = self.rates * (
+            self.vehicle.cruise if self.flies else self.grid.size / self.cell_seconds
+        ) + (self.vehicle.wind if self.flies else 0.0)
+        beyond = visits * areas - (footprints**2).sum(axis=1)
+        moving = max(0.0, float((beyond / (2**0.5 * footprints @ fastest)).max()))
+        climb = self.seconds(0.0)
+        if self.flies:  # fixed wings may climb on their way
+            return max(moving, climb) if self.vehicle.radius else moving + climb
+        cells = min(float(n), float(np.ceil(areas / sides**2 - _ROUNDED).sum()))
+        stopping = visits * cells / float(self.rates @ self.widths.astype(np.float64) ** 2)
+        return max(moving + climb, self.seconds(stopping))
 
     @cached_property
     def paths(self) -> Paths:

@@ -65,7 +65,7 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "compared": len(made.compared),
         "vehicle": made.vehicle.kind,
         "makespan": made.planned_seconds,
-        "bound": made.seconds(allocation.lower_bound),
+        "bound": made.least_seconds,
         "drawn": drawn,
         "closed": tour.pieces(canvas) if drawn else [],
         "robots": [

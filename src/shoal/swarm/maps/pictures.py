@@ -46,10 +46,16 @@ from shoal.swarm.maps.workspace import GridWorkspace
 LARGEST_PHOTOGRAPH = 2**27  # bytes of a decoded photograph, whose filters need many times as much
 MOST_JOINED = 2**26  # pixels whose diagonal contacts are joined, which needs ten bytes a pixel
 SHOWN = 8  # channels that a message lists
-MIN_IS_WHITE = (
-    "in this file small numbers are white (MinIsWhite), and white is free (--invert takes the large"
-    " numbers as free)"
-)
+MIN_IS_WHITE = {  # by whether free cells and obstacles are exchanged
+    False: (
+        "in this file small numbers are white (MinIsWhite), and white is free (--invert takes the"
+        " large numbers as free)"
+    ),
+    True: (
+        "in this file small numbers are white (MinIsWhite), and --invert takes the large numbers as"
+        " free"
+    ),
+}
 LABELS_OF_PALETTE = "the labels are the entries of the palette (--level takes its greys)"
 LEVELS_OF_PALETTE = "the levels are the greys of the palette (--label takes its entries)"
 # weights of red, green and blue in the brightness, as in Pillow (ITU-R 601)
@@ -212,6 +218,7 @@ def _free_layers(files: list[Path], options: MapOptions, *, folder: Path | None 
                 options,
                 where=where,
                 all_masks=source.all_masks,
+                number_of=lambda grey: white - grey if source.white_is_zero and white else grey,
                 packed=large,
             )
         source.tell()
@@ -247,6 +254,7 @@ class _Source:
         self.files, self.options, self.folder = files, options, folder
         self.spacing: tuple[float, float, float] | None = None
         self.ground: float | None = None
+        self.white_is_zero = False
         self.rows = self.cells = 0  # of a page
         self._extremes: list[Extremes] = []  # of each page
         # the small number of a mask whose small numbers are white, if the file has no number of
@@ -371,7 +379,8 @@ class _Source:
             if self.ground is None and _opaque(page).transparent:
                 self.ground = self._common_ground()
             if page.white_is_zero:
-                self._notices[MIN_IS_WHITE] = None
+                self.white_is_zero = True
+                self._notices[MIN_IS_WHITE[self.options.invert]] = None
             with errors_at(name):
                 if self._lightest is None:
                     grey = _brightness(page, 0.0 if self.ground is None else self.ground)

@@ -86,6 +86,7 @@ def free_by_brightness(
     *,
     where: str,
     all_masks: Callable[[], bool] = lambda: False,
+    number_of: Callable[[Any], Any] = lambda brightness: brightness,
     packed: bool = False,
 ) -> Bands:
     """Return the free pixels of each piece of a grey picture.
@@ -103,6 +104,9 @@ def free_by_brightness(
     all_masks : callable
         Function that says, after the last piece, whether each picture of a stack is a mask of 0 and
         of one brightness of its own.
+    number_of : callable
+        Function that returns the number by which the file stores a brightness, for messages. It is
+        asked after the last piece. By default, files store the brightness.
     packed : bool
         Whether each cell takes one bit in memory.
 
@@ -138,20 +142,24 @@ def free_by_brightness(
     _tell_of_missing(missing, where)
     if options.threshold is None and extremes.has_two:
         if not extremes.low < least <= extremes.high:
+            dark, light = number_of(extremes.low), number_of(extremes.high)
+            of_white = f" of {white:g}" if known else ""
             tell_once(
-                f"shoal: {where}: the picture has two brightnesses, {extremes.low:g} and"
-                f" {extremes.high:g} of {white:g}; it is read as a mask, in which"
-                f" {extremes.low if options.invert else extremes.high:g} is free"
+                f"shoal: {where}: the picture has two brightnesses,"
+                f" {min(dark, light):g} and {max(dark, light):g}{of_white}; it is read as a mask,"
+                f" in which {dark if options.invert else light:g} is free"
             )
             free = _of_pieces(
                 pieces, lambda piece: piece == extremes.high, options, where=where, packed=packed
             )
         return free
     if options.threshold is None and all_masks():
+        black = number_of(0)
+        others = f"every brightness {'below' if number_of(1) < black else 'above'} {black:g}"
         tell_once(
-            f"shoal: {where}: each picture has at most two brightnesses, 0 and one that differs"
-            " between the pictures; they are read as masks, in which"
-            f" {'0' if options.invert else 'every brightness above 0'} is free (--threshold,"
+            f"shoal: {where}: each picture has at most two brightnesses, {black:g} and one that"
+            " differs between the pictures; they are read as masks, in which"
+            f" {f'{black:g}' if options.invert else others} is free (--threshold,"
             " --level or --label decide otherwise)"
         )
         return _of_pieces(pieces, lambda piece: piece > 0, options, where=where, packed=packed)
@@ -162,18 +170,23 @@ def free_by_brightness(
                 f" {extremes.low} to {extremes.high} (--level N takes the values from N as free,"
                 " --label N the value N, --threshold a share of the largest value)"
             )
+        if extremes.high > 0:
+            free_numbers = "the largest counts as white, and " + (
+                f"less than {least:g}" if options.invert else f"{least:g} or more"
+            )
+        else:  # no share of the largest number is a boundary
+            free_numbers = "0 or less" if options.invert else "only a number above 0"
         tell_once(
             f"shoal: {where}: the numbers from {extremes.low:g} to {extremes.high:g} have no white"
-            " of their own; the largest counts as white, and"
-            f" {'less than ' if options.invert else ''}{least:g}"
-            f" {'' if options.invert else 'or more '}is free"
+            f" of their own; {free_numbers} is free"
         )
     if extremes.high is not None and extremes.high < least and extremes.high > 0:
+        first, last = sorted((number_of(extremes.low), number_of(extremes.high)))
         raise InvalidInputError(
-            f"{where}: expected pixels with a brightness of at least {threshold:g} ({least:g} of"
-            f" {white:g}), got values from {extremes.low:g} to {extremes.high:g} (--threshold takes"
-            " a smaller share of white, --level N the values from N, and --label N the value N as"
-            " free)"
+            f"{where}: expected pixels with a brightness of at least {threshold:g}"
+            f" ({number_of(least):g} of {white:g}), got values from {first:g} to {last:g}"
+            " (--threshold takes a smaller share of white, --level N the values from N, and"
+            " --label N the value N as free)"
         )
     share = 100 * free.free / max(1, free.size)
     if middle > 0.5 * looked_at:
