@@ -42,8 +42,8 @@ from shoal.search.flight.dubins import NoRoomError
 from shoal.search.flight.flight import Altitudes
 from shoal.search.flight.terrain import Terrain, open_terrain
 from shoal.search.planning.plan import (
-    NARROWER,
     SearchPlan,
+    attempts,
     narrower_margin_text,
     plan_at_margin,
 )
@@ -106,7 +106,8 @@ class MissionSet:
         """Plan a search and its missions.
 
         Missions need a vehicle: a multirotor, if the problem names none. If a vehicle has no room
-        for a turn or a path, and the problem gives no margin, the method tries narrower margins.
+        for a turn or a path, the method tries narrower margins, and then other angles of the rows,
+        unless the problem gives them.
 
         Raises
         ------
@@ -124,19 +125,25 @@ class MissionSet:
         terrain = None if options.terrain is None else open_terrain(options.terrain)
         fenced = _fenced_problem(problem, options)
         widest = fenced.margin or 0.0
-        for share in (*NARROWER, None) if problem.margin is None else (None,):
+        refusal: InvalidInputError | None = None
+        for turned, share in attempts(problem, widest):
+            if refusal is not None and problem.margin is None:
+                narrower = problem.replaced(margin=share * widest).at_place(problem.place)
+                fenced = _fenced_problem(narrower, options)
             try:
-                plan = plan_at_margin(fenced, seed=seed)
+                plan = plan_at_margin(fenced, seed=seed, turned=turned)
+                if turned:  # a run of the problem makes the same plan
+                    fenced = fenced.replaced(angle=plan.grid.angle).at_place(fenced.place)
                 made = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
                 break
             except InvalidInputError as error:
-                # a narrower margin is tried for room alone, but may fail for any reason
-                if fenced.margin == widest and not isinstance(error, NoRoomError):
+                # another angle or margin is tried for room alone, but may fail for any reason
+                if refusal is None and not isinstance(error, NoRoomError):
                     raise
-                if share is None:
-                    raise
-                narrower = problem.replaced(margin=share * widest).at_place(problem.place)
-                fenced = _fenced_problem(narrower, options)
+                refusal = refusal if turned else error
+        else:
+            assert refusal is not None
+            raise refusal
         if not fenced.margin:
             tell_once(
                 "margin: paths may touch the fence and no-go zones, because the margin is 0 m"

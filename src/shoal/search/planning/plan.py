@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ from shoal.search.planning.orientation import (
     best_grid_tour,
     compared_allocations,
     in_layers,
+    other_angles,
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
@@ -565,24 +567,45 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     >>> len(plan.tour_cost), plan.allocation.lower_bound
     (100, 25.0)
     """
-    plan = plan_at_margin(problem, seed)
     region: SearchRegion = problem.place
-    if problem.margin is not None or not region.margin:
-        return _said(plan)
-    for share in NARROWER if isinstance(plan.refusal, NoRoomError) else ():
+    first = None
+    for turned, share in attempts(problem, region.margin):
         margin = share * region.margin
-        narrow_region = with_margin(
-            without_margin(region), margin, barriers=region.barriers, pointed=region.pointed
-        )
         try:
-            narrow_problem = problem.replaced(margin=margin).at_place(narrow_region)
-            narrow_plan = plan_at_margin(narrow_problem, seed)
+            if share < 1:
+                narrow_region = with_margin(
+                    without_margin(region), margin, barriers=region.barriers, pointed=region.pointed
+                )
+                attempt = problem.replaced(margin=margin).at_place(narrow_region)
+            else:
+                attempt = problem
+            plan = plan_at_margin(attempt, seed, turned=turned)
         except InvalidInputError:
+            if first is None:
+                raise
             continue
-        if not isinstance(narrow_plan.refusal, NoRoomError):
-            tell_once(narrower_margin_text(margin, region.margin))
-            return _said(narrow_plan)
-    return _said(plan)
+        if not isinstance(plan.refusal, NoRoomError):
+            if share < 1:
+                tell_once(narrower_margin_text(margin, region.margin))
+            return _said(plan)
+        first = plan if first is None else first
+    assert first is not None
+    return _said(first)
+
+
+def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
+    """Return what the planner tries in turn until all vehicles have room: pairs of whether the rows
+    have other angles than the best one, and of the share of the margin.
+
+    Margins and angles that the problem gives do not change. In large problems, where comparisons
+    do not fly either, the rows keep the best angle.
+    """
+    shares = (1.0, *NARROWER) if problem.margin is None and margin else (1.0,)
+    side = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
+    flown = problem.place.area_m2 * problem.robots <= _FLOWN * side**2
+    return list(
+        product((False, True) if problem.chosen_angle is None and flown else (False,), shares)
+    )
 
 
 def narrower_margin_text(margin: float, wanted: float) -> str:
@@ -605,11 +628,15 @@ def _said(plan: SearchPlan) -> SearchPlan:
     return plan
 
 
-def plan_at_margin(problem: SearchProblem, seed: int) -> SearchPlan:
+def plan_at_margin(problem: SearchProblem, seed: int, *, turned: bool = False) -> SearchPlan:
     """Return the plan of a search with the margin of the problem's region.
 
     If a camera, which turns with its vehicle, misses some of the region, the cells become narrower.
+    With ``turned``, the plan is the fastest of those that vehicles can fly with the rows at one of
+    the `other_angles`.
     """
+    if turned:
+        return _turned_plan(problem, seed)
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
     image = problem.image
@@ -624,6 +651,27 @@ def plan_at_margin(problem: SearchProblem, seed: int) -> SearchPlan:
         ):
             break
     return plan
+
+
+def _turned_plan(problem: SearchProblem, seed: int) -> SearchPlan:
+    """Return the fastest plan with its rows at one of the `other_angles`, if possible one that
+    vehicles can fly.
+    """
+    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
+    size = cell_side(check_footprints(problem.chosen_footprint, problem.robots), speeds)
+    angles = other_angles(problem.place, size, turn_cells(problem.chosen_vehicle, size))
+    plans, refusal = [], None
+    for angle in angles:
+        try:
+            plans.append(
+                plan_at_margin(problem.replaced(angle=angle).at_place(problem.place), seed)
+            )
+        except InvalidInputError as error:
+            refusal = error
+    if not plans and refusal is not None:
+        raise refusal
+    flyable = [plan for plan in plans if plan.refusal is None]
+    return min(flyable or plans, key=lambda plan: plan.planned_seconds)
 
 
 def _is_seen(plan: SearchPlan, grid: CellGrid) -> bool:
