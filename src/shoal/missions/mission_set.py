@@ -46,8 +46,10 @@ from shoal.search.planning.plan import (
     attempts,
     narrower_margin_text,
     plan_at_margin,
+    without_delays,
 )
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.fields import AUTO
 from shoal.search.regions.margin import without_margin
 from shoal.search.regions.places import read_points
 from shoal.search.regions.region import SearchRegion
@@ -144,6 +146,8 @@ class MissionSet:
         else:
             assert refusal is not None
             raise refusal
+        if options.kept_apart is not None and plan.image is None:
+            made = made._fastest(plan.alternatives, terrain)
         if not fenced.margin:
             tell_once(
                 "margin: paths may touch the fence and no-go zones, because the margin is 0 m"
@@ -151,6 +155,45 @@ class MissionSet:
         if fenced.margin != widest:
             tell_once(narrower_margin_text(fenced.margin or 0.0, widest))
         return made
+
+    def _fastest(self, alternatives: Sequence[SearchPlan], terrain: Terrain | None) -> MissionSet:
+        """Return these missions, or those of an alternative plan whose last vehicle is back
+        earlier, because fewer vehicles wait for others.
+        """
+        best, problem = self, self.problem
+        assert problem is not None
+        for plan in alternatives:
+            if without_delays(plan) >= best.end:
+                break
+            # a run of the problem with these names makes the same plan
+            found = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
+            named = problem.replaced(
+                **{key: name for key, name in found.items() if getattr(problem, key) == AUTO}
+            )
+            try:
+                other = self.from_plan(
+                    plan,
+                    self.options,
+                    problem=named.at_place(problem.place),
+                    seed=self.seed,
+                    terrain=terrain,
+                )
+            except InvalidInputError:
+                continue
+            best = other if other.end < best.end else best
+        return best
+
+    @property
+    def end(self) -> float:
+        """The time in seconds at which the last vehicle is back."""
+        assert self.plan is not None
+        return max(
+            (
+                (mission.start or 0.0) + mission.duration(self.plan.vehicle)
+                for mission in self.missions
+            ),
+            default=0.0,
+        )
 
     @classmethod
     def from_plan(

@@ -26,6 +26,7 @@ from shoal.search import (
 )
 from shoal.search.cells.clipping import rotated, rotated_shape
 from shoal.search.cells.grid import cells_of
+from shoal.search.episode import SearchEpisode
 from shoal.search.flight.dubins import NoRoomError
 from shoal.search.flight.timing import turns_of
 from shoal.search.kernels import runs as run_order
@@ -547,3 +548,25 @@ def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_
     assert missions.problem.angle == plan.grid.angle
     with pytest.raises(NoRoomError, match="turn_radius: expected room for turns"):
         MissionSet.from_problem(problem.replaced(angle=best.grid.angle))
+
+
+def test_missions_are_those_of_the_plan_that_is_fastest_once_vehicles_are_kept_apart(tmp_path):
+    """With one launch point, the fastest flights would wait the longest for one another."""
+    problem = SearchProblem(
+        "rectangle:200x150", robots=3, vehicle="multirotor", footprint=30.0, launch=[(-20.0, -20.0)]
+    )
+    missions = MissionSet.from_problem(problem)
+    ends = {
+        plan.allocation.allocator: MissionSet.from_plan(plan, missions.options).end
+        for plan in (
+            missions.plan,
+            plan_search(missions.problem.replaced(tour="auto", allocation="auto")),
+        )
+    }
+    assert len(ends) == 2
+    assert min(ends, key=ends.get) == missions.plan.allocation.allocator
+    episode = missions.run()
+    episode.save(tmp_path / "episode.json")
+    again = SearchEpisode.load(tmp_path / "episode.json")
+    assert again.plan.allocation.allocator == missions.plan.allocation.allocator
+    assert again.verify()

@@ -122,6 +122,9 @@ replaces it.
 NARROWER = (0.5, 0.25, 0.0)
 """Margins that are tried for vehicles without room, as shares of the default margin."""
 
+ALTERNATIVES = 2
+"""Number of plans whose missions are compared with those of the fastest plan."""
+
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
@@ -176,6 +179,8 @@ class SearchPlan:
     airspace : Airspace
         Where vehicles may fly, with the known curves of fixed wings, which all compared plans and
         the missions share.
+    alternatives : tuple of SearchPlan
+        The next fastest of the compared plans, which may be faster once vehicles are kept apart.
     flown : dict
         Cache of the durations of flights, which all compared allocations of one tour share.
     """
@@ -197,6 +202,7 @@ class SearchPlan:
     schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
+    alternatives: tuple[SearchPlan, ...] = field(default=(), repr=False)
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -721,6 +727,8 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         else {}
     )
     tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
+    # the best tour is also the best of its name: its plans are made once
+    tours = [first, *(grid_tour for grid_tour in tours[1:] if not _is_same(grid_tour, first))]
     all_plans = [
         plan
         for grid_tour in tours
@@ -730,11 +738,23 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     plans = [plan for plan in all_plans if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    best = min(plans, key=_without_delays)
-    return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
+    plans.sort(key=without_delays)
+    tours_compared = _compared_tours(plans)
+    best, *alternatives = (
+        replace(plan, compared=(*tours_compared, *_compared_allocations(plans, plan)))
+        for plan in plans[: 1 + ALTERNATIVES]
+    )
+    return replace(best, alternatives=tuple(alternatives))
 
 
-def _without_delays(plan: SearchPlan) -> float:
+def _is_same(one: GridTour, other: GridTour) -> bool:
+    """Return whether two tours lead through the same cells in the same order."""
+    return np.array_equal(one.tour.cells, other.tour.cells) and np.array_equal(
+        one.grid.viewpoints, other.grid.viewpoints
+    )
+
+
+def without_delays(plan: SearchPlan) -> float:
     """Return the longest time between the departure of a robot and its return, in seconds."""
     return max(
         (
@@ -750,7 +770,7 @@ def _compared_tours(plans: Sequence[SearchPlan]) -> list[Candidate]:
     single tour gives no candidates.
     """
     fastest: dict[str, Candidate] = {}
-    for plan in sorted(plans, key=_without_delays):
+    for plan in sorted(plans, key=without_delays):
         name, cells = plan.tour.name, plan.cells(plan.planned_seconds)
         fastest.setdefault(
             name, Candidate(plan.row_angle, name, cells, seconds=plan.planned_seconds)
@@ -762,7 +782,7 @@ def _compared_allocations(plans: Sequence[SearchPlan], best: SearchPlan) -> list
     """Return the compared allocations of the best plan's tour, the fastest first. A single
     allocation gives no candidates.
     """
-    same_tour = sorted((plan for plan in plans if plan.tour is best.tour), key=_without_delays)
+    same_tour = sorted((plan for plan in plans if plan.tour is best.tour), key=without_delays)
     candidates = [
         Candidate(
             plan.row_angle,
