@@ -42,12 +42,14 @@ from shoal.search.flight.dubins import NoRoomError
 from shoal.search.flight.flight import Altitudes
 from shoal.search.flight.terrain import Terrain, open_terrain
 from shoal.search.planning.plan import (
-    NARROWER,
     SearchPlan,
+    attempts,
     narrower_margin_text,
     plan_at_margin,
+    without_delays,
 )
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.fields import AUTO
 from shoal.search.regions.margin import without_margin
 from shoal.search.regions.places import read_points
 from shoal.search.regions.region import SearchRegion
@@ -106,7 +108,8 @@ class MissionSet:
         """Plan a search and its missions.
 
         Missions need a vehicle: a multirotor, if the problem names none. If a vehicle has no room
-        for a turn or a path, and the problem gives no margin, the method tries narrower margins.
+        for a turn or a path, the method tries narrower margins, and then other angles of the rows,
+        unless the problem gives them.
 
         Raises
         ------
@@ -124,19 +127,27 @@ class MissionSet:
         terrain = None if options.terrain is None else open_terrain(options.terrain)
         fenced = _fenced_problem(problem, options)
         widest = fenced.margin or 0.0
-        for share in (*NARROWER, None) if problem.margin is None else (None,):
+        refusal: InvalidInputError | None = None
+        for turned, share in attempts(problem, widest):
+            if refusal is not None and problem.margin is None:
+                narrower = problem.replaced(margin=share * widest).at_place(problem.place)
+                fenced = _fenced_problem(narrower, options)
             try:
-                plan = plan_at_margin(fenced, seed=seed)
+                plan = plan_at_margin(fenced, seed=seed, turned=turned)
+                if turned:  # a run of the problem makes the same plan
+                    fenced = fenced.replaced(angle=plan.grid.angle).at_place(fenced.place)
                 made = cls.from_plan(plan, options, problem=fenced, seed=seed, terrain=terrain)
                 break
             except InvalidInputError as error:
-                # a narrower margin is tried for room alone, but may fail for any reason
-                if fenced.margin == widest and not isinstance(error, NoRoomError):
+                # another angle or margin is tried for room alone, but may fail for any reason
+                if refusal is None and not isinstance(error, NoRoomError):
                     raise
-                if share is None:
-                    raise
-                narrower = problem.replaced(margin=share * widest).at_place(problem.place)
-                fenced = _fenced_problem(narrower, options)
+                refusal = refusal if turned else error
+        else:
+            assert refusal is not None
+            raise refusal
+        if options.kept_apart is not None and plan.image is None:
+            made = made._fastest(plan.alternatives, terrain)
         if not fenced.margin:
             tell_once(
                 "margin: paths may touch the fence and no-go zones, because the margin is 0 m"
@@ -144,6 +155,45 @@ class MissionSet:
         if fenced.margin != widest:
             tell_once(narrower_margin_text(fenced.margin or 0.0, widest))
         return made
+
+    def _fastest(self, alternatives: Sequence[SearchPlan], terrain: Terrain | None) -> MissionSet:
+        """Return these missions, or those of an alternative plan whose last vehicle is back
+        earlier, because fewer vehicles wait for others.
+        """
+        best, problem = self, self.problem
+        assert problem is not None
+        for plan in alternatives:
+            if without_delays(plan) >= best.end:
+                break
+            # a run of the problem with these names makes the same plan
+            found = {"tour": plan.tour.name, "allocation": plan.allocation.allocator}
+            named = problem.replaced(
+                **{key: name for key, name in found.items() if getattr(problem, key) == AUTO}
+            )
+            try:
+                other = self.from_plan(
+                    plan,
+                    self.options,
+                    problem=named.at_place(problem.place),
+                    seed=self.seed,
+                    terrain=terrain,
+                )
+            except InvalidInputError:
+                continue
+            best = other if other.end < best.end else best
+        return best
+
+    @property
+    def end(self) -> float:
+        """The time in seconds at which the last vehicle is back."""
+        assert self.plan is not None
+        return max(
+            (
+                (mission.start or 0.0) + mission.duration(self.plan.vehicle)
+                for mission in self.missions
+            ),
+            default=0.0,
+        )
 
     @classmethod
     def from_plan(

@@ -15,6 +15,7 @@ import shoal
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError
 from shoal.missions.checking import angle_of
+from shoal.missions.mission_set import MissionSet
 from shoal.search import (
     SearchProblem,
     TourCost,
@@ -25,10 +26,13 @@ from shoal.search import (
 )
 from shoal.search.cells.clipping import rotated, rotated_shape
 from shoal.search.cells.grid import cells_of
+from shoal.search.episode import SearchEpisode
+from shoal.search.flight.dubins import NoRoomError
 from shoal.search.flight.timing import turns_of
 from shoal.search.kernels import runs as run_order
 from shoal.search.kernels.windows import fewest_links
 from shoal.search.planning.orientation import best_grid_tour, compared_allocations, grid_tour
+from shoal.search.planning.plan import plan_at_margin
 from shoal.search.problem import ALLOCATIONS
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
@@ -498,3 +502,71 @@ def test_rows_and_returns_of_a_real_region_are_short():
     plan = plan_search(SearchProblem(region, robots=1, footprint=40.0, angle="auto"))
     route = plan.paths.route(np.concatenate([plan.tour.cells, plan.tour.cells[:1]]))
     assert route.length / 40.0 <= 1.05 * region.area_m2 / 1600
+
+
+def test_other_angles_are_tried_before_a_fixed_wing_without_room_is_refused(tmp_path):
+    """At the best angle of this U, the zone leaves no room for a turn; at others, there is room."""
+    outlines = (
+        "0,0 2545,467 1931,2035 1549,1965 2061,658 279,331 -232,1638 -614,1568 0,0",
+        "-142,1094 -181,1106 -198,1132 -232,1115 -274,1118 -269,1090 -295,1066 -256,1055 -239,1028"
+        " -205,1045 -162,1042 -167,1071 -142,1094",
+    )
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"role": "no-go"} if zone else {},
+            "geometry": {
+                "type": "Polygon",
+                "coordinates": [
+                    [
+                        [8 + float(x) / 1e6, 47 + float(y) / 1e6]
+                        for x, y in (pair.split(",") for pair in outline.split())
+                    ]
+                ],
+            },
+        }
+        for zone, outline in enumerate(outlines)
+    ]
+    file = tmp_path / "u.json"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    problem = SearchProblem(
+        str(file),
+        robots=1,
+        footprint=20.0,
+        vehicle="fixed-wing",
+        tour="boustrophedon",
+        transit=True,
+        margin=3.0,
+    )
+    best = plan_at_margin(problem, 0)
+    assert isinstance(best.refusal, NoRoomError)
+    plan = plan_search(problem)
+    assert plan.refusal is None
+    assert plan.grid.angle != best.grid.angle
+    missions = MissionSet.from_problem(problem)
+    assert missions.plan.planned_seconds == plan.planned_seconds
+    assert missions.problem.angle == plan.grid.angle
+    with pytest.raises(NoRoomError, match="turn_radius: expected room for turns"):
+        MissionSet.from_problem(problem.replaced(angle=best.grid.angle))
+
+
+def test_missions_are_those_of_the_plan_that_is_fastest_once_vehicles_are_kept_apart(tmp_path):
+    """With one launch point, the fastest flights would wait the longest for one another."""
+    problem = SearchProblem(
+        "rectangle:200x150", robots=3, vehicle="multirotor", footprint=30.0, launch=[(-20.0, -20.0)]
+    )
+    missions = MissionSet.from_problem(problem)
+    ends = {
+        plan.allocation.allocator: MissionSet.from_plan(plan, missions.options).end
+        for plan in (
+            missions.plan,
+            plan_search(missions.problem.replaced(tour="auto", allocation="auto")),
+        )
+    }
+    assert len(ends) == 2
+    assert min(ends, key=ends.get) == missions.plan.allocation.allocator
+    episode = missions.run()
+    episode.save(tmp_path / "episode.json")
+    again = SearchEpisode.load(tmp_path / "episode.json")
+    assert again.plan.allocation.allocator == missions.plan.allocation.allocator
+    assert again.verify()

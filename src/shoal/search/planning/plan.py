@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ from shoal.search.planning.orientation import (
     best_grid_tour,
     compared_allocations,
     in_layers,
+    other_angles,
 )
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
@@ -120,6 +122,9 @@ replaces it.
 NARROWER = (0.5, 0.25, 0.0)
 """Margins that are tried for vehicles without room, as shares of the default margin."""
 
+ALTERNATIVES = 2
+"""Number of plans whose missions are compared with those of the fastest plan."""
+
 _MEMORY = 1990  # waypoints: those of the larger autopilot
 # cells times robots: above this, allocations and tours are compared by their costs in cells alone
 _FLOWN = 3_000
@@ -175,6 +180,8 @@ class SearchPlan:
     airspace : Airspace
         Where vehicles may fly, with the known curves of fixed wings, which all compared plans and
         the missions share.
+    alternatives : tuple of SearchPlan
+        The next fastest of the compared plans, which may be faster once vehicles are kept apart.
     flown : dict
         Cache of the durations of flights, which all compared allocations of one tour share.
     """
@@ -196,6 +203,7 @@ class SearchPlan:
     schedule: tuple[SortieTimes, ...] | None = None
     image: Image | None = None
     airspace: Airspace = field(default=None, repr=False)  # type: ignore[assignment]  # settled below
+    alternatives: tuple[SearchPlan, ...] = field(default=(), repr=False)
     flown: dict[Any, Durations] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -595,24 +603,45 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     >>> len(plan.tour_cost), plan.allocation.lower_bound
     (100, 25.0)
     """
-    plan = plan_at_margin(problem, seed)
     region: SearchRegion = problem.place
-    if problem.margin is not None or not region.margin:
-        return _said(plan)
-    for share in NARROWER if isinstance(plan.refusal, NoRoomError) else ():
+    first = None
+    for turned, share in attempts(problem, region.margin):
         margin = share * region.margin
-        narrow_region = with_margin(
-            without_margin(region), margin, barriers=region.barriers, pointed=region.pointed
-        )
         try:
-            narrow_problem = problem.replaced(margin=margin).at_place(narrow_region)
-            narrow_plan = plan_at_margin(narrow_problem, seed)
+            if share < 1:
+                narrow_region = with_margin(
+                    without_margin(region), margin, barriers=region.barriers, pointed=region.pointed
+                )
+                attempt = problem.replaced(margin=margin).at_place(narrow_region)
+            else:
+                attempt = problem
+            plan = plan_at_margin(attempt, seed, turned=turned)
         except InvalidInputError:
+            if first is None:
+                raise
             continue
-        if not isinstance(narrow_plan.refusal, NoRoomError):
-            tell_once(narrower_margin_text(margin, region.margin))
-            return _said(narrow_plan)
-    return _said(plan)
+        if not isinstance(plan.refusal, NoRoomError):
+            if share < 1:
+                tell_once(narrower_margin_text(margin, region.margin))
+            return _said(plan)
+        first = plan if first is None else first
+    assert first is not None
+    return _said(first)
+
+
+def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
+    """Return what the planner tries in turn until all vehicles have room: pairs of whether the rows
+    have other angles than the best one, and of the share of the margin.
+
+    Margins and angles that the problem gives do not change. In large problems, where comparisons
+    do not fly either, the rows keep the best angle.
+    """
+    shares = (1.0, *NARROWER) if problem.margin is None and margin else (1.0,)
+    side = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
+    flown = problem.place.area_m2 * problem.robots <= _FLOWN * side**2
+    return list(
+        product((False, True) if problem.chosen_angle is None and flown else (False,), shares)
+    )
 
 
 def narrower_margin_text(margin: float, wanted: float) -> str:
@@ -635,11 +664,15 @@ def _said(plan: SearchPlan) -> SearchPlan:
     return plan
 
 
-def plan_at_margin(problem: SearchProblem, seed: int) -> SearchPlan:
+def plan_at_margin(problem: SearchProblem, seed: int, *, turned: bool = False) -> SearchPlan:
     """Return the plan of a search with the margin of the problem's region.
 
     If a camera, which turns with its vehicle, misses some of the region, the cells become narrower.
+    With ``turned``, the plan is the fastest of those that vehicles can fly with the rows at one of
+    the `other_angles`.
     """
+    if turned:
+        return _turned_plan(problem, seed)
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
     image = problem.image
@@ -654,6 +687,27 @@ def plan_at_margin(problem: SearchProblem, seed: int) -> SearchPlan:
         ):
             break
     return plan
+
+
+def _turned_plan(problem: SearchProblem, seed: int) -> SearchPlan:
+    """Return the fastest plan with its rows at one of the `other_angles`, if possible one that
+    vehicles can fly.
+    """
+    speeds = np.ones(problem.robots) if problem.rates is None else np.array(problem.rates)
+    size = cell_side(check_footprints(problem.chosen_footprint, problem.robots), speeds)
+    angles = other_angles(problem.place, size, turn_cells(problem.chosen_vehicle, size))
+    plans, refusal = [], None
+    for angle in angles:
+        try:
+            plans.append(
+                plan_at_margin(problem.replaced(angle=angle).at_place(problem.place), seed)
+            )
+        except InvalidInputError as error:
+            refusal = error
+    if not plans and refusal is not None:
+        raise refusal
+    flyable = [plan for plan in plans if plan.refusal is None]
+    return min(flyable or plans, key=lambda plan: plan.planned_seconds)
 
 
 def _is_seen(plan: SearchPlan, grid: CellGrid) -> bool:
@@ -703,6 +757,8 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
         else {}
     )
     tours = [first, *(_grid_tour(problem, speeds, tour=name, scale=scale) for name in names)]
+    # the best tour is also the best of its name: its plans are made once
+    tours = [first, *(grid_tour for grid_tour in tours[1:] if not _is_same(grid_tour, first))]
     all_plans = [
         plan
         for grid_tour in tours
@@ -712,11 +768,23 @@ def _best_plan(problem: SearchProblem, seed: int, scale: float) -> SearchPlan:
     plans = [plan for plan in all_plans if plan.refusal is None]
     if not plans:  # no plan can be flown: to fly the other robots of each would tell nothing
         return min(all_plans, key=lambda plan: plan.seconds(plan.allocation.makespan))
-    best = min(plans, key=_without_delays)
-    return replace(best, compared=(*_compared_tours(plans), *_compared_allocations(plans, best)))
+    plans.sort(key=without_delays)
+    tours_compared = _compared_tours(plans)
+    best, *alternatives = (
+        replace(plan, compared=(*tours_compared, *_compared_allocations(plans, plan)))
+        for plan in plans[: 1 + ALTERNATIVES]
+    )
+    return replace(best, alternatives=tuple(alternatives))
 
 
-def _without_delays(plan: SearchPlan) -> float:
+def _is_same(one: GridTour, other: GridTour) -> bool:
+    """Return whether two tours lead through the same cells in the same order."""
+    return np.array_equal(one.tour.cells, other.tour.cells) and np.array_equal(
+        one.grid.viewpoints, other.grid.viewpoints
+    )
+
+
+def without_delays(plan: SearchPlan) -> float:
     """Return the longest time between the departure of a robot and its return, in seconds."""
     return max(
         (
@@ -732,7 +800,7 @@ def _compared_tours(plans: Sequence[SearchPlan]) -> list[Candidate]:
     single tour gives no candidates.
     """
     fastest: dict[str, Candidate] = {}
-    for plan in sorted(plans, key=_without_delays):
+    for plan in sorted(plans, key=without_delays):
         name, cells = plan.tour.name, plan.cells(plan.planned_seconds)
         fastest.setdefault(
             name, Candidate(plan.row_angle, name, cells, seconds=plan.planned_seconds)
@@ -744,7 +812,7 @@ def _compared_allocations(plans: Sequence[SearchPlan], best: SearchPlan) -> list
     """Return the compared allocations of the best plan's tour, the fastest first. A single
     allocation gives no candidates.
     """
-    same_tour = sorted((plan for plan in plans if plan.tour is best.tour), key=_without_delays)
+    same_tour = sorted((plan for plan in plans if plan.tour is best.tour), key=without_delays)
     candidates = [
         Candidate(
             plan.row_angle,
