@@ -165,8 +165,8 @@ _STEP = 10.0  # degrees between compared angles, besides the angles of the outli
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
 _TRIED = 4  # number of orientations that are planned in full
-_NEXT_BEST = 3  # number of angles by their estimates that are tried if a vehicle has no room
-_ALL_AROUND = (0.0, 45.0, 90.0, 135.0)  # degrees: the angles that are tried then besides
+_NEXT_BEST = 2  # number of angles by their estimates that are tried if a vehicle has no room
+_ALL_AROUND = (0.0, 90.0)  # degrees: the angles that are tried then besides
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
 _ROWS = 120  # maximum number of rows for an estimate
 
@@ -409,7 +409,7 @@ def best_grid_tour(
 
 def other_angles(region: SearchRegion, size: float, turn_cost: float) -> list[float]:
     """Return the angles of rows that are tried if no vehicle can fly at the best one: those with
-    the lowest estimated cost of one round, and four all around.
+    the lowest estimated cost of one round, and along both axes.
 
     The arguments are those of `best_grid_tour`.
     """

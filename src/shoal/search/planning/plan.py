@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -633,15 +632,15 @@ def attempts(problem: SearchProblem, margin: float) -> list[tuple[bool, float]]:
     """Return what the planner tries in turn until all vehicles have room: pairs of whether the rows
     have other angles than the best one, and of the share of the margin.
 
-    Margins and angles that the problem gives do not change. In large problems, where comparisons
-    do not fly either, the rows keep the best angle.
+    Margins and angles that the problem gives do not change. Other angles are tried with the
+    narrowest margin alone, because each of them takes as long as the best one. In large problems,
+    where comparisons do not fly either, the rows keep the best angle.
     """
     shares = (1.0, *NARROWER) if problem.margin is None and margin else (1.0,)
     side = float(np.min(check_footprints(problem.chosen_footprint, problem.robots)))
     flown = problem.place.area_m2 * problem.robots <= _FLOWN * side**2
-    return list(
-        product((False, True) if problem.chosen_angle is None and flown else (False,), shares)
-    )
+    others = [(True, shares[-1])] if problem.chosen_angle is None and flown else []
+    return [*((False, share) for share in shares), *others]
 
 
 def narrower_margin_text(margin: float, wanted: float) -> str:
