@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 from collections import deque
 from math import ceil, exp, radians
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.random import Generator
@@ -174,7 +174,8 @@ class PlantProperties:
         for name in values:
             check_choice(name, what="physics", choices=names)
         usual = USUAL.get(kind, {})
-        return cls("roll" if kind == "exact" else kind, **{**usual, **values})  # type: ignore[arg-type]
+        moves: Kind = "pull" if kind == "pull" else "roll"
+        return cls(moves, **{**usual, **values})
 
     @classmethod
     def parse(cls, text: str) -> PlantProperties:
@@ -279,7 +280,7 @@ class Plant:
     ----------
     clock : float
         Time since the start, in seconds.
-    headings : float
+    heading : float
         Angle between command and motion, in degrees.
     coil_gains : ndarray of float64, shape (2, 2)
         Gain of the coils towards negative and positive values of x and of y.
@@ -331,7 +332,7 @@ class Plant:
         self._flow = np.array([apparatus.flow_x, apparatus.flow_y])
         self._longest = STEP * apparatus.radius / max(float(np.abs(self._flow).max()), 1.0)
         # the engine: without gravity; only the velocities that forces cause stay
-        self._space = pymunk.Space()
+        self._space, self._everything = pymunk.Space(), pymunk.ShapeFilter()
         self._space.collision_slop, self._space.iterations = SLOP, 20
         # overlaps vanish by half in each step
         self._space.collision_bias = 0.5**60
@@ -356,7 +357,9 @@ class Plant:
     def _check_free(self, points: Points) -> None:
         for at, point in enumerate(points):
             hits = self._space.point_query(
-                (float(point[0]), float(point[1])), self.apparatus.radius - 2 * SLOP, _everything()
+                (float(point[0]), float(point[1])),
+                self.apparatus.radius - 2 * SLOP,
+                self._everything,
             )
             cell = self.cells_of(points[at : at + 1])[0]
             inside = ((cell >= 0) & (cell < self.workspace.shape)).all()
@@ -652,9 +655,3 @@ def _blurred(points: Points, reach: float) -> Points:
     sums = np.zeros((count, 2))
     np.add.at(sums, labels, points)
     return sums / np.bincount(labels)[:, None]
-
-
-def _everything() -> Any:
-    import pymunk
-
-    return pymunk.ShapeFilter()
