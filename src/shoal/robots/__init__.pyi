@@ -1,10 +1,10 @@
 """Public names, which `lazy_loader` imports when they are first used."""
 
-from .mavlink import Limits as Limits
-from .mavlink import Link as Link
+from .mavlink import HeardVehicle as HeardVehicle
 from .mavlink import LinkError as LinkError
+from .mavlink import LinkLimits as LinkLimits
 from .mavlink import Station as Station
-from .mavlink import Vehicle as Vehicle
+from .mavlink import VehicleLink as VehicleLink
 from .mavlink import open_link as open_link
 from .mission_protocol import clear_items as clear_items
 from .mission_protocol import compare_items as compare_items

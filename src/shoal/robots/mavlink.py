@@ -48,7 +48,7 @@ class LinkError(ShoalError, ConnectionError):
     """Raised if a vehicle is not heard, does not answer, or if its link is lost."""
 
 
-class Link(Protocol):
+class VehicleLink(Protocol):
     """What carries bytes of MAVLink to and from one or more vehicles."""
 
     name: str
@@ -187,7 +187,7 @@ class _SerialStream:
 LINKS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[@BAUD]"
 
 
-def check_link(text: str) -> Callable[[], Link]:
+def check_link(text: str) -> Callable[[], VehicleLink]:
     """Return a function that opens the link ``text``.
 
     Raises
@@ -212,7 +212,7 @@ def check_link(text: str) -> Callable[[], Link]:
     raise InvalidInputError(f"connect: expected {LINKS}, got {text!r}")
 
 
-def open_link(text: str) -> Link:
+def open_link(text: str) -> VehicleLink:
     """Open a link such as ``udpin:0.0.0.0:14550``.
 
     Raises
@@ -232,7 +232,7 @@ def open_link(text: str) -> Link:
 
 
 @dataclass(frozen=True)
-class Limits:
+class LinkLimits:
     """Times in seconds, and numbers of tries, of what is asked of a vehicle.
 
     Parameters
@@ -273,7 +273,7 @@ class Limits:
 
 
 @dataclass
-class Vehicle:
+class HeardVehicle:
     """A vehicle as it was last heard.
 
     Parameters
@@ -319,14 +319,14 @@ class Station:
 
     Parameters
     ----------
-    link : Link
-    limits : Limits
+    link : VehicleLink
+    limits : LinkLimits
     on_message : callable, optional
         Function that is called with each vehicle and each message from it.
 
     Attributes
     ----------
-    vehicles : dict of int to Vehicle
+    vehicles : dict of int to HeardVehicle
         The autopilots heard, by system id.
     twice : dict of int to set
         System ids that several addresses use at the same time, with these addresses.
@@ -334,20 +334,20 @@ class Station:
 
     def __init__(
         self,
-        link: Link,
-        limits: Limits | None = None,
+        link: VehicleLink,
+        limits: LinkLimits | None = None,
         *,
-        on_message: Callable[[Vehicle, Any], None] | None = None,
+        on_message: Callable[[HeardVehicle, Any], None] | None = None,
     ) -> None:
-        self.link, self.limits = link, limits or Limits()
+        self.link, self.limits = link, limits or LinkLimits()
         self.on_message = on_message
         self.dialect = dialect()
-        self.vehicles: dict[int, Vehicle] = {}
+        self.vehicles: dict[int, HeardVehicle] = {}
         self.twice: dict[int, set[Address]] = {}
         self._mav = self.dialect.MAVLink(None, *STATION)
         self._parsers: dict[Address, Any] = {}
         self._places: dict[int, dict[Address, float]] = {}
-        self._inbox: deque[tuple[Vehicle, Any]] = deque()
+        self._inbox: deque[tuple[HeardVehicle, Any]] = deque()
         self._next_heartbeat = link.now()
 
     def __enter__(self) -> Self:
@@ -364,13 +364,13 @@ class Station:
         """Return the time in seconds, on the link's clock."""
         return self.link.now()
 
-    def send(self, vehicle: Vehicle | None, message: Any) -> None:
+    def send(self, vehicle: HeardVehicle | None, message: Any) -> None:
         """Send a message to a vehicle's address, or to all who are known."""
         data = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         self.link.send(data, None if vehicle is None else vehicle.address)
 
-    def receive(self, vehicle: Vehicle, until: float) -> Any:
+    def receive(self, vehicle: HeardVehicle, until: float) -> Any:
         """Return the next message that a vehicle has sent to us or to all, or None when the time
         ``until`` has come.
         """
@@ -413,7 +413,7 @@ class Station:
             if known is None or (
                 component == AUTOPILOT_COMPONENT != known.component
             ):  # the autopilot itself before what else of the vehicle speaks like one
-                known = self.vehicles[system] = Vehicle(
+                known = self.vehicles[system] = HeardVehicle(
                     system, component, message.type, message.autopilot
                 )
             if component == known.component:
@@ -459,7 +459,7 @@ def dialect() -> Any:
     )
 
 
-def type_text(vehicle: Vehicle) -> str:
+def type_text(vehicle: HeardVehicle) -> str:
     """Return what a vehicle says it is, such as "multirotor with PX4"."""
     kinds = " or ".join(sorted(KINDS_OF_TYPES.get(vehicle.type, ())))
     autopilot = AUTOPILOTS.get(vehicle.autopilot, f"MAV_AUTOPILOT {vehicle.autopilot}")

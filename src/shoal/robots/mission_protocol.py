@@ -26,7 +26,7 @@ from shoal.missions.formats.items import (
     WAYPOINT,
     Item,
 )
-from shoal.robots.mavlink import ARDUPILOT, LinkError, Station, Vehicle
+from shoal.robots.mavlink import ARDUPILOT, HeardVehicle, LinkError, Station
 
 MISSION, FENCE, RALLY = "mission", "fence", "rally"
 MISSION_TYPES = {MISSION: 0, FENCE: 1, RALLY: 2}
@@ -114,7 +114,9 @@ def item_on_air(item: Item) -> MissionItem:
 class _Repeats:
     """When a request to a vehicle is repeated, and when the vehicle counts as lost."""
 
-    def __init__(self, station: Station, vehicle: Vehicle, what: str, most: int | None) -> None:
+    def __init__(
+        self, station: Station, vehicle: HeardVehicle, what: str, most: int | None
+    ) -> None:
         self.station, self.vehicle, self.what = station, vehicle, what
         self.limits = station.limits
         self.most = self.limits.unanswered if most is None else most
@@ -177,7 +179,7 @@ def _of(kind: str) -> str:
 
 
 def upload_items(
-    station: Station, vehicle: Vehicle, kind: str, items: Sequence[MissionItem]
+    station: Station, vehicle: HeardVehicle, kind: str, items: Sequence[MissionItem]
 ) -> None:
     """Send items, which replace what the vehicle has of this kind. Without items, clear it.
 
@@ -269,7 +271,7 @@ def _item_messages(
     return messages
 
 
-def clear_items(station: Station, vehicle: Vehicle, kind: str) -> None:
+def clear_items(station: Station, vehicle: HeardVehicle, kind: str) -> None:
     """Remove all items of a kind from a vehicle.
 
     Raises
@@ -295,7 +297,7 @@ def clear_items(station: Station, vehicle: Vehicle, kind: str) -> None:
 
 
 def download_items(
-    station: Station, vehicle: Vehicle, kind: str, *, unanswered: int | None = None
+    station: Station, vehicle: HeardVehicle, kind: str, *, unanswered: int | None = None
 ) -> list[MissionItem]:
     """Return all items of a kind that a vehicle stores.
 
@@ -352,7 +354,7 @@ def download_items(
 
 def _ask(
     station: Station,
-    vehicle: Vehicle,
+    vehicle: HeardVehicle,
     kind: str,
     repeats: _Repeats,
     ask: Callable[[int], list[Any]],
@@ -435,7 +437,7 @@ altitudes, the speeds and the distances between images are not among them.
 """
 
 
-class Comparison(NamedTuple):
+class ItemComparison(NamedTuple):
     """What differs between items that were sent and items that were read back.
 
     ``different`` counts the items that differ, with a sentence for each of the first ones in
@@ -454,7 +456,7 @@ _SHOWN = 3  # sentences
 
 def compare_items(
     kind: str, sent: Sequence[MissionItem], found: Sequence[MissionItem], *, autopilot: int
-) -> Comparison:
+) -> ItemComparison:
     """Compare items field by field with the tolerances of this module.
 
     Item 0 of ArduPilot's mission is its home, which it sets itself: it is left out.
@@ -465,7 +467,7 @@ def compare_items(
     different = abs(len(sent) - len(found))
     # without a mission, ArduPilot may store nothing, or home alone
     if len(sent) <= skipped and len(found) <= skipped:
-        return Comparison(0, (), dropped, rounded=False)
+        return ItemComparison(0, (), dropped, rounded=False)
     if len(sent) != len(found):
         sentences.append(
             f"{kind}: expected {len(sent) - skipped} items on board, got {len(found) - skipped}"
@@ -480,7 +482,7 @@ def compare_items(
     shown = tuple(sentences[:_SHOWN])
     if len(sentences) > _SHOWN:
         shown += (f"{kind}: {len(sentences) - _SHOWN} more like it",)
-    return Comparison(different, shown, dropped, rounded=any(not one.exact for one in found))
+    return ItemComparison(different, shown, dropped, rounded=any(not one.exact for one in found))
 
 
 def _faults(sent: MissionItem, found: MissionItem, dropped: Counter[str]) -> list[str]:

@@ -26,7 +26,7 @@ from shoal.robots.mavlink import (
     AUTOPILOTS,
     PX4,
     Address,
-    Link,
+    VehicleLink,
     dialect,
 )
 from shoal.robots.mission_protocol import (
@@ -404,7 +404,7 @@ class SimulatedVehicle:
         items = self.stored[kind]
         if kind == MISSION and self.autopilot == ARDUPILOT:
             x, y = (round(1e7 * value) for value in self.home[::-1])
-            return [MissionItem(0, WAYPOINT, (0.0,) * 4, x, y, self.elevation), *items]  # type: ignore[arg-type]
+            return [MissionItem(0, WAYPOINT, (0.0,) * 4, x, y, self.elevation), *items]
         return items
 
     def _take_mission_request_list(self, message: Any, partner: tuple[int, int]) -> None:
@@ -832,7 +832,7 @@ class SimulatedLink:
 
 def run_vehicles(
     vehicles: Sequence[SimulatedVehicle],
-    link: Link,
+    link: VehicleLink,
     *,
     ended: Callable[[], bool] = lambda: False,
     speed_up: float = 1.0,
@@ -842,7 +842,7 @@ def run_vehicles(
     Parameters
     ----------
     vehicles : sequence of SimulatedVehicle
-    link : Link
+    link : VehicleLink
         Such as that of ``udpout:127.0.0.1:14550``, where a station waits.
     ended : callable
     speed_up : float

@@ -17,10 +17,10 @@ from shoal.robots.mavlink import (
     ARDUPILOT,
     AUTOPILOTS,
     KINDS_OF_TYPES,
-    Limits,
+    HeardVehicle,
     LinkError,
+    LinkLimits,
     Station,
-    Vehicle,
     open_link,
     type_text,
 )
@@ -28,7 +28,7 @@ from shoal.robots.mission_protocol import (
     FENCE,
     MISSION,
     RALLY,
-    Comparison,
+    ItemComparison,
     MissionItem,
     RefusedError,
     UnansweredError,
@@ -96,7 +96,7 @@ class Delivery:
 
 
 @contextmanager
-def stations(links: Sequence[str], limits: Limits | None = None) -> Iterator[list[Station]]:
+def stations(links: Sequence[str], limits: LinkLimits | None = None) -> Iterator[list[Station]]:
     """Open links and a ground station on each; close them at the end of the ``with`` block.
 
     Raises
@@ -133,7 +133,7 @@ def links_of(connect: Sequence[str], seats: Mapping[int, Seat]) -> list[str]:
     return links
 
 
-Found = dict[int, tuple[Station, Vehicle]]
+Found = dict[int, tuple[Station, HeardVehicle]]
 """By robot, its vehicle and the station that hears it."""
 
 
@@ -148,7 +148,7 @@ def find_vehicles(
         for one in heard_by
     }
 
-    def candidates(seat: Seat) -> list[tuple[Station, Vehicle]]:
+    def candidates(seat: Seat) -> list[tuple[Station, HeardVehicle]]:
         return [
             (one, one.vehicles[seat.system])
             for one in heard_by
@@ -192,7 +192,7 @@ def find_vehicles(
     return found, missing
 
 
-def check_type(cargo: Cargo, vehicle: Vehicle) -> str | None:
+def check_type(cargo: Cargo, vehicle: HeardVehicle) -> str | None:
     """Return a clause if a vehicle is of another kind than its mission, and None if it may fly it.
     A vehicle that does not say what it is counts as the right one.
     """
@@ -202,7 +202,7 @@ def check_type(cargo: Cargo, vehicle: Vehicle) -> str | None:
     return f"expected a {cargo.mission.kind} for {cargo.file.name}, got a {type_text(vehicle)}"
 
 
-def items_for(cargo: Cargo, vehicle: Vehicle) -> dict[str, list[MissionItem]]:
+def items_for(cargo: Cargo, vehicle: HeardVehicle) -> dict[str, list[MissionItem]]:
     """Return the items of a robot as they are sent to its vehicle. ArduPilot's mission begins with
     home.
     """
@@ -214,8 +214,8 @@ def items_for(cargo: Cargo, vehicle: Vehicle) -> dict[str, list[MissionItem]]:
 
 def new_delivery(cargo: Cargo, seat: Seat, status: str = FAILED) -> Delivery:
     """Return the delivery of a cargo of which nothing is sent yet."""
-    counts = {kind: len(cargo.items[kind]) for kind in ORDER}
-    return Delivery(cargo.robot, seat.system, **counts, status=status)
+    counts = [len(cargo.items[kind]) for kind in (MISSION, FENCE, RALLY)]
+    return Delivery(cargo.robot, seat.system, *counts, status=status)
 
 
 def upload_missions(
@@ -253,14 +253,14 @@ def upload_missions(
     for robot, (station, vehicle) in found.items():
         delivery, cargo = deliveries[robot], cargos[robot]
         delivery.link = station.link.name
-        clause = check_type(cargo, vehicle)
-        if clause is not None:
+        unfit = check_type(cargo, vehicle)
+        if unfit is not None:
             wrong = True
         elif vehicle.armed:
-            clause = "expected a disarmed vehicle, got an armed one"
-        if clause is not None:
+            unfit = "expected a disarmed vehicle, got an armed one"
+        if unfit is not None:
             delivery.status = REFUSED
-            delivery.faults.append(clause)
+            delivery.faults.append(unfit)
         said = AUTOPILOTS.get(vehicle.autopilot)
         if (
             said is not None
@@ -294,7 +294,7 @@ def upload_missions(
     return list(deliveries.values())
 
 
-def deliver(station: Station, vehicle: Vehicle, cargo: Cargo, delivery: Delivery) -> None:
+def deliver(station: Station, vehicle: HeardVehicle, cargo: Cargo, delivery: Delivery) -> None:
     """Upload to one vehicle, read back, and note in the delivery what became of it."""
     items = items_for(cargo, vehicle)
     lacking: dict[str, str] = {}
@@ -304,7 +304,7 @@ def deliver(station: Station, vehicle: Vehicle, cargo: Cargo, delivery: Delivery
         delivery.faults.append(f"{error}; nothing was sent")
         return
     left = [kind for kind in ORDER if kind not in lacking]
-    compared: dict[str, Comparison] = {}
+    compared: dict[str, ItemComparison] = {}
     fault: LinkError | None = None
     try:
         for _ in range(station.limits.attempts):
@@ -339,7 +339,7 @@ def deliver(station: Station, vehicle: Vehicle, cargo: Cargo, delivery: Delivery
 
 def _read_before(
     station: Station,
-    vehicle: Vehicle,
+    vehicle: HeardVehicle,
     items: Mapping[str, Sequence[MissionItem]],
     lacking: dict[str, str],
 ) -> dict[str, list[MissionItem] | None]:
@@ -370,9 +370,9 @@ def _read_before(
 
 def _judge(
     delivery: Delivery,
-    vehicle: Vehicle,
+    vehicle: HeardVehicle,
     items: Mapping[str, Sequence[MissionItem]],
-    compared: Mapping[str, Comparison],
+    compared: Mapping[str, ItemComparison],
     lacking: Mapping[str, str],
     fault: LinkError | None,
 ) -> None:
@@ -406,7 +406,7 @@ def _judge(
 
 def _put_back(
     station: Station,
-    vehicle: Vehicle,
+    vehicle: HeardVehicle,
     before: Mapping[str, list[MissionItem] | None],
     lacking: Mapping[str, str],
 ) -> str:
@@ -422,7 +422,7 @@ def _put_back(
 
 
 def _put_back_kind(
-    station: Station, vehicle: Vehicle, kind: str, items: list[MissionItem] | None
+    station: Station, vehicle: HeardVehicle, kind: str, items: list[MissionItem] | None
 ) -> str:
     for wanted, outcome in (
         (items, "restored as before" if items else "empty as before"),

@@ -21,7 +21,7 @@ from shoal.search import LocalFrame
 
 pytest.importorskip("pymavlink")
 
-from shoal.robots.mavlink import Limits, Station, dialect, open_link
+from shoal.robots.mavlink import LinkLimits, Station, dialect, open_link
 from shoal.robots.mission_protocol import (
     FENCE,
     MISSION,
@@ -155,7 +155,7 @@ def test_what_was_on_board_before_comes_back_after_a_refusal(folder, tmp_path):
     uploaded(tmp_path / "old", vehicle, systems={1: 1})
     before = [*vehicle.stored[MISSION]]
     vehicle._mixes = 3  # fence, rally points, mission: half of the new items, the rest the old ones
-    made, _ = uploaded(folder, vehicle, other, limits=Limits(attempts=1))
+    made, _ = uploaded(folder, vehicle, other, limits=LinkLimits(attempts=1))
     assert made[1].status == "different"
     assert "mission: restored as before" in made[1].sentence
     assert not compare_items(MISSION, before, vehicle.stored[MISSION], autopilot=12).different
