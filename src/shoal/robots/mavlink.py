@@ -39,6 +39,7 @@ here, such as 0 (generic), is no vehicle or does not say what it is.
 """
 _WARNING = 4  # MAV_SEVERITY: smaller numbers are worse
 _DATAGRAM = 65535
+_MOST_WAITING = 4096  # messages that nobody has asked for
 
 Address = Any
 """Where a link's datagram came from; None where a link has one peer."""
@@ -347,7 +348,7 @@ class Station:
         self._mav = self.dialect.MAVLink(None, *STATION)
         self._parsers: dict[Address, Any] = {}
         self._places: dict[int, dict[Address, float]] = {}
-        self._inbox: deque[tuple[HeardVehicle, Any]] = deque()
+        self._inbox: deque[tuple[HeardVehicle, Any]] = deque(maxlen=_MOST_WAITING)
         self._next_heartbeat = link.now()
 
     def __enter__(self) -> Self:

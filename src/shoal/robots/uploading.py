@@ -214,8 +214,8 @@ def items_for(cargo: Cargo, vehicle: HeardVehicle) -> dict[str, list[MissionItem
 
 def new_delivery(cargo: Cargo, seat: Seat, status: str = FAILED) -> Delivery:
     """Return the delivery of a cargo of which nothing is sent yet."""
-    counts = [len(cargo.items[kind]) for kind in (MISSION, FENCE, RALLY)]
-    return Delivery(cargo.robot, seat.system, *counts, status=status)
+    mission, fence, rally = (len(cargo.items[kind]) for kind in (MISSION, FENCE, RALLY))
+    return Delivery(cargo.robot, seat.system, mission, fence, rally, status)
 
 
 def upload_missions(
