@@ -15,6 +15,14 @@ from .onboard import Seat as Seat
 from .onboard import pair as pair
 from .onboard import read_cargos as read_cargos
 from .onboard import read_seats as read_seats
+from .simulated import Quirks as Quirks
+from .simulated import SimulatedLink as SimulatedLink
+from .simulated import SimulatedVehicle as SimulatedVehicle
+from .simulated import run_vehicles as run_vehicles
+from .starting import Fleet as Fleet
+from .starting import check_fleet as check_fleet
+from .starting import start_missions as start_missions
+from .starting import watch_fleet as watch_fleet
 from .uploading import Delivery as Delivery
 from .uploading import stations as stations
 from .uploading import upload_missions as upload_missions

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.missions.formats.items import HOLD, LAND, RETURN, SPEED, TAKE_OFF, WAYPOINT
@@ -202,9 +203,10 @@ class SimulatedVehicle:
         self._now, self._moved_at = 0.0, 0.0
         self._sent_at = {1.0: -math.inf, 0.2: -math.inf}
         self._station_at: float | None = None
-        self._guided: tuple[np.ndarray, float] | None = None
+        self._guided: tuple[NDArray[np.float64], float] | None = None
         self._cruise = speed
-        self._climbed = False
+        self._metres: dict[tuple[float, float], tuple[float, float]] = {}
+        self._fence_areas: list[tuple[Any, bool]] | None = None
 
     # -- the protocol ---------------------------------------------------------------------------
 
@@ -510,7 +512,7 @@ class SimulatedVehicle:
                 f"PreArm: {text}" if self.autopilot == ARDUPILOT else f"Arming denied: {text}"
             )
             return _FAILED if self.autopilot == ARDUPILOT else _REFUSED_NOW
-        self.armed, self.armed_at, self._climbed = True, self._now, False
+        self.armed, self.armed_at, self._fence_areas = True, self._now, None
         return _ACCEPTED
 
     def _disarm(self) -> int:
@@ -536,7 +538,6 @@ class SimulatedVehicle:
 
     def _set_current(self, number: int) -> None:
         self.current = min(max(0, number), max(0, self._n_items - 1))
-        self._climbed = False
         self._send(self._dialect.MAVLink_mission_current_message(self.current))
 
     def _take_mission_set_current(self, message: Any, _partner: tuple[int, int]) -> None:
@@ -551,9 +552,12 @@ class SimulatedVehicle:
 
     # -- motion ---------------------------------------------------------------------------------
 
-    def _local(self, longitude: float, latitude: float, height: float) -> np.ndarray:
-        x, y = self.frame.to_metres(np.array([[longitude, latitude]]))[0]
-        return np.array([x, y, height])
+    def _local(self, longitude: float, latitude: float, height: float) -> NDArray[np.float64]:
+        place = longitude, latitude
+        if place not in self._metres:
+            x, y = self.frame.to_metres(np.array([place]))[0]
+            self._metres[place] = float(x), float(y)
+        return np.array([*self._metres[place], height])
 
     @property
     def place(self) -> tuple[float, float]:
@@ -575,7 +579,7 @@ class SimulatedVehicle:
                 self._reach()
             self.charge = max(0.0, self.charge - _STEP / self.battery)
 
-    def _fly_to(self, target: np.ndarray) -> None:
+    def _fly_to(self, target: NDArray[np.float64]) -> None:
         """Change the velocity by no more than the acceleration allows, and move on."""
         way = target - self.position
         distance = float(np.linalg.norm(way))
@@ -589,7 +593,7 @@ class SimulatedVehicle:
         self.position += self.velocity * _STEP
         self.position[2] = max(0.0, self.position[2])
 
-    def _target(self) -> tuple[np.ndarray, float | None]:
+    def _target(self) -> tuple[NDArray[np.float64], float | None]:
         """Return where the vehicle flies to, and how near it must come; None if it stays there."""
         if self.mode == modes.MISSION:
             return self._mission_target()
@@ -609,7 +613,7 @@ class SimulatedVehicle:
             return np.array([*self.position[:2], 0.0]), 0.2
         return self.position.copy(), None
 
-    def _mission_target(self) -> tuple[np.ndarray, float | None]:
+    def _mission_target(self) -> tuple[NDArray[np.float64], float | None]:
         shift = int(self.autopilot == ARDUPILOT)
         while True:
             number = self.current - shift
@@ -673,9 +677,10 @@ class SimulatedVehicle:
             return True
         from shapely import Point
 
-        return all(
-            area.covers(Point(self.position[:2])) == inside for area, inside in self._areas()
-        )
+        if self._fence_areas is None:
+            self._fence_areas = self._areas()
+        place = Point(self.position[:2])
+        return all(area.covers(place) == inside for area, inside in self._fence_areas)
 
     def _areas(self) -> list[tuple[Any, bool]]:
         """Return the polygons of the fence in metres, and whether the vehicle must be inside."""
@@ -819,7 +824,7 @@ class SimulatedLink:
                 came.append((data, number))
             if came or self._time >= until:
                 return came
-            self._time = min(until, self._time + 0.02)
+            self._time = min(until, self._time + _STEP)
 
     def _put(self, number: int, messages: Sequence[bytes]) -> None:
         for data in messages:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import threading
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from tests.unit.robots.test_upload import free_port, missions
+from tests.unit.robots.test_upload import missions
 
 from shoal.cli import run
 from shoal.missions import write_missions
@@ -16,10 +16,10 @@ pytest.importorskip("pymavlink")
 
 from dataclasses import replace
 
-from shoal.robots import modes
-from shoal.robots.mavlink import Station, open_link
+from shoal.robots import modes, uploading
+from shoal.robots.mavlink import Station
 from shoal.robots.onboard import pair, read_cargos, read_seats
-from shoal.robots.simulated import Quirks, SimulatedLink, SimulatedVehicle, run_vehicles
+from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
 from shoal.robots.starting import Fleet, check_fleet, start_missions, watch_fleet
 from shoal.robots.uploading import upload_missions
 
@@ -49,8 +49,7 @@ def two(autopilot="px4", **second):
     )
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-@pytest.mark.parametrize("loss", [0.0, 0.3])
+@pytest.mark.parametrize(("autopilot", "loss"), [("px4", 0.3), ("ardupilot", 0.0)])
 def test_each_starts_at_its_time_flies_its_mission_and_lands(folder, autopilot, loss):
     vehicles = two(autopilot)
     fleet, link = fleet_of(folder, *vehicles, loss=loss, seed=2)
@@ -150,39 +149,33 @@ def test_a_lost_ground_station_or_a_low_battery_brings_the_vehicle_home(folder):
     assert all(vehicle.position[2] == 0 for vehicle in link.vehicles)
 
 
-def test_the_commands_start_only_with_arm(folder, capsys):
-    port = free_port()
-    vehicles = two(quirks=Quirks(listens=False))
-    link, ended = open_link(f"udpout:127.0.0.1:{port}"), threading.Event()
-    thread = threading.Thread(
-        target=run_vehicles, args=(vehicles, link), kwargs={"ended": ended.is_set}
-    )
-    thread.start()
-    about = [str(folder), "--connect", f"udpin:127.0.0.1:{port}", "--systems", "1=1,2=2", "--json"]
-    try:
-        assert run(["missions", "start", *about]) == 1  # nothing is on board
-        assert "expected 9 items on board, got 0" in capsys.readouterr().err
-        assert run(["missions", "upload", *about]) == 0
-        capsys.readouterr()
-        assert run(["missions", "start", *about]) == 0
-        found = json.loads(capsys.readouterr().out)
-        assert (found["armed"], [one["status"] for one in found["robots"]]) == (
-            False,
-            ["ready"] * 2,
-        )
-        assert not any(vehicle.armed for vehicle in vehicles)
-        assert run(["missions", "watch", *about, "--seconds", "1"]) == 0
-        (first, _) = json.loads(capsys.readouterr().out)["robots"]
-        assert (first["armed"], first["mode"], first["breaches"]) == (False, "manual", 0)
-        alone = ["--robots", "1", "--arm", "--at", "+0.2"]
-        assert run(["missions", "start", *about, *alone]) == 0
-        found = json.loads(capsys.readouterr().out)
-        assert (found["armed"], found["robots"][0]["status"]) == (True, "started")
-        assert [vehicle.armed for vehicle in vehicles] == [True, False]
-    finally:
-        ended.set()
-        thread.join()
-        link.close()
+def test_the_commands_start_only_with_arm(folder, capsys, monkeypatch):
+    vehicles = two()
+    link = SimulatedLink(vehicles)
+    monkeypatch.setattr(uploading, "stations", lambda _links: nullcontext([Station(link)]))
+    about = [str(folder), "--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2", "--json"]
+
+    def report(name, *more):
+        code = run(["missions", name, *about, *more])
+        out, err = capsys.readouterr()
+        return code, json.loads(out), err
+
+    code, _, err = report("start", "--arm")
+    assert code == 1
+    assert "expected 9 items on board, got 0" in err
+    assert report("upload")[0] == 0
+    code, found, _ = report("start")
+    assert (code, found["armed"]) == (0, False)
+    assert [one["status"] for one in found["robots"]] == ["ready"] * 2
+    assert not any(vehicle.armed for vehicle in vehicles)
+    code, found, _ = report("watch", "--seconds", "3")
+    first = found["robots"][0]
+    assert (code, first["armed"], first["mode"], first["breaches"]) == (0, False, "manual", 0)
+    code, found, _ = report("start", "--arm", "--at", "+2", "--robots", "1")
+    assert (code, found["armed"], found["robots"][0]["status"]) == (0, True, "started")
+    assert [vehicle.armed for vehicle in vehicles] == [True, False]
+    code, found, _ = report("watch", "--robots", "1")
+    assert (code, found["robots"][0]["armed"], vehicles[0].armed) == (0, False, False)
 
 
 @pytest.mark.parametrize("at", ["25:00", "soon", "+-1", "12:60", ""])
