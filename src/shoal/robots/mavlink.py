@@ -329,6 +329,8 @@ class Station:
     ----------
     vehicles : dict of int to HeardVehicle
         The autopilots heard, by system id.
+    stopped : bool
+        Whether `listen` raises a `LinkError` from now on; another thread may set it.
     twice : dict of int to set
         System ids that several addresses use at the same time, with these addresses.
     """
@@ -342,6 +344,7 @@ class Station:
     ) -> None:
         self.link, self.limits = link, limits or LinkLimits()
         self.on_message = on_message
+        self.stopped = False
         self.dialect = dialect()
         self.vehicles: dict[int, HeardVehicle] = {}
         self.twice: dict[int, set[Address]] = {}
@@ -387,6 +390,8 @@ class Station:
 
     def listen(self, until: float) -> None:
         """Wait for bytes until a time at most, and take what has come. Send heartbeats."""
+        if self.stopped:
+            raise LinkError(f"{self.link.name}: interrupted")
         now = self.now()
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + self.limits.heartbeat

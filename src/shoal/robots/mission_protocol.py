@@ -178,13 +178,34 @@ def _of(kind: str) -> str:
     return {MISSION: "the mission", FENCE: "the fence", RALLY: "the rally points"}[kind]
 
 
+def _is_about(message: Any, kind: str) -> bool:
+    """Return whether a message is about items of a kind. A vehicle that knows of missions alone says
+    that something is unsupported as if it were the mission.
+    """
+    number = getattr(message, "mission_type", None)
+    return number == MISSION_TYPES[kind] or (
+        message.get_type() == "MISSION_ACK" and message.type == _UNSUPPORTED and number == 0
+    )
+
+
 def upload_items(
-    station: Station, vehicle: HeardVehicle, kind: str, items: Sequence[MissionItem]
+    station: Station,
+    vehicle: HeardVehicle,
+    kind: str,
+    items: Sequence[MissionItem],
+    *,
+    unanswered: int | None = None,
 ) -> None:
     """Send items, which replace what the vehicle has of this kind. Without items, clear it.
 
     The end of an upload is the vehicle's acknowledgement, or silence after the last item, because
     the acknowledgement may be lost.
+
+    Parameters
+    ----------
+    unanswered : int, optional
+        Number of repeats of one request after which a vehicle that is heard counts as not
+        answering; by default that of the station's limits.
 
     Raises
     ------
@@ -194,14 +215,14 @@ def upload_items(
         If the vehicle does not answer.
     """
     if not items:
-        clear_items(station, vehicle, kind)
+        clear_items(station, vehicle, kind, unanswered=unanswered)
         return
     if len(items) > _MOST:
         raise RefusedError(f"{_of(kind)}: expected at most {_MOST} items, got {len(items)}")
     number, make = MISSION_TYPES[kind], station.dialect
     address = vehicle.system, vehicle.component
     count = [make.MAVLink_mission_count_message(*address, len(items), number)]
-    repeats = _Repeats(station, vehicle, f"during the upload of {_of(kind)}", None)
+    repeats = _Repeats(station, vehicle, f"during the upload of {_of(kind)}", unanswered)
     asked: set[int] = set()
     asked_often: Counter[int] = Counter()
     refusals = out_of_order = 0
@@ -219,7 +240,7 @@ def upload_items(
                 repeats.send(*pending)
                 continue
             what = message.get_type()
-            if getattr(message, "mission_type", None) != number:
+            if not _is_about(message, kind):
                 continue
             if what in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                 if message.seq >= len(items):
@@ -271,7 +292,9 @@ def _item_messages(
     return messages
 
 
-def clear_items(station: Station, vehicle: HeardVehicle, kind: str) -> None:
+def clear_items(
+    station: Station, vehicle: HeardVehicle, kind: str, *, unanswered: int | None = None
+) -> None:
     """Remove all items of a kind from a vehicle.
 
     Raises
@@ -280,7 +303,7 @@ def clear_items(station: Station, vehicle: HeardVehicle, kind: str) -> None:
     """
     number, make = MISSION_TYPES[kind], station.dialect
     request = make.MAVLink_mission_clear_all_message(vehicle.system, vehicle.component, number)
-    repeats = _Repeats(station, vehicle, f"while {_of(kind)} should be cleared", None)
+    repeats = _Repeats(station, vehicle, f"while {_of(kind)} should be cleared", unanswered)
     refusals = 0
     repeats.send(request)
     while True:
@@ -288,7 +311,7 @@ def clear_items(station: Station, vehicle: HeardVehicle, kind: str) -> None:
         if message is None:
             repeats.expired()
             repeats.send(request)
-        elif message.get_type() == "MISSION_ACK" and message.mission_type == number:
+        elif message.get_type() == "MISSION_ACK" and _is_about(message, kind):
             if message.type == _ACCEPTED:
                 return
             refusals += 1
@@ -368,7 +391,7 @@ def _ask(
         if message is None:
             repeats.expired()
             repeats.send(*ask(repeats.count))
-        elif getattr(message, "mission_type", None) == MISSION_TYPES[kind]:
+        elif _is_about(message, kind):
             answer = take(message)
             if answer is not None:
                 repeats.measure()

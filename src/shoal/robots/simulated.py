@@ -77,6 +77,8 @@ class Quirks:
         Time in seconds by which acknowledgements are late.
     lacking : tuple of str
         What it does not have: "fence", "rally".
+    says_lacking : "as asked", "as mission" or "never"
+        How it says so: with the kind that was asked for, as if it were the mission, or not at all.
     refuses : mapping of str to int
         The MAV_MISSION_RESULT with which it refuses uploads of a kind.
     mixes : int
@@ -104,6 +106,7 @@ class Quirks:
     doubled_acks: bool = False
     late_acks: float = 0.0
     lacking: tuple[str, ...] = ()
+    says_lacking: str = "as asked"
     refuses: Mapping[str, int] | None = None
     mixes: int = 0
     spoils: tuple[tuple[str, int, str, float], ...] = ()
@@ -267,10 +270,10 @@ class SimulatedVehicle:
         """Return the kind of items a message is about; refuse one that the vehicle does not have."""
         kind = _KINDS.get(message.mission_type)
         if kind is None or kind in self.quirks.lacking:
-            answer = self._dialect.MAVLink_mission_ack_message(
-                *partner, _UNSUPPORTED, message.mission_type
-            )
-            self._send(answer)
+            number = message.mission_type if self.quirks.says_lacking == "as asked" else 0
+            answer = self._dialect.MAVLink_mission_ack_message(*partner, _UNSUPPORTED, number)
+            if self.quirks.says_lacking != "never":
+                self._send(answer)
             return None
         return kind
 

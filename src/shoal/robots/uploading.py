@@ -46,6 +46,8 @@ _FEW = 8  # unanswered repeats after which what was on board before stays unknow
 _SLICE = 0.02  # seconds for which one of several links is listened to
 _NAMES = {MISSION: "mission", FENCE: "fence", RALLY: "rally points"}
 
+_UNKNOWN = "what is on board is not known: upload again before any flight"
+
 EQUAL, DIFFERENT, REFUSED = "equal", "different", "refused"
 FAILED, UNSUPPORTED, PLANNED = "failed", "unsupported", "dry-run"
 
@@ -283,14 +285,23 @@ def upload_missions(
         for robot in clear:
             if found[robot][0] is station:
                 on_event(f"robot {robot}: upload to system {deliveries[robot].system}")
-                deliver(station, found[robot][1], cargos[robot], deliveries[robot])
+                try:
+                    deliver(station, found[robot][1], cargos[robot], deliveries[robot])
+                except BaseException:
+                    on_event(f"robot {robot}: interrupted: {_UNKNOWN}")
+                    raise
 
     busy = [one for one in heard_by if any(found[robot][0] is one for robot in clear)]
     if len(busy) == 1:
         serve(busy[0])
     elif busy:
         with ThreadPoolExecutor(len(busy)) as pool:
-            list(pool.map(serve, busy))
+            try:
+                list(pool.map(serve, busy))
+            except BaseException:
+                for station in busy:
+                    station.stopped = True
+                raise
     return list(deliveries.values())
 
 
@@ -309,12 +320,19 @@ def deliver(station: Station, vehicle: HeardVehicle, cargo: Cargo, delivery: Del
     try:
         for _ in range(station.limits.attempts):
             for kind in left:
+                known = before[kind] is not None or before[MISSION] is None
                 try:
-                    upload_items(station, vehicle, kind, items[kind])
+                    upload_items(
+                        station, vehicle, kind, items[kind], unanswered=None if known else _FEW
+                    )
                 except RefusedError as error:
                     if kind == MISSION or not error.unsupported:
                         raise
                     lacking[kind] = str(error)
+                except UnansweredError as error:
+                    if known or kind == MISSION or error.silent:
+                        raise
+                    lacking[kind] = str(error)  # it answers about its mission alone
             left = [kind for kind in left if kind not in lacking]
             for kind in left:
                 found = download_items(station, vehicle, kind)
@@ -330,11 +348,7 @@ def deliver(station: Station, vehicle: HeardVehicle, cargo: Cargo, delivery: Del
     if fault is None and not left:
         return
     lost = isinstance(fault, UnansweredError) and (fault.silent or before[MISSION] is None)
-    delivery.faults.append(
-        "what is on board is not known: upload again before any flight"
-        if lost
-        else _put_back(station, vehicle, before, lacking)
-    )
+    delivery.faults.append(_UNKNOWN if lost else _put_back(station, vehicle, before, lacking))
 
 
 def _read_before(
@@ -440,4 +454,4 @@ def _put_back_kind(
             continue
         if not compare_items(kind, wanted, found, autopilot=vehicle.autopilot).different:
             return outcome
-    return "on board not known: upload again before any flight"
+    return _UNKNOWN

@@ -171,8 +171,9 @@ def test_a_vehicle_that_stores_nothing_right_ends_empty_and_says_so(folder):
 
 
 @pytest.mark.parametrize("lacking", [("fence",), ("rally",), ("fence", "rally")])
-def test_a_vehicle_without_fence_or_rally_points_is_told(folder, lacking):
-    vehicles = two("ardupilot", lacking=lacking)
+@pytest.mark.parametrize("says", ["as asked", "as mission", "never"])
+def test_a_vehicle_without_fence_or_rally_points_is_told(folder, lacking, says):
+    vehicles = two("ardupilot", lacking=lacking, says_lacking=says)
     made, _ = uploaded(folder, *vehicles)
     assert made[1].status == "unsupported"
     assert made[1].different == sum({"fence": 7, "rally": 1}[kind] for kind in lacking)
