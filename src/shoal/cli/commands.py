@@ -42,6 +42,7 @@ COMMANDS = {
     "missions upload": _Entry("search.robots", "upload", "UPLOAD_EXAMPLE"),
     "missions start": _Entry("search.robots", "start", "START_EXAMPLE"),
     "missions watch": _Entry("search.robots", "watch", "WATCH_EXAMPLE"),
+    "missions flown": _Entry("search.robots", "flown", "FLOWN_EXAMPLE"),
     "sweep run": _Entry("sweep", "run", "RUN_EXAMPLE"),
     "sweep status": _Entry("sweep", "status", "STATUS_EXAMPLE"),
     "sweep summary": _Entry("sweep", "summary", "SUMMARY_EXAMPLE"),

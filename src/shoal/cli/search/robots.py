@@ -1,4 +1,4 @@
-"""shoal missions upload, start and watch: missions on board of vehicles that speak MAVLink."""
+"""shoal missions upload, start, watch and flown: missions on vehicles that speak MAVLink."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli.options import Json
-from shoal.cli.output import print_columns, print_json, say
+from shoal.cli.output import check_folder, print_columns, print_json, print_table, say
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
 
 if TYPE_CHECKING:
+    from shoal.missions.options import CheckOptions
     from shoal.robots.onboard import Cargo, Seat
     from shoal.robots.starting import Launch
     from shoal.robots.uploading import Delivery
@@ -30,6 +31,11 @@ START_EXAMPLE = (
 )
 WATCH_EXAMPLE = (
     "Example: shoal missions watch missions --connect udpin:0.0.0.0:14550 --systems 1=1,2=2"
+)
+
+FLOWN_EXAMPLE = (
+    "Example: shoal missions flown missions 1=first.bin 2=second.ulg --region field.json"
+    " --footprint 20 --out flown"
 )
 
 Folder = Annotated[
@@ -337,3 +343,212 @@ def _seconds_until(text: str) -> Callable[[], float]:
         return (moment - datetime.now()).total_seconds()
 
     return left
+
+
+_OF_CHECK = ("region", "footprint", "vehicle", "angle", "margin", "no_go", "separation", "least")
+
+
+def flown(
+    folder: Folder,
+    logs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LOG...",
+            help=(
+                "Flight logs: .tlog (MAVLink), .bin (ArduPilot) or .ulg (PX4), as FILE or"
+                " ROBOT=FILE."
+            ),
+        ),
+    ],
+    systems: Annotated[
+        str | None,
+        typer.Option(
+            "--systems",
+            metavar="ROBOT=SYSTEM,...",
+            help="MAVLink system id of each robot's vehicle, for a .tlog with several vehicles.",
+        ),
+    ] = None,
+    sortie: Sortie = 1,
+    region: Annotated[
+        str | None,
+        typer.Option(
+            "--region",
+            metavar="REGION",
+            help="Region that was searched. Without it, the seen area is not measured.",
+        ),
+    ] = None,
+    footprint: Annotated[
+        str | None,
+        typer.Option(
+            "--footprint",
+            metavar="METRES",
+            help="Side of the square that a robot sees, or one side for each robot.",
+        ),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            "--vehicle", metavar="VEHICLE", help="Vehicle whose camera or detector gives the view."
+        ),
+    ] = None,
+    angle: Annotated[
+        str | None,
+        typer.Option(
+            "--angle",
+            metavar="DEGREES",
+            help=(
+                "Angle of the footprints. Default: the angle for which the missions were planned."
+            ),
+        ),
+    ] = None,
+    margin: Annotated[
+        str | None,
+        typer.Option(
+            "--margin", metavar="METRES", help="Distance that paths keep from the border."
+        ),
+    ] = None,
+    no_go: Annotated[
+        list[str] | None,
+        typer.Option("--no-go", metavar="FILE", help="No-go zones, beside those of the region."),
+    ] = None,
+    separation: Annotated[
+        str | None,
+        typer.Option(
+            "--separation",
+            metavar="METRES,METRES",
+            help="Horizontal and vertical separation that vehicles had to keep.",
+        ),
+    ] = None,
+    least: Annotated[
+        str | None,
+        typer.Option(
+            "--least",
+            help="Minimum share of the region that the vehicles must have seen. Default: 0.999.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FOLDER",
+            help="Folder for flown.json and, if some of the region was not seen, rest.geojson.",
+        ),
+    ] = None,
+    json_: Json = False,
+) -> None:
+    """Compare flight logs with their missions: what was flown and seen, and what is left.
+
+    A vehicle sees while it follows the search of its mission. With --out, the rest of the region
+    becomes the file rest.geojson, a region for a new search (with --transit, if it has several
+    parts). The exit code is 1 if less than --least of the region was seen, or if vehicles came
+    nearer to each other than --separation.
+    """
+    from shoal.core.files import write_json
+    from shoal.missions.files import open_sheets
+    from shoal.robots.flight_logs import read_tracks
+    from shoal.robots.flown import assign_tracks, check_flown
+    from shoal.robots.onboard import read_cargos, read_seats
+
+    if out is not None:
+        check_folder(out)
+    given = dict(
+        zip(
+            _OF_CHECK,
+            (region, footprint, vehicle, angle, margin, no_go, separation, least),
+            strict=True,
+        )
+    )
+    options = _check_options({name: text for name, text in given.items() if text})
+    missions = {robot: one.mission for robot, one in read_cargos(folder, sortie=sortie).items()}
+    seats = {} if systems is None else read_seats(systems)
+    found = []
+    for text in logs:
+        named = re.fullmatch("([1-9][0-9]{0,5})=(.+)", text, re.DOTALL)
+        tracks = read_tracks(text if named is None else named[2])
+        found.append((None if named is None else int(named[1]), tracks))
+    pairs = assign_tracks(missions, found, {seat.system: robot for robot, seat in seats.items()})
+    angles = [sheet.footprint_angle for sheet in open_sheets(folder)]
+    result = check_flown(pairs, options, angle=angles[0])
+    report, written = result.report(), []
+    if out is not None:
+        written.append(out / "flown.json")
+        write_json(written[0], report)
+        rest = out / "rest.geojson"
+        if result.write_rest(rest):
+            written.append(rest)
+    for note in result.notes:
+        say(f"shoal: {note}")
+    if json_:
+        print_json(report)
+    else:
+        print_table(_flown_rows(report), title="flown", written=written)
+    faults = _flown_faults(report, options)
+    if faults:
+        say(f"shoal: {' and '.join(faults)}")
+        raise typer.Exit(1)
+
+
+def _check_options(given: dict[str, Any]) -> CheckOptions | None:
+    """Return the options of a check from their texts, or None without a region."""
+    from shoal.cli.options import parsed
+    from shoal.missions.options import CheckOptions
+
+    if "region" not in given:
+        for name, text in given.items():
+            raise InvalidInputError(
+                f"{name.replace('_', '-')}: expected --region together with it, got {text!r} alone"
+            )
+        return None
+    known = CheckOptions.declarations()
+    return CheckOptions(**{name: parsed(known[name], text) for name, text in given.items()})
+
+
+def _flown_faults(report: dict[str, Any], options: CheckOptions | None) -> list[str]:
+    faults = []
+    seen, near = report["covered_fraction"], report["nearest_approach"]
+    if options is not None and seen is not None and seen < options.least:
+        faults.append(
+            f"{100 * seen:.5g} % of the region was seen, less than {100 * options.least:g} %"
+        )
+    apart = None if options is None else options.kept_apart
+    if near is not None and apart is not None and near["horizontal_m"] < apart.horizontal:
+        one, other = near["robots"]
+        faults.append(f"robots {one} and {other} came within {near['horizontal_m']:.3g} m")
+    return faults
+
+
+def _flown_rows(report: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of the summary of what was flown."""
+    rows = [
+        (
+            f"robot {one['robot']}",
+            (
+                f"{one['duration_s'] / 60:.1f} min and {one['length_m']:.0f} m of"
+                f" {one['planned_length_m']:.0f} m; {one['searched_m']:.0f} m of"
+                f" {one['planned_search_m']:.0f} m of its search, at most"
+                f" {one['farthest_m']:.1f} m beside it"
+            ),
+        )
+        for one in report["robots"]
+    ]
+    if report["covered_fraction"] is not None:
+        rows.append(("seen", f"{100 * report['covered_fraction']:.6g} % of {report['region']}"))
+        rows.append(
+            (
+                "not seen",
+                f"{report['uncovered_m2']:.4g} m², of which {report['rest_m2']:.4g} m² are the rest",
+            )
+        )
+    near = report["nearest_approach"]
+    if near is not None:
+        rows.append(
+            (
+                "nearest",
+                (
+                    f"{near['horizontal_m']:.3g} m, and {near['vertical_m']:.3g} m in height:"
+                    f" robots {near['robots'][0]} and {near['robots'][1]} after"
+                    f" {near['time_s']:.0f} s"
+                ),
+            )
+        )
+    return rows
