@@ -56,7 +56,7 @@ COMMANDS = {
     "demo": _Entry("demo", "demo"),
 }
 GROUPS = {
-    "missions": "Check mission files, bring them on board of vehicles, and start and watch them.",
+    "missions": "Check mission files, bring them on board of vehicles, start them, and read flight logs.",
     "sweep": (
         "Run sweeps of trials that can be continued after any interruption, and examine their"
         " results."

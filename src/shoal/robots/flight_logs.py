@@ -7,7 +7,8 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from shoal.robots.mavlink import NO_AUTOPILOT, dialect
 
 LARGEST_LOG = 2**32  # bytes
 _SINCE_1970 = 1e9  # seconds: a smaller time is one since the vehicle was switched on
+_DATAFLASH = b"\xa3\x95\x80"  # a message that describes messages
 _MAVLINK_1, _MAVLINK_2, _SIGNED = 0xFE, 0xFD, 1
 
 
@@ -101,16 +103,9 @@ def _track(file: str, system: int | None, rows: list[Row]) -> Track:
 
 def _read_tlog(path: Path) -> dict[int | None, list[Row]]:
     """Read a log of a ground station: packets of MAVLink, each after its time in microseconds."""
-    make = dialect()
-    parser = make.MAVLink(None)
-    data = path.read_bytes()
     rows: dict[int | None, list[Row]] = {}
     vehicles: set[tuple[int, int]] = set()
-    for stamp, packet in _packets(data):
-        try:
-            message = parser.decode(bytearray(packet))
-        except make.MAVError:
-            continue
+    for stamp, message in _messages(path.read_bytes()):
         source = message.get_srcSystem(), message.get_srcComponent()
         if message.get_type() == "HEARTBEAT" and message.autopilot != NO_AUTOPILOT:
             vehicles.add(source)
@@ -122,20 +117,28 @@ def _read_tlog(path: Path) -> dict[int | None, list[Row]]:
     return {system: found for system, found in rows.items() if system in known or not known}
 
 
-def _packets(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the packets of a log with their times. Skip bytes that begin no packet."""
+def _messages(data: bytes) -> Iterator[tuple[int, Any]]:
+    """Yield the messages of a log with their times. Skip bytes where no whole message begins."""
+    make = dialect()
+    parser = make.MAVLink(None)
     place = 0
-    while place + 17 <= len(data):
+    while place + 16 <= len(data):
         magic, size = data[place + 8], data[place + 9]
+        length = 0
         if magic == _MAVLINK_2:
             length = size + 12 + 13 * (data[place + 10] & _SIGNED)
         elif magic == _MAVLINK_1:
             length = size + 8
-        else:
+        packet = data[place + 8 : place + 8 + length]
+        try:
+            message = parser.decode(bytearray(packet)) if length and len(packet) == length else None
+        except make.MAVError:
+            message = None  # a wrong checksum, or a message that nobody knows
+        if message is None:
             place += 1
             continue
         (stamp,) = struct.unpack_from(">Q", data, place)
-        yield stamp, data[place + 8 : place + 8 + length]
+        yield stamp, message
         place += 8 + length
 
 
@@ -159,20 +162,26 @@ def _read_dataflash(path: Path) -> dict[int | None, list[Row]]:
         reader = import_extra(
             "pymavlink.DFReader", "logs of ArduPilot need pymavlink", extra="mavlink"
         )
-        try:
-            log = reader.DFReader_binary(str(path))
-        except Exception as error:
-            raise InvalidInputError(
-                f"{path}: expected a log of ArduPilot, got the error: {error or type(error).__name__}"
-            ) from None
+    with open(path, "rb") as file:
+        head = file.read(len(_DATAFLASH))
+    if head != _DATAFLASH:  # the reader would leave the file open
+        raise InvalidInputError(
+            f"{path}: expected a log of ArduPilot, which begins with {_DATAFLASH.hex()}, got"
+            f" {head.hex()}"
+        )
     estimated: list[Row] = []
     received: list[Row] = []
-    while (message := log.recv_match(type=["POS", "GPS"])) is not None:
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # it prints what it skips
+        log = reader.DFReader_binary(str(path))
+        messages = list(iter(lambda: log.recv_match(type=["POS", "GPS"]), None))
+    for message in messages:
         place = message._timestamp, message.Lng, message.Lat
         if message.get_type() == "POS":
             estimated.append((*place, message.RelHomeAlt))
         elif message.Status >= 3:
             received.append((*place, message.Alt))
+    log.data_map.close()
+    log.filehandle.close()
     if estimated:
         return {None: estimated}
     ground = received[0][3] if received else 0.0
@@ -184,11 +193,11 @@ def _read_ulog(path: Path) -> dict[int | None, list[Row]]:
     module = import_extra("pyulog", "logs of PX4 need pyulog", extra="mavlink")
     names = ["vehicle_global_position", "vehicle_gps_position", "sensor_gps", "home_position"]
     try:
-        log = module.ULog(str(path), names)
+        with open(path, "rb") as file, redirect_stdout(StringIO()):
+            log = module.ULog(file, names)
     except Exception as error:
-        raise InvalidInputError(
-            f"{path}: expected a log of PX4, got the error: {error or type(error).__name__}"
-        ) from None
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInputError(f"{path}: expected a log of PX4, got the error: {said}") from None
     topics: dict[str, Any] = {}
     for one in log.data_list:
         topics.setdefault(one.name, one.data)

@@ -248,6 +248,7 @@ def _follow(
     progress: float | None = None
     reached_at = 0.0
     searched = farthest = 0.0
+    nearest = np.inf  # to the end
     stretches: list[list[Floats]] = []
     before: float | None = None  # time of the last position that followed the path
     for point, now in zip(points, times.tolist(), strict=True):
@@ -264,14 +265,17 @@ def _follow(
             continue
         at = max(0.0, progress - side) + (float(window.project(here)) if total else 0.0)
         progress = max(at, progress)
+        if total - progress < _END:
+            left = float(np.hypot(*(point - path[-1])))
+            if left > nearest:
+                break  # the search is over: what follows is the way home
+            nearest = left
         reached_at = now
         searched, farthest = max(searched, progress), max(farthest, distance)
         if before is None or now - before > _GAP:
             stretches.append([])
         stretches[-1].append(point)
         before = now
-        if total - progress < _END:
-            break  # the search is over: what follows is the way home
     parts = [np.array(part) for part in stretches]
     return (
         [merge_straight_legs(part, _STRAIGHT) if len(part) > 2 else part for part in parts],

@@ -10,12 +10,13 @@ from __future__ import annotations
 import re
 import select
 import socket
+import struct
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import field
-from typing import Any, Protocol, Self
+from typing import IO, Any, Protocol, Self
 
 from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
@@ -329,6 +330,8 @@ class Station:
     ----------
     vehicles : dict of int to HeardVehicle
         The autopilots heard, by system id.
+    log : binary file or None
+        Where each message of a vehicle is written as in a ``.tlog``, with the time of day.
     stopped : bool
         Whether `listen` raises a `LinkError` from now on; another thread may set it.
     twice : dict of int to set
@@ -345,6 +348,7 @@ class Station:
         self.link, self.limits = link, limits or LinkLimits()
         self.on_message = on_message
         self.stopped = False
+        self.log: IO[bytes] | None = None
         self.dialect = dialect()
         self.vehicles: dict[int, HeardVehicle] = {}
         self.twice: dict[int, set[Address]] = {}
@@ -439,6 +443,9 @@ class Station:
             text = message.text.strip("\0 ")
             if text not in vehicle.texts:
                 vehicle.texts.append(text)
+        if self.log is not None:
+            microseconds = time.time_ns() // 1000
+            self.log.write(struct.pack(">Q", microseconds) + bytes(message.get_msgbuf()))
         if self.on_message is not None:
             self.on_message(vehicle, message)
         self._inbox.append((vehicle, message))

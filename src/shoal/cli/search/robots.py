@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -236,6 +237,14 @@ def watch(
     every: Annotated[
         float, typer.Option("--every", help="Seconds between two reports.", show_default=True)
     ] = 5.0,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            "--log",
+            metavar="FILE.tlog",
+            help="New flight log of all vehicles, for shoal missions flown and other programs.",
+        ),
+    ] = None,
     json_: Json = False,
 ) -> None:
     """Watch vehicles fly their missions: mode, progress, battery and breaches of the fence.
@@ -252,7 +261,15 @@ def watch(
     if seconds is not None:
         check_number(seconds, what="seconds", above=0)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with patient(), stations(links) as heard_by:
+    if log is not None and (log.suffix.lower() != ".tlog" or log.exists()):
+        raise InvalidInputError(f"log: expected a new file with the suffix .tlog, got {log}")
+    with (
+        patient(),
+        stations(links) as heard_by,
+        nullcontext() if log is None else open(log, "xb") as file,
+    ):
+        for station in heard_by:
+            station.log = file
         fleet = Fleet(pairs, heard_by)
 
         def tell(launches: list[Launch]) -> None:
