@@ -203,7 +203,8 @@ def test_flights_along_their_missions_have_seen_all(field, tmp_path, capsys):
     log = write_tlog(
         tmp_path / "all.tlog", {4: flight(field, 1), 9: flight(field, 2, begin=BEGIN + 7)}
     )
-    code, found, err = flown(capsys, field, log, "--systems", "1=4,2=9", "--out", tmp_path / "out")
+    about = ["--out", tmp_path / "out", "--margin", "0.5", "--angle", "0", "--separation", "1,2"]
+    code, found, err = flown(capsys, field, log, "--systems", "1=4,2=9", *about)
     assert code == 0, err
     assert found["covered_fraction"] > 0.9995
     assert not (tmp_path / "out" / "rest.geojson").exists()

@@ -219,7 +219,7 @@ def start(
     if json_:
         print_json({"armed": bool(arm and ready), "robots": [one.report() for one in launches]})
     else:
-        _print_launches(launches, "starts")
+        _print_launches(launches)
     if wrong:
         raise typer.Exit(1)
 
@@ -297,7 +297,11 @@ def watch(
             }
         )
     else:
-        _print_launches(launches, "vehicles")
+        print_table(
+            [(f"robot {one.robot}", telemetry_text(one)) for one in launches],
+            title="vehicles",
+            written=[] if log is None else [log],
+        )
     if lost or breached:
         raise typer.Exit(1)
 
@@ -317,7 +321,7 @@ def telemetry_text(launch: Launch) -> str:
 _SILENT = 3.0  # seconds
 
 
-def _print_launches(launches: list[Launch], title: str) -> None:
+def _print_launches(launches: list[Launch]) -> None:
     print_columns(
         ["robot", "system"],
         ["start", "status", "vehicle"],
@@ -325,7 +329,7 @@ def _print_launches(launches: list[Launch], title: str) -> None:
             [str(one.robot), str(one.system), f"{one.start:g} s", one.status, telemetry_text(one)]
             for one in launches
         ],
-        title=title,
+        title="starts",
     )
 
 
@@ -409,7 +413,7 @@ def flown(
         ),
     ] = None,
     angle: Annotated[
-        str | None,
+        float | None,
         typer.Option(
             "--angle",
             metavar="DEGREES",
@@ -419,7 +423,7 @@ def flown(
         ),
     ] = None,
     margin: Annotated[
-        str | None,
+        float | None,
         typer.Option(
             "--margin", metavar="METRES", help="Distance that paths keep from the border."
         ),
@@ -437,7 +441,7 @@ def flown(
         ),
     ] = None,
     least: Annotated[
-        str | None,
+        float | None,
         typer.Option(
             "--least",
             help="Minimum share of the region that the vehicles must have seen. Default: 0.999.",
@@ -475,7 +479,9 @@ def flown(
             strict=True,
         )
     )
-    options = _check_options({name: text for name, text in given.items() if text})
+    options = _check_options(
+        {name: value for name, value in given.items() if value not in (None, [])}
+    )
     missions = {robot: one.mission for robot, one in read_cargos(folder, sortie=sortie).items()}
     seats = {} if systems is None else read_seats(systems)
     found = []
@@ -506,18 +512,18 @@ def flown(
 
 
 def _check_options(given: dict[str, Any]) -> CheckOptions | None:
-    """Return the options of a check from their texts, or None without a region."""
+    """Return the options of a check from what was given, or None without a region."""
     from shoal.cli.options import parsed
     from shoal.missions.options import CheckOptions
 
     if "region" not in given:
-        for name, text in given.items():
+        for name, value in given.items():
             raise InvalidInputError(
-                f"{name.replace('_', '-')}: expected --region together with it, got {text!r} alone"
+                f"{name.replace('_', '-')}: expected --region together with it, got {value!r} alone"
             )
         return None
     known = CheckOptions.declarations()
-    return CheckOptions(**{name: parsed(known[name], text) for name, text in given.items()})
+    return CheckOptions(**{name: parsed(known[name], value) for name, value in given.items()})
 
 
 def _flown_faults(report: dict[str, Any], options: CheckOptions | None) -> list[str]:
