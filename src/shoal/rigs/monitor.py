@@ -36,9 +36,14 @@ INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 PLAUSIBLE = 7.0  # log-likelihood ratio up to which a cell may still hold a particle at rest
 FEW = 30  # observations from which on a rate is judged
 LEAST = 8  # observations of other particles from which on they say how many stay
+MISSES, SURPLUS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.01, 0.1, 0.3, 1.0, 3.0)  # tried rates
+FEW_GHOSTS = 5  # detections without a particle up to which scans may show no ghosts
 WINDOW = 30  # scans that suggest a number of particles at the start and at the end
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
 RECENT = 100  # particles with a free cell ahead whose motion is remembered
+LEAPS = (
+    0.3  # share of motions that lead two cells far, up to which particles may do so by themselves
+)
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,9 @@ class NoiseMonitor:
         # of single particles: not seen; seen to stay although the cell ahead is free; seen beside
         # their line; seen to move by two cells
         self.missed, self.stayed, self.aside, self.leapt = Tally(), Tally(), Tally(), Tally()
+        # detections where neither the belief before nor the scan after shows a particle
+        self.ghosts, self._expected = 0, np.zeros(0)
+        self._leaps_by_command: list[tuple[int, int]] = []  # and motions, where there are any
         # by the axis of the command and the axis of the motion; positive along the command
         self.advance = np.zeros((self.ndim, self.ndim))
         self.variance = np.zeros((self.ndim, self.ndim))
@@ -174,6 +182,8 @@ class NoiseMonitor:
             if other == axis:
                 self._surplus[command][0] += surplus
                 self._surplus[command][1] += variance
+        self._count_ghosts(before, after)
+        self._expected = inside.copy()
         within = ((before >= 0) & (before < self.shape)).all(axis=1)
         cells = before[within & (inside[tuple((before + 3).T)] > SURE)]
         if len(cells):
@@ -185,6 +195,25 @@ class NoiseMonitor:
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         flat: NDArray[np.int64] = (cells + 4) @ self._strides
         return flat
+
+    def _count_ghosts(self, cells: NDArray[np.int64], after: NDArray[np.int64]) -> None:
+        """Count the detections of a scan that nobody expected, and that the scan after does not
+        confirm.
+        """
+        from scipy.spatial import KDTree
+
+        if self._expected.size:
+            boxes = np.lib.stride_tricks.sliding_window_view(
+                self._expected, (2 * NEAR + 1,) * self.ndim
+            )
+            inner = cells[((cells >= 0) & (cells < self.shape)).all(axis=1)]
+            beside = tuple(range(1, 1 + self.ndim))
+            around = boxes[tuple((inner + 3 - NEAR).T)].sum(axis=beside)
+            alone = inner[around < EMPTY]
+            if len(after) and len(alone):
+                near = KDTree(after).query(alone, p=np.inf)[0] <= NEAR
+                alone = alone[~near]
+            self.ghosts += len(alone)
 
     def _see_motion(
         self,
@@ -206,6 +235,8 @@ class NoiseMonitor:
         far = np.isin(self._flat(cells + 2 * ahead), second)
         leapt = far[able & (there ^ far) & ~np.isin(self._flat(cells), second)]
         self.leapt.add(int(leapt.sum()), len(leapt))
+        if len(leapt):
+            self._leaps_by_command.append((int(leapt.sum()), len(leapt)))
         able &= free[tuple((cells + ahead + 1).T)]
         there, here = there[able], np.isin(self._flat(cells[able]), second)
         stayed = here[here ^ there]
@@ -353,11 +384,9 @@ class NoiseMonitor:
                 ),
             ),
             "miss": (self.missed, lambda seen: seen),
-            # a particle is seen aside if either of the two scans misplaced it to one of the sides
-            "misplace": (
-                self.aside,
-                lambda seen: (1 - sqrt(max(0.0, 1 - seen))) * self.ndim / (self.ndim - 1),
-            ),
+            # the belief knows where the particle was: it is seen aside if the second scan misplaced
+            # it to one of the sides
+            "misplace": (self.aside, lambda seen: seen * self.ndim / (self.ndim - 1)),
         }
         rates = {}
         for name, (tally, undo) in counted.items():
@@ -382,10 +411,47 @@ class NoiseMonitor:
         return tail(leaps, self.leapt.trials, misplace / self.ndim + 1e-3) if leaps > 1 else 1.0
 
     @property
+    def leaps_together(self) -> float:
+        """Logarithm of the ratio of two probabilities of the motions by two cells: if a share of
+        the commands is carried out twice, and if particles leap one by one.
+
+        Near a strong coil, a particle that stands in the front of its cell may be pulled over two
+        borders: at the same command, some particles leap and others do not. If a command is carried
+        out twice, all particles leap that have room. With k_t leaps among n_t motions at command t,
+        the binomial probabilities B(k, n, p), and the probability e that a scan misplaces a particle
+        along its line, the first probability is the product over t of
+        (1 - s) B(k_t, n_t, e) + s B(k_t, n_t, q), and the second one that of B(k_t, n_t, p), each
+        averaged over its parameters s, q and e, or p.
+        """
+        from scipy.special import betaln
+
+        counted = np.array(self._leaps_by_command, dtype=np.float64).reshape(-1, 2)
+        leaps, stays = counted[:, 0], counted[:, 1] - counted[:, 0]
+
+        def likelihoods(chances: list[float]) -> list[NDArray[np.float64]]:
+            return [leaps * log(chance) + stays * log(1 - chance) for chance in chances]
+
+        wrong = self.noise.misplace / self.ndim + 1e-3
+        together = [
+            float(np.logaddexp(log(1 - share) + once, log(share) + twice).sum())
+            for once in likelihoods([wrong, wrong / 10])
+            for twice in likelihoods([0.5, 0.75, 0.95])  # walls hold the other particles
+            for share in SHARES
+        ]
+        events, others = float(leaps.sum()), float(stays.sum())
+        alone = float(betaln(events + 0.5, others + 0.5) - betaln(0.5, 0.5))
+        return float(np.logaddexp.reduce(together)) - log(len(together)) - alone
+
+    @property
+    def leap_alone(self) -> bool:
+        """Whether the scans show that particles leap by themselves, and not with the command."""
+        return self.leaps_together < log(DEMONSTRATED)
+
+    @property
     def _leaps(self) -> str:
         return (
             f"{self.leapt.events} of {count_text(self.leapt.trials, 'particle')} that moved alone moved by two cells:"
-            " commands are carried out twice"
+            " commands are carried out twice, or move particles too far"
         )
 
     def contradiction(self, move: int) -> Alarm | None:
@@ -422,7 +488,10 @@ class NoiseMonitor:
                     " explain: this direction of the magnets does nothing"
                 )
                 return Alarm("still", move, f"move {move}: {text}")
-        if self._leaping < CRITICAL:
+        if self._leaping < CRITICAL and (
+            self.leaps_together > -log(DEMONSTRATED)
+            or tail(self.leapt.events, self.leapt.trials, LEAPS) < CRITICAL
+        ):
             return Alarm("twice", move, f"move {move}: {self._leaps}")
         # as long as nothing moves along the commands, the scans are exchangeable, and motion to the
         # sides shows as well
@@ -449,6 +518,8 @@ class NoiseMonitor:
                     " not hold"
                 )
                 alarms.append(Alarm("rates", move, text))
+        if self._leaping < CRITICAL and not self.leap_alone:
+            alarms.append(Alarm("twice", move, self._leaps))
         trials = max(1, self.aside.trials)
         axis = int(np.argmax(np.abs(self.drift)))
         if (
@@ -465,7 +536,7 @@ class NoiseMonitor:
 
 
 def find_change(
-    likelihoods: dict[int, NDArray[np.float64]], counts: NDArray[np.int64]
+    likelihoods: dict[int, NDArray[np.float64]], counts: NDArray[np.int64], *, ghosts: bool = False
 ) -> tuple[int, int, float] | None:
     """Return the number of particles at the start and now, and the evidence, or None if the scans
     do not show that the number has changed.
@@ -482,7 +553,9 @@ def find_change(
     likelihoods : dict of int to ndarray of float64, shape (scans - 1,)
         The logarithm of L_n for each number n that comes into question, without the first scan.
     counts : ndarray of int64, shape (scans,)
-        The number of cells that each scan shows. No scan shows more cells than particles.
+        The number of cells that each scan shows.
+    ghosts : bool
+        Whether a scan may show more cells than there are particles.
 
     Examples
     --------
@@ -495,7 +568,9 @@ def find_change(
     """
     limit, best, change = log(DECISIVE), -log(CHANGED), None
     possible = {
-        number: np.where(counts[1:] > number, IMPOSSIBLE, np.maximum(of_number, IMPOSSIBLE))
+        number: np.where(
+            (counts[1:] > number) & (not ghosts), IMPOSSIBLE, np.maximum(of_number, IMPOSSIBLE)
+        )
         for number, of_number in likelihoods.items()
     }
     for last, of_last in possible.items():
@@ -527,6 +602,50 @@ def numbers_in_question(counts: NDArray[np.int64], miss: float) -> list[int]:
         for part in (counts, counts[:WINDOW], counts[-WINDOW:])
     )
     return sorted({max(0, number) for number in (mean - 1, mean, mean + 1, first, last)})
+
+
+def weigh_counts(counts: NDArray[np.int64]) -> dict[int, NDArray[np.float64]]:
+    """Return the log-likelihood of the number of detections in each scan after the first, for each
+    number of particles that comes into question, if a scan shows each particle by itself, also
+    where several are in one cell.
+
+    Of n particles, a scan shows each one with the probability 1 - m, and besides a number of ghosts
+    from a Poisson distribution with the mean g. The values m and g of `MISSES` and `SURPLUS` are
+    those that explain the scans best with a constant number of particles.
+
+    Examples
+    --------
+    >>> {n: round(float(of.sum())) for n, of in weigh_counts(np.array([5, 5, 5, 4, 5, 5])).items()}
+    {2: -20, 3: -13, 4: -7, 5: -3, 6: -7}
+    """
+    from scipy.special import gammaln, xlogy
+
+    least, most = int(np.quantile(counts, 0.05)) - 2, int(np.quantile(counts, 0.95)) + 2
+    best: dict[int, NDArray[np.float64]] = {}
+    seen = np.arange(counts.max() + 1)
+    for miss in MISSES:
+        for surplus in SURPLUS:
+            ghosts = xlogy(seen, surplus) - surplus - gammaln(seen + 1)
+            of_numbers = {}
+            for number in range(max(0, least), most):
+                shown = np.full(len(seen), -np.inf)
+                k = seen[: number + 1]
+                shown[k] = (
+                    gammaln(number + 1)
+                    - gammaln(k + 1)
+                    - gammaln(number - k + 1)
+                    + xlogy(k, 1 - miss)
+                    + xlogy(number - k, miss)
+                )
+                both = [np.logaddexp.reduce(shown[: c + 1] + ghosts[c::-1]) for c in seen]
+                of_numbers[number] = np.array(both)[counts[1:]]
+            if not best or _best_sum(of_numbers) > _best_sum(best):
+                best = of_numbers
+    return best
+
+
+def _best_sum(likelihoods: dict[int, NDArray[np.float64]]) -> float:
+    return max(float(np.maximum(of, IMPOSSIBLE).sum()) for of in likelihoods.values())
 
 
 def with_number(chances: NDArray[np.float64], number: int) -> None:
@@ -635,7 +754,8 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
 def change_text(first: int, last: int) -> str:
     """Return what a change of the number of particles means, for people."""
     why = (
-        "scans stopped showing a particle, for longer than the miss rate explains"
+        "scans stopped showing a particle, for longer than the miss rate explains, or particles share"
+        " cells"
         if first > last
         else "scans show more particles than at the start"
     )

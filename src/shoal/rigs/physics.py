@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 from collections import deque
 from math import ceil, exp, radians
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.random import Generator
@@ -310,6 +310,7 @@ class Plant:
     ) -> None:
         try:
             import pymunk
+            import pymunk.batch
         except ImportError:
             raise MissingExtraError(
                 "a physical plant needs pymunk: pip install 'shoal[physics]'"
@@ -342,7 +343,6 @@ class Plant:
             wall = pymunk.Segment(ground, a, b, 0.0)
             wall.friction = apparatus.friction / between
             self._space.add(wall)
-        self._bodies = []
         for point in start:
             body = pymunk.Body(1.0, float("inf"))  # particles do not roll along walls
             body.position = (float(point[0]), float(point[1]))
@@ -350,7 +350,10 @@ class Plant:
             disk = pymunk.Circle(body, apparatus.radius)
             disk.friction = between
             self._space.add(body, disk)
-            self._bodies.append(body)
+        # all bodies at once: those that move, in the order in which they were added, and the walls'
+        self._exchange, self._batch = pymunk.batch, pymunk.batch.Buffer()
+        self._given, self._forces = pymunk.batch.Buffer(), np.zeros((n + 1, 2))
+        self._given.set_float_buf(self._forces)
         self._check_free(start)
         self._seen: deque[tuple[float, Points]] = deque([(0.0, start)])
 
@@ -373,7 +376,13 @@ class Plant:
     @property
     def points(self) -> Points:
         """The centres of all particles now (float64, shape (n, 2))."""
-        return np.array([body.position for body in self._bodies], dtype=np.float64)
+        return self._read(self._exchange.BodyFields.POSITION)
+
+    def _read(self, field: Any) -> Points:
+        self._batch.clear()
+        self._exchange.get_space_bodies(self._space, field, self._batch)
+        values = np.frombuffer(self._batch.float_buf()).reshape(-1, 2)
+        return values[: len(self.own_gains)].copy()
 
     def cells_of(self, points: Points) -> NDArray[np.int64]:
         """Return the cells (row, col) in which points lie (int64, shape (n, 2))."""
@@ -414,7 +423,8 @@ class Plant:
         until, none = self.clock + seconds, np.zeros(2)
         flowing = bool(self._flow.any())
         while self.clock < until - 1e-12:
-            if not flowing and all(body.velocity.length < RESTING for body in self._bodies):
+            speeds = self._read(self._exchange.BodyFields.VELOCITY)
+            if not flowing and (np.abs(speeds) < RESTING).all():
                 self.clock = until
                 self._remember()
                 return
@@ -429,9 +439,8 @@ class Plant:
         lag = self.apparatus.lag
         kept = exp(-seconds / lag) if lag else 0.0
         self._space.damping = kept ** (1 / seconds) if kept else 0.0
-        for body, velocity in zip(self._bodies, wanted.tolist(), strict=True):
-            scale = (1 - kept) / seconds
-            body.force = (velocity[0] * scale, velocity[1] * scale)
+        self._forces[:-1] = wanted * ((1 - kept) / seconds)
+        self._exchange.set_space_bodies(self._space, self._exchange.BodyFields.FORCE, self._given)
         self._space.step(seconds)
         self.clock += seconds
         self._remember()
@@ -602,9 +611,11 @@ class PhysicsRig:
         self.plant.push(ANGLES[command], seconds=self.plant.apparatus.pulse)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the camera sees particles (int64, shape (k, 2))."""
+        """Return the cell of each particle that the camera sees (int64, shape (k, 2)). Several
+        particles can be in one cell.
+        """
         _, centroids = self.plant.picture()
-        return np.unique(self.plant.cells_of(centroids), axis=0)
+        return self.plant.cells_of(centroids)
 
     def stop(self) -> None:
         """Turn the field off. The rig then refuses further commands."""

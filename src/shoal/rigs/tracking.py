@@ -18,12 +18,15 @@ from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
 from shoal.rigs.monitor import (
+    FEW_GHOSTS,
+    IMPOSSIBLE,
     NoiseMonitor,
     Rate,
     change_text,
     find_change,
     find_misdeed,
     numbers_in_question,
+    weigh_counts,
     with_number,
 )
 from shoal.rigs.rig import PositionError, Rig
@@ -31,7 +34,7 @@ from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
 from shoal.swarm.grid.tasks import Mapping
-from shoal.swarm.noise import LOSS, Noise, NoisyBelief, padded_shape
+from shoal.swarm.noise import GHOSTS, LOSS, Noise, NoisyBelief, padded_shape
 from shoal.swarm.simulation.swarms import distance_of_push, newly_classified
 
 QUICK = 2**23  # scans times cells that can be gone through again in about a second
@@ -384,7 +387,12 @@ class NoisyRigSwarm(RigSwarm):
         super().__init__(rig)
         cells = self.observe()
         self.noisy = NoisyBelief(
-            rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS
+            rig.shape,
+            Board.of_cells(self.layout, cells),
+            noise,
+            confidence,
+            loss=LOSS,
+            clutter=GHOSTS,
         )
         self.monitor = NoiseMonitor(rig.shape, noise)
         self.monitor.count(cells)
@@ -571,9 +579,20 @@ class NoisyRigSwarm(RigSwarm):
         commands were carried out.
         """
         counts = np.array([len(cells) for cells in self.observations])
-        numbers = numbers_in_question(counts, self.noisy.noise.miss)
-        change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
-        misdeed = find_misdeed(self._weigh_deeds())
+        if any((cells[1:] == cells[:-1]).all(axis=1).any() for cells in self.observations):
+            change = find_change(weigh_counts(counts), counts, ghosts=True)  # several in one cell
+        else:
+            numbers = numbers_in_question(counts, self.noisy.noise.miss)
+            change = find_change(
+                {n: self._weigh_number(n) for n in numbers},
+                counts,
+                ghosts=self.monitor.ghosts > FEW_GHOSTS,
+            )
+        deeds = self._weigh_deeds()
+        if self.monitor.leap_alone:  # a command twice, also as one that came late
+            deeds[:, 4] = np.where(deeds[:, 4] == deeds[:, 2], IMPOSSIBLE, deeds[:, 4])
+            deeds[:, 2] = IMPOSSIBLE
+        misdeed = find_misdeed(deeds)
         if change is not None and (misdeed is None or misdeed.evidence < change[2]):
             return [Alarm("number", self.moves, change_text(*change[:2]))]
         return [] if misdeed is None else [Alarm(misdeed.kind, self.moves, misdeed.text)]
@@ -606,7 +625,14 @@ class NoisyRigSwarm(RigSwarm):
         that of the end; the command; the command before it; and what the scan shows.
         """
         seen = Board.of_cells(self.layout, self.first_scan)
-        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, loss=loss)
+        belief = NoisyBelief(
+            self.layout.shape,
+            seen,
+            self.noisy.noise,
+            self._confidence,
+            loss=loss,
+            clutter=GHOSTS,
+        )
         belief.state.logit[:] = self.noisy.state.logit
         if number is not None:
             belief.assume_number(number)
