@@ -190,7 +190,7 @@ class NoiseMonitor:
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
             self.stays[command] += self._see_motion(cells, ahead, first, second, inside, free)
-            self._follow(cells, after, ahead, inside)
+            self._follow(cells, before, after, ahead, inside)
 
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         flat: NDArray[np.int64] = (cells + 4) @ self._strides
@@ -248,6 +248,7 @@ class NoiseMonitor:
     def _follow(
         self,
         cells: NDArray[np.int64],
+        before: NDArray[np.int64],
         after: NDArray[np.int64],
         ahead: NDArray[np.int64],
         inside: NDArray[np.float64],
@@ -262,7 +263,8 @@ class NoiseMonitor:
             boxes[tuple((cells + 3 - NEAR).T)].reshape(len(cells), -1).sum(axis=1)
             - inside[tuple((cells + 3).T)]
         )
-        singles = cells[crowd < EMPTY]
+        shown = KDTree(before).query_ball_point(cells, NEAR, p=np.inf, return_length=True)
+        singles = cells[(crowd < EMPTY) & (shown == 1)]
         if not len(singles):
             return
         if not len(after):
@@ -271,6 +273,8 @@ class NoiseMonitor:
         for cell, near in zip(
             singles, KDTree(after).query_ball_point(singles, NEAR, p=np.inf), strict=True
         ):
+            # two cells behind, only another one can appear, which came from farther behind
+            near = [i for i in near if (after[i] - cell) @ ahead > -NEAR]
             if len(near) > 1:
                 continue
             self.missed.add(not near)
