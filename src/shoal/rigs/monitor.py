@@ -4,6 +4,7 @@ the number of particles.
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Sequence
 from math import log, sqrt
@@ -40,7 +41,7 @@ MISSES, SURPLUS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.01, 0.1, 0.3, 1.0, 3.0)  # t
 FEW_GHOSTS = 5  # detections without a particle up to which scans may show no ghosts
 WINDOW = 30  # scans that suggest a number of particles at the start and at the end
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
-RECENT = 100  # particles with a free cell ahead whose motion is remembered
+RECENT = 100  # commands of which it is remembered whether they moved particles
 LEAPS = (
     0.3  # share of motions that lead two cells far, up to which particles may do so by themselves
 )
@@ -122,9 +123,10 @@ class NoiseMonitor:
         self.variance = np.zeros((self.ndim, self.ndim))
         # sum of the displacements of single particles across the axis of the command
         self.drift = np.zeros(self.ndim)
-        # whether particles with a free cell ahead stayed: the latest, and all by command
-        self.recent: deque[bool] = deque(maxlen=RECENT)
-        self.stays: dict[str, list[bool]] = {letter: [] for letter in letters}
+        # of particles with a free cell ahead, how many stayed and how many there were: at the latest
+        # commands that had any, and at all commands by letter
+        self.recent: deque[tuple[int, int]] = deque(maxlen=RECENT)
+        self.stays: dict[str, list[tuple[int, int]]] = {letter: [] for letter in letters}
         # pairs ahead minus pairs behind for each command, and the variance of this number if
         # nothing moves
         self._surplus = {letter: [0.0, 0.0] for letter in letters}
@@ -189,7 +191,10 @@ class NoiseMonitor:
         if len(cells):
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
-            self.stays[command] += self._see_motion(cells, ahead, first, second, inside, free)
+            stays = self._see_motion(cells, ahead, first, second, inside, free)
+            if stays[1]:
+                self.recent.append(stays)
+                self.stays[command].append(stays)
             self._follow(cells, before, after, ahead, inside)
 
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -223,9 +228,9 @@ class NoiseMonitor:
         second: NDArray[np.int64],
         inside: NDArray[np.float64],
         free: NDArray[np.bool_],
-    ) -> list[bool]:
-        """Return which particles stayed, and count them, of those with a free cell ahead and no
-        other particle in their line.
+    ) -> tuple[int, int]:
+        """Return how many particles stayed, and of how many, and count them: those with a free cell
+        ahead and no other particle in their line.
         """
         able = np.ones(len(cells), dtype=bool)
         for distance in (-1, 1, 2):
@@ -241,9 +246,7 @@ class NoiseMonitor:
         there, here = there[able], np.isin(self._flat(cells[able]), second)
         stayed = here[here ^ there]
         self.stayed.add(int(stayed.sum()), len(stayed))
-        stays: list[bool] = stayed.tolist()
-        self.recent.extend(stays)
-        return stays
+        return int(stayed.sum()), len(stayed)
 
     def _follow(
         self,
@@ -274,7 +277,7 @@ class NoiseMonitor:
             singles, KDTree(after).query_ball_point(singles, NEAR, p=np.inf), strict=True
         ):
             # two cells behind, only another one can appear, which came from farther behind
-            near = [i for i in near if (after[i] - cell) @ ahead > -NEAR]
+            close = [i for i in near if (after[i] - cell) @ ahead > -NEAR]
             if len(near) > 1:
                 continue
             self.missed.add(not near)
@@ -354,11 +357,11 @@ class NoiseMonitor:
         there are more pairs of detections ahead than behind, by more than wrong observations
         explain.
         """
-        stays, (surplus, variance) = self.stays[letter], self._surplus[letter]
-        moves = len(stays) - sum(stays)
+        (stays, trials), (surplus, variance) = total(self.stays[letter]), self._surplus[letter]
         if (
-            moves > 1
-            and tail(moves, len(stays), self.share / (self.hit + self.share) + 0.02) < DEMONSTRATED
+            trials - stays > 1
+            and tail(trials - stays, trials, self.share / (self.hit + self.share) + 0.02)
+            < DEMONSTRATED
         ):
             return True
         return surplus > max(3.0, SIGMAS * sqrt(variance))
@@ -477,18 +480,18 @@ class NoiseMonitor:
                 " picture"
             )
             return Alarm("still", move, f"move {move}: {text}")
-        for letter, stays in self.stays.items():
-            others = [
-                stayed for other, seen in self.stays.items() if other != letter for stayed in seen
-            ]
-            expected = max(
-                self.staying, 0.2, sum(others) / len(others) if len(others) > LEAST else 0.0
+        for letter, seen in self.stays.items():
+            stays, trials = total(seen)
+            others = total(
+                [one for other in self.stays if other != letter for one in self.stays[other]]
             )
-            run = last_stays(stays)
-            if expected**run < CRITICAL or tail(sum(stays), len(stays), expected) < CRITICAL:
+            expected = max(self.staying, 0.2, others[0] / others[1] if others[1] > LEAST else 0.0)
+            run = last_stays(seen)
+            # a weak coil, or one far away, moves some of the particles
+            if expected**run < CRITICAL or tail(stays, trials, max(expected, 0.5)) < CRITICAL:
                 text = (
-                    f"command {letter!r}: of {count_text(len(stays), 'particle')} with a free cell"
-                    f" ahead, {sum(stays)} stayed, the last {run} in a row, which slips do not"
+                    f"command {letter!r}: of {count_text(trials, 'particle')} with a free cell"
+                    f" ahead, {stays} stayed, the last {run} in a row, which slips do not"
                     " explain: this direction of the magnets does nothing"
                 )
                 return Alarm("still", move, f"move {move}: {text}")
@@ -766,9 +769,25 @@ def change_text(first: int, last: int) -> str:
     return f"about {first} particles at the start, about {last} now: {why}"
 
 
-def last_stays(stays: Sequence[bool]) -> int:
-    """Return how many particles in a row stayed, up to the last one observed."""
-    return next((i for i, stayed in enumerate(reversed(stays)) if not stayed), len(stays))
+def total(stays: Sequence[tuple[int, int]]) -> tuple[int, int]:
+    """Return the sums of pairs: how many particles stayed, and of how many."""
+    return sum(stayed for stayed, _ in stays), sum(trials for _, trials in stays)
+
+
+def last_stays(stays: Sequence[tuple[int, int]]) -> int:
+    """Return how many particles stayed at the last commands at which none moved.
+
+    Particles near each other may stay at one command, where the field is weak, so that whole
+    commands count.
+
+    Examples
+    --------
+    >>> last_stays([(3, 3), (8, 20), (5, 5), (2, 2)])
+    7
+    """
+    return sum(
+        trials for _, trials in itertools.takewhile(lambda one: one[0] == one[1], reversed(stays))
+    )
 
 
 def axis_name(axis: int, ndim: int) -> str:

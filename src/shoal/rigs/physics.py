@@ -34,6 +34,9 @@ ANGLES = {"r": 0.0, "u": 90.0, "l": 180.0, "d": 270.0}
 
 STEP = 0.3  # of its radius that a particle may move between two looks for contacts
 SLOP = 1e-3  # overlap that the engine tolerates, in cells
+# overlap with a wall that is tolerated at all, in radii: a crowd that wedges a particle between
+# others and a wall would press it through the wall
+WEDGED = 0.3
 RESTING = 1e-6  # velocity, in cells a second, below which a particle is at rest
 TOUCHING = 0.02  # distance from a wall, in cells, up to which a particle sticks to it
 REACH = 4.0  # distance, in diameters, up to which particles attract each other
@@ -331,6 +334,7 @@ class Plant:
         self.coil_gains = np.clip(rng.normal(1, apparatus.coil_gain, (2, 2)), 0.1, None)
         self.own_gains = np.clip(rng.normal(1, apparatus.own_gain, n), 0.1, None)
         self._flow = np.array([apparatus.flow_x, apparatus.flow_y])
+        self._fastest = float(np.linalg.norm(self._flow))
         self._longest = STEP * apparatus.radius / max(float(np.abs(self._flow).max()), 1.0)
         # the engine: without gravity; only the velocities that forces cause stay
         self._space, self._everything = pymunk.Space(), pymunk.ShapeFilter()
@@ -338,11 +342,17 @@ class Plant:
         # overlaps vanish by half in each step
         self._space.collision_bias = 0.5**60
         between = BETWEEN**0.5  # the engine multiplies the coefficients of two bodies
+        padded = np.pad(workspace.free, 1)
+        # whether a wall is on the sides -x, +x, -y and +y of a cell
+        self._walls = ~np.stack(
+            [padded[1:-1, :-2], padded[1:-1, 2:], padded[2:, 1:-1], padded[:-2, 1:-1]], axis=-1
+        )
         ground = self._space.static_body
         for a, b in wall_segments(workspace.free):
             wall = pymunk.Segment(ground, a, b, 0.0)
             wall.friction = apparatus.friction / between
             self._space.add(wall)
+        self._bodies = []
         for point in start:
             body = pymunk.Body(1.0, float("inf"))  # particles do not roll along walls
             body.position = (float(point[0]), float(point[1]))
@@ -350,6 +360,7 @@ class Plant:
             disk = pymunk.Circle(body, apparatus.radius)
             disk.friction = between
             self._space.add(body, disk)
+            self._bodies.append(body)
         # all bodies at once: those that move, in the order in which they were added, and the walls'
         self._exchange, self._batch = pymunk.batch, pymunk.batch.Buffer()
         self._given, self._forces = pymunk.batch.Buffer(), np.zeros((n + 1, 2))
@@ -407,11 +418,10 @@ class Plant:
         seconds *= max(0.0, 1 + about.pulse_error * float(rng.normal()))
         speed = strength * about.length / about.pulse
         command = speed * np.array([np.cos(radians(angle)), np.sin(radians(angle))])
-        most = float(np.abs(command).max()) * about.strongest * self.coil_gains.max()
-        most = (
-            most * float(self.own_gains.max()) + about.attraction + float(np.abs(self._flow).max())
-        )
+        most = speed * about.strongest * float(self.coil_gains.max() * self.own_gains.max())
+        most += about.attraction + float(np.linalg.norm(self._flow))
         steps = max(1, ceil(seconds * most / (STEP * about.radius)))
+        self._fastest = most
         self.field_on, self._longest = True, max(seconds / steps, 1e-9)
         for _ in range(steps):
             self._step(self._longest, command)
@@ -442,6 +452,7 @@ class Plant:
         self._forces[:-1] = wanted * ((1 - kept) / seconds)
         self._exchange.set_space_bodies(self._space, self._exchange.BodyFields.FORCE, self._given)
         self._space.step(seconds)
+        self._calm()
         self.clock += seconds
         self._remember()
 
@@ -519,19 +530,33 @@ class Plant:
         """Hold the particles that touch a wall and are too slow to leave it or to slide."""
         about = self.apparatus
         least = about.adhesion * about.length / about.pulse
-        cells = self.cells_of(points)
-        padded = np.pad(self.workspace.free, 1)
-        within = points - np.floor(points)
-        touches = np.zeros(len(points), dtype=bool)
-        for row, col, gap in (
-            (0, -1, within[:, 0]),
-            (0, 1, 1 - within[:, 0]),
-            (1, 0, within[:, 1]),
-            (-1, 0, 1 - within[:, 1]),
-        ):
-            wall = ~padded[cells[:, 0] + 1 + row, cells[:, 1] + 1 + col]
-            touches |= wall & (gap < about.radius + TOUCHING)
+        touches = (self._gaps(points) < about.radius + TOUCHING).any(axis=1)
         velocities[touches & (np.linalg.norm(velocities, axis=1) < least)] = 0.0
+
+    def _gaps(self, points: Points) -> Points:
+        """Return the distances of points from the walls on the sides -x, +x, -y and +y of their
+        cells (shape (n, 4)), inf where there is none.
+        """
+        left = points - np.floor(points)
+        gaps = np.column_stack([left[:, 0], 1 - left[:, 0], left[:, 1], 1 - left[:, 1]])
+        return np.where(self._walls[tuple(self.cells_of(points).T)], gaps, np.inf)
+
+    def _calm(self) -> None:
+        """Slow down and take back particles that a crowd squeezes.
+
+        The engine can only tell bodies with inertia apart: those wedged between others and a wall
+        get impulses that throw them through the wall. Without inertia, nothing is faster than the
+        field moves it in the open.
+        """
+        speeds = np.linalg.norm(self._read(self._exchange.BodyFields.VELOCITY), axis=1)
+        for at in np.flatnonzero(speeds > self._fastest).tolist():
+            body = self._bodies[at]
+            body.velocity *= self._fastest / speeds[at]
+        points, least = self.points, (1 - WEDGED) * self.apparatus.radius
+        back = np.maximum(0.0, least - self._gaps(points))
+        for at in np.flatnonzero(back.any(axis=1)).tolist():
+            x, y = points[at] + back[at, ::2] - back[at, 1::2]
+            self._bodies[at].position = (float(x), float(y))
 
     def picture(self) -> tuple[float, Points]:
         """Return the time of the newest picture that has arrived, and the centroids in it.

@@ -34,7 +34,7 @@ from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
 from shoal.swarm.grid.scans import AXES, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
 from shoal.swarm.grid.tasks import Mapping
-from shoal.swarm.noise import GHOSTS, LOSS, Noise, NoisyBelief, padded_shape
+from shoal.swarm.noise import LOSS, Noise, NoisyBelief, padded_shape
 from shoal.swarm.simulation.swarms import distance_of_push, newly_classified
 
 QUICK = 2**23  # scans times cells that can be gone through again in about a second
@@ -387,12 +387,7 @@ class NoisyRigSwarm(RigSwarm):
         super().__init__(rig)
         cells = self.observe()
         self.noisy = NoisyBelief(
-            rig.shape,
-            Board.of_cells(self.layout, cells),
-            noise,
-            confidence,
-            loss=LOSS,
-            clutter=GHOSTS,
+            rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS
         )
         self.monitor = NoiseMonitor(rig.shape, noise)
         self.monitor.count(cells)
@@ -625,14 +620,7 @@ class NoisyRigSwarm(RigSwarm):
         that of the end; the command; the command before it; and what the scan shows.
         """
         seen = Board.of_cells(self.layout, self.first_scan)
-        belief = NoisyBelief(
-            self.layout.shape,
-            seen,
-            self.noisy.noise,
-            self._confidence,
-            loss=loss,
-            clutter=GHOSTS,
-        )
+        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, loss=loss)
         belief.state.logit[:] = self.noisy.state.logit
         if number is not None:
             belief.assume_number(number)

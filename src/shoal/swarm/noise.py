@@ -178,9 +178,8 @@ class NoisyBelief:
         obstacle, is at least ``confidence``. The confidence must exceed 0.75.
     loss : float
         Probability that a particle disappears at a move. With a loss above 0, a particle that scans
-        do not show for longer than the miss rate explains loses its probability.
-    clutter : float
-        Probability that a scan shows a particle in a cell, although none is near it.
+        do not show for longer than the miss rate explains loses its probability, and scans may show
+        `GHOSTS`, as those of a rig.
 
     Notes
     -----
@@ -214,7 +213,6 @@ class NoisyBelief:
         confidence: float = CONFIDENCE,
         *,
         loss: float = 0.0,
-        clutter: float = kernels.CLUTTER,
         noisy: kernels.NoisyState
         | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
@@ -227,7 +225,7 @@ class NoisyBelief:
         self._field = new_field(self.layout)
         self._first = seen
         self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
-        self.state.rates.clutter = clutter
+        self.state.rates.clutter = GHOSTS if loss > 0 else kernels.CLUTTER
         self._show(seen)
         kernels.first_belief(self.state)
         kernels.refresh(self.state, self._field, self.guard)

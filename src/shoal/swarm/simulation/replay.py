@@ -19,16 +19,7 @@ from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise import (
-    GHOSTS,
-    LOSS,
-    Moment,
-    Noise,
-    NoisyBelief,
-    inner_of,
-    looks_of,
-    noisy_belief,
-)
+from shoal.swarm.noise import LOSS, Moment, Noise, NoisyBelief, inner_of, looks_of, noisy_belief
 from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.simulation.compiled import PolicyGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.swarms import ExactSwarm
@@ -306,9 +297,7 @@ class ObservedReplay(_BeliefReplay):
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
-        belief = NoisyBelief(
-            self.shape, seen, self.noise, self.confidence, loss=LOSS, clutter=GHOSTS
-        )
+        belief = NoisyBelief(self.shape, seen, self.noise, self.confidence, loss=LOSS)
         yield belief, seen.mask
         for command, scanned in zip(
             decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
