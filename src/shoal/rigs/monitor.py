@@ -278,12 +278,12 @@ class NoiseMonitor:
         ):
             # two cells behind, only another one can appear, which came from farther behind
             close = [i for i in near if (after[i] - cell) @ ahead > -NEAR]
-            if len(near) > 1:
+            if len(close) > 1:
                 continue
-            self.missed.add(not near)
-            if not near:
+            self.missed.add(not close)
+            if not close:
                 continue
-            shift = after[near[0]] - cell
+            shift = after[close[0]] - cell
             shift[ahead != 0] = 0
             self.aside.add(bool(shift.any()))
             self.drift += shift
