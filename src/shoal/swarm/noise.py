@@ -173,6 +173,9 @@ class NoisyBelief:
     loss : float
         Probability that a particle disappears at a move. With a loss above 0, a particle that scans
         do not show for longer than the miss rate explains loses its probability.
+    prior : ndarray of float64, optional
+        Log-odds that each cell is free before the first scan, for the cells of the workspace and of
+        a rim that is one cell wide.
 
     Notes
     -----
@@ -206,6 +209,7 @@ class NoisyBelief:
         confidence: float = CONFIDENCE,
         *,
         loss: float = 0.0,
+        prior: NDArray[np.float64] | None = None,
         noisy: kernels.NoisyState
         | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
@@ -218,6 +222,8 @@ class NoisyBelief:
         self._field = new_field(self.layout)
         self._first = seen
         self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
+        if prior is not None:
+            inner_of(self.state.logit, shape, rim=1)[...] = prior
         self._show(seen)
         kernels.first_belief(self.state)
         kernels.refresh(self.state, self._field, self.guard)
@@ -456,6 +462,21 @@ class NoisyBelief:
         return self._behind[1]
 
     @property
+    def confirmed(self) -> Board:
+        """The cells that scans have shown to be free, with the given confidence."""
+        return self.belief.open
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether no command can help although the task is not finished."""
+        return False
+
+    @property
+    def progress(self) -> int:
+        """Number of classified cells, by which a `Lookout` sees whether its commands help."""
+        return len(self.belief.known)
+
+    @property
     def undecided(self) -> int:
         """Number of frontier cells that the policy has given up as undecidable."""
         return int(self.guard.memory.undecided)
@@ -519,7 +540,9 @@ class Lookout:
     def next(self) -> int | None:
         """Return the number of the next command, or None to give up."""
         noisy, belief = self.noisy, self.noisy.belief
-        known, path = len(belief.known), ""
+        if noisy.hopeless:
+            return None
+        known, path = noisy.progress, ""
         if known > self._known:  # looking for the particles was worth it
             self._known, self._weak, self._sent, self._budget = known, known, 0, PATIENCE
         if noisy.closed:
