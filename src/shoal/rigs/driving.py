@@ -27,6 +27,7 @@ from shoal.rigs.monitor import Rate, tail
 from shoal.rigs.physics import TOLD
 from shoal.rigs.remote import LinkCounts
 from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
+from shoal.rigs.suspects import MOVES, FirstMoves
 from shoal.rigs.tracking import (
     ExactRigSwarm,
     ModelBroken,
@@ -146,6 +147,10 @@ class Drive(WithTrace):
             "false_free": len(self.belief.open - free),
             "false_obstacles": len(self.belief.obstacles & free),
         }
+
+
+class Convicted(AlarmRaised):
+    """Raised if the first commands show what is wrong with the rig, which no errors explain."""
 
 
 class DriveError(RigError):
@@ -402,15 +407,15 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
     }
     if policy != problem.policy:
         fields |= {"budget": None, "time_per_move": None}
-    tasks = ["mapping"] if problem.setup.mapping else ["coverage"]
+    task = "mapping" if problem.task_name == "mapping" else "coverage"
     for rule in RULES if problem.rule == "block" and problem.noise is None else (problem.rule,):
         # the policy does not support the rule or the task, as the drive itself will say
         with suppress(InvalidInputError):
-            _prepare(rule, policy, tasks[0], tuple(fields.items()))
+            _prepare(rule, policy, task, tuple(fields.items()))
     if problem.noise is None:  # with which the drive may go on
         fields |= TOLD | ({} if isinstance(problem.scan_every, int) else {"scan_every": 1})
         with suppress(InvalidInputError):
-            _prepare("block", policy, tasks[0], tuple(fields.items()))
+            _prepare("block", policy, task, tuple(fields.items()))
 
 
 @cache
@@ -465,6 +470,8 @@ class _Driver:
         self.runs = None if self.recorded is None else _RecordedRuns(self.recorded)
         self.alarms: list[Alarm] = []
         self.notes: list[str] = []
+        self.first_moves: FirstMoves | None = None  # during the first moves, if they are tested
+        self.watched = 0  # commands that it has taken into account
         self.swarm: RigSwarm  # since the first scan
 
     def run(self) -> Drive:
@@ -514,6 +521,9 @@ class _Driver:
             check_number_seen(self.rig, self.particles, len(first_scan), noise)
         swarm = self._make_swarm(first_scan)
         swarm.scanning, swarm.scans = scanning, 1
+        if self.tests and (self.cautious or self.problem.noise is not None):
+            noise = self.problem.noise or Noise(**TOLD)
+            self.first_moves = FirstMoves(self.rig.shape, first_scan, noise, self.goal)
         if self.log is not None:
             self.log.begin(
                 self.rig,
@@ -544,7 +554,8 @@ class _Driver:
     def _may_expect_noise(self, raised: Exception) -> bool:
         """Return whether the drive may go on with noise after a contradiction."""
         return (
-            self.problem.noise is None
+            not isinstance(raised, Convicted)
+            and self.problem.noise is None
             and self.problem.rule != "tilt"
             and (isinstance(self.goal.task, Mapping) or not self.goal.mapping)
             and (self.cautious or isinstance(raised, ModelBroken))
@@ -576,7 +587,7 @@ class _Driver:
         for sent in old.sent:
             rows, scanned = swarm.repeat(sent)
             self.recorder.add(sent[0], rows, scanned=scanned)
-        swarm.check()
+        self._check()
 
     def _explore(self) -> Status:
         """Carry out the task. After a contradiction that errors of the rig may explain, go on with
@@ -642,7 +653,7 @@ class _Driver:
             max_moves=self.most,
             mapping=self.goal.mapping,
             on_moves=self.on_moves,
-            on_trace=lambda _trace: self.swarm.check(),
+            on_trace=lambda _trace: self._check(),
             recorder=self.recorder,
         )
         return status
@@ -659,6 +670,11 @@ class _Driver:
 
     def _test_rig(self) -> None:
         """Send commands in all directions in turn until it is clear whether they move particles."""
+        while self.first_moves is not None and self.recorder.moves < self.most:
+            command = self.first_moves.next()
+            if command is None:
+                break
+            self._send(command)
         letters = letters_of(self.swarm.layout.ndim)
         for turn in range(ROUNDS * len(letters)):
             if self.swarm.still is not None or self.recorder.moves >= self.most:
@@ -689,7 +705,23 @@ class _Driver:
     def _carry_out(self, command: str, steps: int, *, scan: bool) -> None:
         rows, scanned = self.swarm.carry_out(command, steps, scan=scan)
         self.recorder.add(command, rows, scanned=scanned)
-        self.swarm.check()
+        self._check()
+
+    def _check(self) -> None:
+        """Raise an alarm if the scans so far contradict the commands."""
+        test = self.first_moves
+        for command, steps, cells in self.swarm.sent[self.watched :] if test else ():
+            self.watched += 1
+            if steps > 1 or cells is None or self.watched > MOVES:
+                self.first_moves = test = None
+                break
+            assert test is not None
+            test.update(command, cells)
+            alarm = test.alarm(self.watched)
+            if alarm is not None:
+                raise Convicted(alarm)
+        if test is None or not test.cycle:  # the test says more exactly what is wrong
+            self.swarm.check()
 
     def _stop_rig(self, failure: BaseException | None) -> BaseException | None:
         """Stop the rig. Return the failure that ended the drive, or Ctrl-C during the stop."""

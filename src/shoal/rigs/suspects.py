@@ -24,8 +24,8 @@ MOVES = 10  # commands within which what is wrong is said
 PROVEN = 14.0  # log-likelihood ratio from which on a model is better than "as commanded": 10^6
 CLEARED = 5.0  # the same in the other direction, from which on a model is out of the question
 APART = 2.0  # the same between two suspicions, from which on the better one is named
-SLIPS = (0.15, 0.3)  # of rigs that slip more often than stated, which is no suspicion
-SLOW = 0.5  # share of particles that a command moves at half speed
+SLIPS = (0.12, 0.2)  # of rigs that slip more often than stated, which is no suspicion
+SLOW = 0.4  # about the share of particles that do not move at a command at half speed
 BOX = 512  # cells along a side, of the part of a large field that is looked at
 REACH = MOVES + 2  # cells around the particles of the first scan
 
@@ -46,12 +46,15 @@ class Suspicion:
     act : callable
     slip : float or None
         Share of the particles that a command does not move, if it is not the stated slip.
+    dead : str
+        The only command that does nothing, if there is one.
     """
 
     kind: str
     text: str
     act: Act
     slip: float | None = None
+    dead: str = ""
 
 
 def suspicions(ndim: int) -> list[Suspicion]:
@@ -70,16 +73,13 @@ def suspicions(ndim: int) -> list[Suspicion]:
     ]
     for dead in letters:
         text = f"command {dead!r} moves no particle: this direction of the magnets does nothing"
-        found.append(Suspicion("still", text, _without(dead)))
+        found.append(Suspicion("still", text, _without(dead), dead=dead))
     found += [
         Suspicion("direction", text, _renamed(dict(zip(letters, to, strict=True))))
         for to, text in _exchanges(letters)
     ]
     for parity, which in ((0, "first"), (1, "second")):
-        text = (
-            "half speed: every second command moves no particle, beginning with the"
-            f" {which}"
-        )
+        text = f"half speed: every second command moves no particle, beginning with the {which}"
         found.append(Suspicion("commands", text, _every_second(parity)))
     text = (
         "half speed: each command moves only about half of the particles that have room, as if"
@@ -161,7 +161,7 @@ class FirstMoves:
         self._low, self._shape = low, tuple((high - low).tolist())
         self._layout = GridLayout(self._shape)
         self.cycle = _cycle(letters)
-        self.sent = 0
+        self.sent, self._times = 0, dict.fromkeys(letters, 0)
         self._frozen, self._last = True, first_scan
         self.suspicions = suspicions(ndim)
         seen = self._seen(first_scan)
@@ -190,6 +190,7 @@ class FirstMoves:
     def update(self, command: str, cells: NDArray[np.int64]) -> None:
         """Take one command and the scan after it into account."""
         self.sent += 1
+        self._times[command] += 1
         seen = self._seen(cells)
         self._frozen = self._frozen and np.array_equal(cells, self._last)
         self._last = cells
@@ -198,6 +199,8 @@ class FirstMoves:
             self.logs[i] += belief.weigh_scan(letter, seen)
             if letter:
                 belief.update(letter, seen)
+            else:
+                belief.look_again(seen)
 
     def next(self) -> str | None:
         """Return the next test move, or None if no suspicion is left or the test is over."""
@@ -211,9 +214,7 @@ class FirstMoves:
         """Return whether a command is known to move particles, or whether no suspicion is left."""
         ratios = self.logs - self._honest
         wanted = [
-            i
-            for i, each in enumerate(self.suspicions)
-            if each.kind and (dead is None or f"{dead!r}" in each.text)
+            i for i, each in enumerate(self.suspicions) if each.kind and dead in (None, each.dead)
         ]
         return bool((ratios[wanted] < -CLEARED).all())
 
@@ -231,6 +232,8 @@ class FirstMoves:
             return None
         if best.slip is not None and self.noise.slip > SLOW / 2:
             return None  # the user has said so
+        if best.dead and self._times[best.dead] < 2:
+            return None  # pulses of half a cell may move nothing once
         second = self.logs[order[1]]
         if self.logs[order[0]] - second < APART and self.sent < MOVES - 1:
             return None
@@ -264,8 +267,8 @@ def _cycle(letters: str) -> list[tuple[str, Needed]]:
         return not test.cleared()
 
     moves: list[tuple[str, Needed]] = [("l", always), ("l", always), ("r", always)]
-    moves += [("l", unless("l")), ("u", always), ("d", always), ("u", unless("u"))]
-    if "i" in letters:
-        moves += [("i", always), ("o", always), ("i", unless("i"))]
-    moves += [(letter, open_) for letter in "rld"]
+    moves += [("r", unless("r")), ("l", unless("l"))]
+    for there, back in ("ud", "io") if "i" in letters else ("ud",):
+        moves += [(there, always), (back, always), (back, unless(back)), (there, unless(there))]
+    moves += [(letter, open_) for letter in "rruul"]
     return moves

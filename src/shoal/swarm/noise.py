@@ -258,10 +258,29 @@ class NoisyBelief:
         return found
 
     def weigh_scan(self, command: str, seen: Board) -> float:
-        """Return the log-likelihood of a scan after a command. The belief stays as it is."""
+        """Return the log-likelihood of a scan after a command, or after no command (""). The belief
+        stays as it is.
+        """
         self._show(seen)
-        code = encode(command, ndim=self.layout.ndim)[0]
+        code = encode(command, ndim=self.layout.ndim)[0] if command else np.int8(-1)
         return float(kernels.scan_likelihood(self.state, code))
+
+    def look_again(self, seen: Board) -> None:
+        """Update where the particles are after a scan at which nothing has moved since the scan
+        before. The log-odds stay as they are, because no particle has tried to enter a cell.
+        """
+        self._show(seen)
+        state, noise = self.state, self.noise
+        hit = (1 - noise.miss) * (1 - noise.misplace)
+        share = (1 - noise.miss) * noise.misplace / len(state.offsets)
+        beside = np.sum([np.roll(state.inside, offset) for offset in state.offsets], axis=0)
+        stray = np.minimum(share * beside + kernels.CLUTTER, 0.5)
+        free = 1 / (1 + np.exp(-state.logit))
+        before = np.where(state.seen, np.maximum(state.inside, kernels.LOST * free), state.inside)
+        here = before * np.where(state.seen, hit + (1 - hit) * stray, (1 - hit) * (1 - stray))
+        none = (1 - before) * np.where(state.seen, stray, 1 - stray)
+        state.inside[:] = here / (here + none)
+        state.inside[state.inside < kernels.FAINT] = 0
 
     def assume_number(self, number: int) -> None:
         """Believe after the first scan that about ``number`` particles are in the cells that are
