@@ -469,6 +469,7 @@ class _Driver:
         self.recorder = Recorder()
         self.runs = None if self.recorded is None else _RecordedRuns(self.recorded)
         self.alarms: list[Alarm] = []
+        self.convicted = False
         self.notes: list[str] = []
         self.first_moves: FirstMoves | None = None  # during the first moves, if they are tested
         self.watched = 0  # commands that it has taken into account
@@ -485,6 +486,7 @@ class _Driver:
             status = self._explore()
         except AlarmRaised as raised:
             self.alarms, status = [raised.alarm], Status.ALARM
+            self.convicted = isinstance(raised, Convicted)
         except BaseException as error:  # goes on after the stop, with what was found until then
             failure = error
         failure = self._stop_rig(failure)
@@ -496,7 +498,8 @@ class _Driver:
         elif not isinstance(failure, KeyboardInterrupt):
             kind = "outside" if isinstance(failure, PositionError) else "failure"
             self.alarms.insert(0, Alarm(kind, self.swarm.moves, _text_of(failure)))
-        self.alarms += self.swarm.marks(quick=isinstance(failure, KeyboardInterrupt))
+        if not self.convicted:  # what is wrong with the rig explains more than marks could
+            self.alarms += self.swarm.marks(quick=isinstance(failure, KeyboardInterrupt))
         self.alarms += self.swarm.wrong_map()
         failure = self._close_log(status, failure)
         result = self._result(status, time.perf_counter() - began)
