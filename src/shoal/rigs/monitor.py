@@ -38,6 +38,7 @@ FEW = 30  # observations from which on a rate is judged
 LEAST = 8  # observations of other particles from which on they say how many stay
 WINDOW = 30  # scans that suggest a number of particles at the start and at the end
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
+LEAPING = 0.2  # share of particles that may move by two cells although commands come once
 RECENT = 100  # particles with a free cell ahead whose motion is remembered
 
 
@@ -374,12 +375,14 @@ class NoiseMonitor:
     @property
     def _leaping(self) -> float:
         """Probability of as many motions by two cells as scans show, if particles are misplaced as
-        often as stated, or as they may be according to what was observed.
+        often as stated, or as they may be according to what was observed, or if now and then one
+        moves by two cells, as near a strong coil.
         """
         seen = self.rates().get("misplace")
         misplace = max(self.noise.misplace, 0.0 if seen is None else seen.high)
         leaps = self.leapt.events
-        return tail(leaps, self.leapt.trials, misplace / self.ndim + 1e-3) if leaps > 1 else 1.0
+        share = max(misplace / self.ndim, LEAPING)
+        return tail(leaps, self.leapt.trials, share) if leaps > 1 else 1.0
 
     @property
     def _leaps(self) -> str:

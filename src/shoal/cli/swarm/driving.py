@@ -413,14 +413,16 @@ def _report(
         ("policy", result.policy),
         ("result", f"{result.status}: {result.reason}"),
         ("trust", f"{result.trust.level}: {result.trust.why}"),
-        (
-            "found",
-            f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them",
-        ),
         *(
-            [("visited", f"{result.visited} of {count_text(result.targets, 'target cell')}")]
-            if result.targets is not None
-            else []
+            [
+                (
+                    "found",
+                    f"{about['free_cells']} free cells and {about['obstacles']} wall cells around"
+                    " them",
+                )
+            ]
+            if result.targets is None
+            else [("visited", f"{result.visited} of {count_text(result.targets, 'target cell')}")]
         ),
         ("scans", str(result.scans)),
         *(("alarm", alarm.text) for alarm in result.alarms),
