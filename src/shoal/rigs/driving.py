@@ -840,7 +840,11 @@ class _Driver:
             )
             return SwarmEpisode(problem=problem, observations=scans, goal=goal, **about)
         problem = self.problem.replaced(map=workspace, start=start)
-        if goal.targets is not None and not np.array_equal(free, goal.known.free):
+        if (
+            goal.targets is not None
+            and goal.known is not None
+            and not np.array_equal(free, goal.known.free)
+        ):
             # the episode takes place in the map as it turned out to be
             about["targets"] = goal.targets & free
             episode = SwarmEpisode(problem=problem, **about)

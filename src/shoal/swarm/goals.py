@@ -105,9 +105,8 @@ class NoisyVisits(NoisyBelief):
         return left - len(self._goal.frontier)
 
     def _surely_seen(self, seen: Board) -> Board:
-        inside = inner_of(self.state.inside, self.layout.shape, rim=1)
-        sure = np.asarray(inside >= self.confidence, dtype=np.bool_)
-        return Board(self.layout, self.layout.pack(sure)) & seen
+        sure = inner_of(self.state.inside >= self.confidence, self.layout.shape, rim=1)
+        return Board(self.layout, self.layout.pack(np.array(sure, dtype=np.bool_))) & seen
 
     @property
     def belief(self) -> Belief:
