@@ -19,11 +19,12 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, 
 from shoal.core.checks import check_file, parse_json, validation_message
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
-from shoal.core.errors import InvalidInputError, OutputError, RigError
+from shoal.core.errors import InvalidInputError, OutputError, RigError, errors_at
 from shoal.core.version import __version__
 from shoal.rigs.rig import LARGEST_VIEW
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.state import Belief, check_cells
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.problem import SwarmProblem
 
 FORMAT: Literal[1] = 1
@@ -60,10 +61,19 @@ class DriveLog:
         self._waiting: list[dict[str, Any]] = []
 
     def begin(
-        self, rig: Any, *, policy: str, seed: int, problem: dict[str, Any], spacing: Any = None
+        self,
+        rig: Any,
+        *,
+        policy: str,
+        seed: int,
+        problem: dict[str, Any],
+        spacing: Any = None,
+        known: GridWorkspace | None = None,
+        cautious: bool = False,
     ) -> None:
         """Write the header of the log: name and shape of the rig, the policy, the seed, the fields
-        of the problem, and the size of a cell along each axis in mm.
+        of the problem, the size of a cell along each axis in mm, the map that was known beforehand,
+        and whether the drive may go on with noise.
         """
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
@@ -79,6 +89,8 @@ class DriveLog:
             "problem": problem,
         }
         header |= {} if spacing is None else {"spacing": list(spacing)}
+        header |= {} if known is None else {"known": known.to_dict()}
+        header |= {"cautious": True} if cautious else {}
         self._write(header)
         for entry in self._waiting:
             self._write(entry)
@@ -150,6 +162,8 @@ class _Header(_Entry):
     spacing: (
         Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=2, max_length=3)] | None
     ) = None
+    known: dict[str, Any] | None = None
+    cautious: bool = False
 
 
 class _Command(_Entry):
@@ -216,6 +230,10 @@ class RecordedRig:
         truncated.
     spacing : tuple of float or None
         Size of a cell along each axis in mm, if it was given.
+    known : GridWorkspace or None
+        The map that was known beforehand.
+    cautious : bool
+        Whether the drive might go on with noise after the first contradiction.
     """
 
     name: str
@@ -228,6 +246,8 @@ class RecordedRig:
     events: list[dict[str, Any]]
     ended: dict[str, Any] | None
     spacing: tuple[float, ...] | None = None
+    known: GridWorkspace | None = None
+    cautious: bool = False
     _at: int = 0
 
     @property
@@ -328,8 +348,20 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
     last = 0 if ended is None else ended["moves"] or 0
     sent = commands[: max(*scans, last)] if last else commands[: max(scans)]
     spacing = None if header.spacing is None else tuple(header.spacing)
+    with errors_at(f"{source}, line 1, known"):
+        known = None if header.known is None else GridWorkspace.from_dict(header.known)
+    about: dict[str, Any] = {"spacing": spacing, "known": known, "cautious": header.cautious}
     return RecordedRig(
-        header.rig, shape, problem, header.policy, header.seed, sent, scans, events, ended, spacing
+        header.rig,
+        shape,
+        problem,
+        header.policy,
+        header.seed,
+        sent,
+        scans,
+        events,
+        ended,
+        **about,
     )
 
 

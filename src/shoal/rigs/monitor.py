@@ -43,9 +43,8 @@ WINDOW = 30  # scans that suggest a number of particles at the start and at the 
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
 JAMMED = 3  # pushes of one particle in one direction from which on more of them show nothing new
 RECENT = 100  # commands of which it is remembered whether they moved particles
-LEAPS = (
-    0.3  # share of motions that lead two cells far, up to which particles may do so by themselves
-)
+# share of motions that lead two cells far, up to which particles may do so by themselves
+LEAPS = 0.3
 
 
 @dataclass(frozen=True)
@@ -785,8 +784,8 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
 def change_text(first: int, last: int) -> str:
     """Return what a change of the number of particles means, for people."""
     why = (
-        "scans stopped showing a particle, for longer than the miss rate explains, or particles share"
-        " cells"
+        "scans stopped showing a particle, for longer than the miss rate explains, unless two"
+        " particles share a cell"
         if first > last
         else "scans show more particles than at the start"
     )

@@ -17,8 +17,10 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
+from shoal.swarm.goals import Goal
 from shoal.swarm.grid.scans import Trace, WithTrace, lengths_and_times
 from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import MapErrors, Moment, Noise
@@ -71,6 +73,8 @@ class SwarmEpisode(WithTrace, Episode):
     truth : ndarray of bool, optional
         For a rig with noise: the true free cells, if the true map is known. Figures compare the
         classified cells with the true free cells.
+    goal : Goal, optional
+        For a rig with noise: the task, with the map that was known beforehand.
     """
 
     part: ClassVar[str] = "swarm"
@@ -88,6 +92,7 @@ class SwarmEpisode(WithTrace, Episode):
     versions: Mapping[str, str] = field(default_factory=versions)
     observations: tuple[NDArray[np.int64], ...] | None = None
     truth: NDArray[np.bool_] | None = None
+    goal: Goal | None = None
 
     @property
     def workspace(self) -> GridWorkspace:
@@ -242,8 +247,9 @@ class SwarmEpisode(WithTrace, Episode):
         """The replay of the episode, computed from its stored commands and scans."""
         problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
+            goal = self.goal or Goal(make_task("mapping"))
             return ObservedReplay(
-                self.workspace.shape, *about, self.trace, self.observations, self.truth
+                self.workspace.shape, *about, self.trace, self.observations, self.truth, goal
             )
         if problem.noise is not None:
             return NoisyReplay(

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import Board, GridLayout, decode, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, ScanRule, Trace
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise import LOSS, Moment, Noise, NoisyBelief, inner_of, looks_of, noisy_belief
+from shoal.swarm.noise import Moment, Noise, NoisyBelief, inner_of, looks_of, noisy_belief
 from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.simulation.compiled import PolicyGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.swarms import ExactSwarm
@@ -278,6 +279,8 @@ class ObservedReplay(_BeliefReplay):
         Cells in which each scan showed particles, including the scan before the first command.
     truth : ndarray of bool, or None
         The true free cells, or None if the true map is unknown.
+    goal : Goal
+        The task, with the map that was known beforehand.
     """
 
     shape: tuple[int, ...]
@@ -286,6 +289,7 @@ class ObservedReplay(_BeliefReplay):
     trace: Trace
     observations: tuple[NDArray[np.int64], ...]
     truth: NDArray[np.bool_] | None
+    goal: Goal
 
     def _truth(self) -> NDArray[np.bool_] | None:
         return self.truth
@@ -297,7 +301,7 @@ class ObservedReplay(_BeliefReplay):
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
-        belief = NoisyBelief(self.shape, seen, self.noise, self.confidence, loss=LOSS)
+        belief = self.goal.noisy(seen, self.noise, self.confidence)
         yield belief, seen.mask
         for command, scanned in zip(
             decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
