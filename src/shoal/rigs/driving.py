@@ -24,15 +24,16 @@ from shoal.rigs.checks import Alarm, AlarmRaised, Trust, trust_of
 from shoal.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.rigs.monitor import Rate, tail
 from shoal.rigs.remote import LinkCounts
+from shoal.rigs.resume import check_resumable, check_same_rig, go_on, is_finished
 from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
 from shoal.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
 from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.board import RULES, Board, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
-from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.state import Belief
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import Noise
-from shoal.swarm.policies import POLICIES, Manual, View
+from shoal.swarm.policies import POLICIES, Manual
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
 
@@ -155,6 +156,7 @@ def drive(
     spacing: tuple[float, ...] | None = None,
     particles: int | None = None,
     rule: str | None = None,
+    resume: str | os.PathLike[str] | RecordedRig | None = None,
     **fields: Any,
 ) -> Drive:
     """Map the workspace of a rig. The policy knows only the positions that the rig reports.
@@ -188,6 +190,13 @@ def drive(
         The expected number of particles and the expected move rule. Another number in the first
         scan (with noise: fewer than chance allows, or more) and another rule are refused before
         the first command.
+    resume : path or RecordedRig, optional
+        Log of a drive that was interrupted and goes on, or what `read_log` has read from it. The
+        log is replayed, and the drive goes on where the particles are now; ``log`` is the same log
+        if it is not given. All settings are those of the log, except that ``max_moves`` may be
+        larger. Open a rig behind a connection with ``open_rig(..., resume=read_log(LOG).session)``,
+        so that it can tell whether it has carried out the last command. A drive that was finished
+        is only replayed.
     **fields
         Fields of `SwarmProblem`. The list `shoal.swarm.problem.DRIVEN` contains the fields of
         `SwarmProblem` that are valid for a rig. If ``slip``, ``misplace`` or ``miss`` is given,
@@ -247,22 +256,57 @@ def drive(
         raise InvalidInputError(f"rule: expected {rule}, got {rig.rule} from the rig {rig.name}")
     if particles is not None:
         check_integer(particles, what="particles", least=1)
+    past = None
+    if resume is not None:
+        past = resume if isinstance(resume, RecordedRig) else read_log(resume)
+        check_same_rig(rig, past)
+        seed, problem = _settings(past, seed, fields)
+        check_resumable(past, problem.max_moves)
+        if is_finished(past):
+            return replay_log(past)[0]
+        test_move, spacing = past.test_move, past.spacing
+        log = DriveLog(past.path, append=True) if log is None else log
+    else:
+        problem = _in_view(SwarmProblem("rig", rule=rig.rule, **fields), tuple(rig.shape))
+        problem.check_at_place()
     if isinstance(log, str | os.PathLike):
         log = DriveLog(log)
     elif log is not None and not isinstance(log, DriveLog):
         raise InvalidInputError(f"log: expected a DriveLog or a path, got {shortened(log)}")
-    problem = _in_view(SwarmProblem("rig", rule=rig.rule, **fields), tuple(rig.shape))
-    problem.check_at_place()
     load_drive_kernels(problem)
-    return _Driver(rig, problem, seed, log, on_moves, test_move, spacing, particles).run()
+    return _Driver(rig, problem, seed, log, on_moves, test_move, spacing, particles, past).run()
 
 
-def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
+def _settings(past: RecordedRig, seed: int, fields: dict[str, Any]) -> tuple[int, SwarmProblem]:
+    """Return the seed and the problem of a log, with a larger limit of moves if it is given.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if another argument contradicts the log.
+    """
+    problem = past.problem.replaced(**fields) if fields else past.problem
+    told = {"seed": past.seed} | {name: getattr(past.problem, name) for name in fields}
+    given = {"seed": seed or past.seed} | {name: getattr(problem, name) for name in fields}
+    for name in told:
+        if name != "max_moves" and told[name] != given[name]:
+            raise InvalidInputError(
+                f"{name}: expected {told[name]} as in {past.path}, got {given[name]}"
+            )
+    problem = _in_view(problem, past.shape)
+    problem.check_at_place()
+    return past.seed, problem
+
+
+def replay_log(
+    path: str | os.PathLike[str] | RecordedRig, *, trust: bool = False
+) -> tuple[Drive, Verification]:
     """Replay the commands of a log, and compare the final map and the status with the log.
 
     Parameters
     ----------
-    path : path
+    path : path or RecordedRig
+        The log, or what `read_log` has read from it.
     trust : bool
         Whether Shoal may run a third-party task that the log names.
 
@@ -273,7 +317,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
     RigError
         Raised if the recorded positions violate the move rule.
     """
-    rig = read_log(path, trust=trust)
+    rig = path if isinstance(path, RecordedRig) else read_log(path, trust=trust)
     result = _Driver(rig, rig.problem, rig.seed, spacing=rig.spacing).run()
     ended = rig.ended
     if ended is None or ended["map"] is None:
@@ -367,6 +411,7 @@ class _Driver:
     test_move: bool = True
     spacing: tuple[float, ...] | None = None
     particles: int | None = None  # expected
+    past: RecordedRig | None = None  # of a drive that goes on
 
     def __post_init__(self) -> None:
         self.recorded = self.rig if isinstance(self.rig, RecordedRig) else None
@@ -421,21 +466,26 @@ class _Driver:
     def _begin(self) -> None:
         """Scan the particles for the first time, and begin the log."""
         noise = self.problem.noise
+        source = self.rig if self.past is None else self.past
         swarm: RigSwarm = (
-            ExactRigSwarm(self.rig)
+            ExactRigSwarm(source)
             if noise is None
-            else NoisyRigSwarm(self.rig, noise, self.problem.confidence)
+            else NoisyRigSwarm(source, noise, self.problem.confidence)
         )
-        if self.particles is not None:
+        if self.particles is not None and self.past is None:
             check_number_seen(self.rig, self.particles, len(swarm.first_scan), noise)
         self.swarm = swarm
-        if self.log is not None:
+        if self.log is not None and self.past is not None:
+            self.log.go_on(self.rig, self.past)
+            swarm.log = self.log
+        elif self.log is not None:
             self.log.begin(
                 self.rig,
                 policy=self.policy,
                 seed=self.seed,
                 problem=self.problem.to_dict(),
                 spacing=self.spacing,
+                test_move=self.test_move,
             )
             self.log.scan(0, swarm.first_scan)
             swarm.log = self.log
@@ -445,11 +495,16 @@ class _Driver:
         Return the status.
         """
         if self.recorded is not None:
-            return self._replay(self.recorded)
+            return self._checked_end(self._replay(self.recorded))
+        if self.past is not None:
+            self._replay(self.past)
+            go_on(self.rig, self.swarm, self.past, self.log, self.recorder)
         if self.tests:
             self._test_rig()
         swarm = self.swarm
-        decider = make_decider(self.problem.setup, swarm.belief, trial_rng(self.seed), swarm.noisy)
+        # after an interruption, a policy with random decisions draws others
+        rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
+        decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
         for _ in range(CLOSING):
             status = self._follow(decider)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
@@ -474,11 +529,24 @@ class _Driver:
         return Status.STALLED if complete and not self.swarm.finished else status
 
     def _replay(self, recorded: RecordedRig) -> Status:
-        runs = _RecordedRuns(recorded)
-        status = self._follow(runs)
-        for command, steps in runs.rest():  # the closing moves, after the map was complete
-            self._carry_out(command, steps, scan=runs.due)
-        return self._checked_end(status)
+        swarm, runs, complete = self.swarm, _RecordedRuns(recorded), False
+        self._place(recorded, 0)
+        for command, steps in runs.rest():
+            complete = complete or (swarm.belief.complete and swarm.finished)
+            if runs.unknown:
+                self.recorder.add(command, swarm.skip(command, steps), scanned=False)
+            else:
+                self._carry_out(command, steps, scan=runs.due)
+            self._place(recorded, swarm.moves)
+        complete = complete or (swarm.belief.complete and swarm.finished)
+        return Status.COMPLETE if complete else Status.LIMIT
+
+    def _place(self, recorded: RecordedRig, move: int) -> None:
+        """Take over the scans that showed particles elsewhere when the drive went on."""
+        for cells in recorded.placed.get(move, ()):
+            found = np.array(cells, dtype=np.int64).reshape(-1, len(recorded.shape))
+            known = (0, *recorded.scans, *(at for at in recorded.placed if at < move))
+            self.swarm.place(found, since=max(at for at in known if at <= move))
 
     def _test_rig(self) -> None:
         """Send commands in all directions in turn until it is clear whether they move particles."""
@@ -518,13 +586,23 @@ class _Driver:
         """Stop the rig. Return the failure that ended the drive, or Ctrl-C during the stop."""
         try:
             with interruption_held():
+                self._tell_log("stop", {})
                 self.rig.stop()
+                interrupted = failure is not None and not isinstance(failure, Exception)
+                if interrupted and (ask := getattr(self.rig, "carried_out", None)):
+                    self._tell_log("stopped", {"seq": ask()})
         except KeyboardInterrupt as error:
             return failure or error
         except BaseException as error:  # whatever a rig of others raises: the map must not be lost
             text = f"the rig may still move, as its stop failed: {_text_of(error)}"
             self.alarms.append(Alarm("stop", self.recorder.moves, text))
         return failure
+
+    def _tell_log(self, event: str, details: dict[str, Any]) -> None:
+        """Write an event to the log. A full disk must not keep the rig from being stopped."""
+        if self.log is not None and self.recorded is None:
+            with suppress(OutputError):
+                self.log.event(event, details)
 
     def _nothing_moved(self) -> Alarm:
         text = (
@@ -581,6 +659,10 @@ class _Driver:
             "seconds": seconds,
         }
         timed = self.recorded is None
+        before = 0 if self.past is None else len(self.past.commands)
+        sent, scans = swarm.moves - before, swarm.scans
+        if self.past is not None:
+            scans -= len(self.past.scans)
         return Drive(
             belief=swarm.belief,
             cells=swarm.state.cells,
@@ -589,8 +671,8 @@ class _Driver:
             alarms=tuple(self.alarms),
             trust=trust_of(self.alarms, moved=swarm.moved, doubts=swarm.doubts()),
             rates=swarm.rates(),
-            seconds_per_command=swarm.sending / swarm.moves if timed and swarm.moves else None,
-            seconds_per_scan=swarm.scanning / swarm.scans if timed and swarm.scans else None,
+            seconds_per_command=swarm.sending / sent if timed and sent > 0 else None,
+            seconds_per_scan=swarm.scanning / scans if timed and scans > 0 else None,
             **about,
         )
 
@@ -615,6 +697,7 @@ class _Driver:
             first_frontier=swarm.first_frontier,
             seed=self.seed,
             observations=None if scans is None else tuple(scans),
+            placed=tuple(swarm.placed),
             **about,
         )
 
@@ -653,16 +736,18 @@ class _RecordedRuns:
         """Whether the log contains a scan after the last run of commands."""
         return self._at in self._rig.scans
 
+    @property
+    def unknown(self) -> bool:
+        """Whether nobody knows what the last run of commands has done: particles were placed before
+        the next scan.
+        """
+        later = [at for at in self._rig.placed if at >= self._at]
+        return bool(later) and not any(self._at <= at <= min(later) for at in self._rig.scans)
+
     def rest(self) -> Iterator[tuple[str, int]]:
         """Yield the runs that are left."""
         while (run := self._next()) is not None:
             yield run
-
-    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the command of the next run and the number of commands in the run. If no commands
-        are left, return None.
-        """
-        return self._next()
 
     def _next(self) -> tuple[str, int] | None:
         commands, first = self._rig.commands, self._at
@@ -672,11 +757,8 @@ class _RecordedRuns:
         while (
             self._rig.rule != "tilt"
             and self._at not in self._rig.scans
+            and self._at not in self._rig.placed
             and commands[self._at : self._at + 1] == commands[first]
         ):
             self._at += 1
         return commands[first], self._at - first
-
-    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Return true. The log determines when a scan is made."""
-        return True

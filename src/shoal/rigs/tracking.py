@@ -28,7 +28,7 @@ from shoal.rigs.monitor import (
 )
 from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
-from shoal.swarm.grid.scans import AXES, Row, states_of_run
+from shoal.swarm.grid.scans import AXES, Placement, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.noise import LOSS, Noise, NoisyBelief, padded_shape
@@ -88,6 +88,7 @@ class RigSwarm(ABC):
         self.log: DriveLog | None = None
         self.sending = self.scanning = 0.0
         self.scans = 0
+        self.placed: list[Placement] = []
 
     @property
     @abstractmethod
@@ -147,6 +148,19 @@ class RigSwarm(ABC):
         ``steps`` times.
 
         Return the trace entries (classified, frontier, travelled) of each command.
+        """
+
+    @abstractmethod
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect. `place` follows.
+
+        Return the trace entries of each command, as `update` does.
+        """
+
+    @abstractmethod
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain, as the drive was interrupted: the
+        particles are in ``cells`` now. ``since`` is the number of commands whose effect is known.
         """
 
     def marks(self, *, quick: bool = False) -> list[Alarm]:
@@ -273,6 +287,17 @@ class ExactRigSwarm(RigSwarm):
             self.unproven += sum(row[0] for row in rows)
         return rows
 
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect: learn nothing."""
+        self.moves += steps
+        return [(0, len(self.belief.frontier), 0)] * steps
+
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain: particles are in ``cells`` now."""
+        self.state = self._state_at(cells)
+        self.belief = self.belief.with_particles(self.state.occupied)
+        self.placed.append(Placement(self.moves, since, self.state.cells))
+
     def _take_over(self, command: str, steps: int, after: SwarmState) -> list[Row]:
         """Update state and belief, both or neither, and return the trace entries."""
         try:
@@ -393,6 +418,7 @@ class NoisyRigSwarm(RigSwarm):
         self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
         self._sent: list[tuple[str, bool]] = []  # all commands, and whether a scan followed
+        self._newest: NDArray[np.int64] | None = cells  # a scan since the last command
         self._take_over()
         self.first_scan, self.observations = cells, [cells]
         self.start, self.first_frontier = self.state.cells, self.noisy.remaining
@@ -510,6 +536,7 @@ class NoisyRigSwarm(RigSwarm):
         """
         for _ in range(steps):
             self.noisy.spread(command)
+            self._newest = None
         self._sent += [(command, False)] * steps
         self._take_over()
         return [(0, self.noisy.remaining, 0)] * steps
@@ -519,15 +546,13 @@ class NoisyRigSwarm(RigSwarm):
         unknown travelled distance.
         """
         rows = self.predict(command, steps - 1)
-        alone = not self._sent or self._sent[-1][1]
         self._sent.append((command, True))
-        if alone:
+        if self._newest is not None:
             inside = self.noisy.state.inside.reshape(padded_shape(self.layout.shape))
-            self.monitor.compare(
-                command, self.observations[-1], cells, inside, self._once_free.mask
-            )
+            self.monitor.compare(command, self._newest, cells, inside, self._once_free.mask)
         classified = self.noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
+        self._newest = cells
         self._take_over()
         shown = self.monitor.count(cells)
         self._shown = self._shown or shown
@@ -539,6 +564,18 @@ class NoisyRigSwarm(RigSwarm):
         self.unproven = self._recent if shown else self.unproven + classified
         self._recent = 0 if shown else self._recent
         return [*rows, (classified, self.noisy.remaining, 0)]
+
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect."""
+        self.moves += steps
+        return self.predict(command, steps)
+
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain: particles are about ``cells`` now."""
+        self.noisy.place(Board.of_cells(self.layout, cells))
+        self._newest = cells
+        self._take_over()
+        self.placed.append(Placement(self.moves, since, cells))
 
     def check(self) -> None:
         """Raise an alarm if the scans so far contradict the commands."""
@@ -612,7 +649,11 @@ class NoisyRigSwarm(RigSwarm):
             belief.assume_number(number)
             with_number(belief.state.inside, number)
         scans, before = iter(self.observations[1:]), ""
-        for command, scanned in self._sent:
+        for move, (command, scanned) in enumerate(self._sent):
+            for _, _, cells in (one for one in self.placed if one.move == move):
+                belief.place(Board.of_cells(self.layout, cells))
+                belief.state.logit[:] = self.noisy.state.logit
+                before = ""
             if scanned:
                 yield belief, command, before, Board.of_cells(self.layout, next(scans))
                 belief.state.logit[:] = self.noisy.state.logit

@@ -271,6 +271,17 @@ class NoisyBelief:
         state.inside[:] = odds / (1 + odds)
         state.inside[free < 1 - self.confidence] = 0
 
+    def place(self, seen: Board) -> None:
+        """Believe that the particles were put elsewhere, and that a scan then shows ``seen``. Their
+        number and the log-odds of the cells stay, except that a cell with a detection is more
+        likely free.
+        """
+        number = max(1, round(max(self.particles, len(seen))))
+        self._show(seen)
+        kernels.first_belief(self.state)
+        self.assume_number(number)
+        kernels.refresh(self.state, self._field, self.guard)
+
     def learn(self, code: np.int8) -> int:
         """Update the belief after one command and one scan, as `update` does. ``code`` is the
         number of the command.
