@@ -57,6 +57,7 @@ class Rig:
     ) -> None:
         self.swarm, self.shape, self.name, self.duration = swarm, shape, name, duration
         self.session, self.seq, self.answer, self.stopped = "", 0, b"", False
+        self.count = lambda command: None  # told of each command that was carried out
         self.quiet = lambda seconds: (
             True
         )  # waits; returns whether no stop command arrived meanwhile
@@ -113,6 +114,7 @@ class Rig:
                     {"type": "error", "seq": seq, "text": "the rig has been stopped"}
                 )
             self.swarm.move(message["command"])
+            self.count(message["command"])
             self.answer = encode_message({"type": "done", "seq": seq})
         else:
             self.answer = encode_message(
@@ -255,6 +257,9 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--duration", type=float, default=0.0, help="seconds that a command takes")
+    parser.add_argument(
+        "--count", type=Path, help="file to which each command that was carried out is appended"
+    )
     parser.add_argument("--pty", type=Path, help="make a pseudo-terminal under this name")
     parser.add_argument("--tcp", type=int, help="listen on this port")
     parser.add_argument("--cuts", type=int, default=0, help="how often to cut the line")
@@ -277,6 +282,9 @@ def main() -> None:
         name=given.map.stem,
         duration=given.duration,
     )
+    if given.count:
+        book = given.count.open("a", buffering=1)
+        rig.count = lambda command: print(command, file=book)
     bad = BadLine(cuts=given.cuts, damage=given.damage, every=given.every, seed=given.seed)
     with contextlib.suppress(KeyboardInterrupt):
         if given.pty:

@@ -534,6 +534,8 @@ class _Driver:
         for command, steps in runs.rest():
             complete = complete or (swarm.belief.complete and swarm.finished)
             if runs.unknown:
+                for _ in range(steps):
+                    recorded.send(command)
                 self.recorder.add(command, swarm.skip(command, steps), scanned=False)
             else:
                 self._carry_out(command, steps, scan=runs.due)

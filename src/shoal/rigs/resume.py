@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.errors import InvalidInputError, RigError
+from shoal.core.errors import InvalidInputError
 from shoal.core.version import __version__
 from shoal.rigs.checks import AlarmRaised
 from shoal.rigs.log import DriveLog, RecordedRig
@@ -173,11 +173,13 @@ def _with_lost(
     """
     if swarm.noisy is not None:
         return None
-    kept, found = _kept(swarm), []
+    swarm.log, found = None, []  # these are trials
+    kept = _kept(swarm)
     for letter in letters_of(swarm.layout.ndim):
         if _explained(swarm, tail + letter, cells, Recorder(), certain=False):
             found.append((letter, swarm.state != kept["state"]))
         _restore(swarm, kept)
+    swarm.log = log
     if len(found) != 1 or not found[0][1]:
         return None
     letter = found[0][0]
@@ -203,8 +205,9 @@ def _explained(
     try:
         for command, steps in runs[:-1]:
             rows = swarm.predict(command, steps)
-            if rows is None:
-                raise RigError("the log: expected a scan before its last command, got none")
+            if rows is None:  # a scan is missing in between
+                _restore(swarm, kept)
+                return False
             swarm.moves += steps
             found.add(command, rows, scanned=False)
         _carry_out(swarm, *runs[-1], cells, found)

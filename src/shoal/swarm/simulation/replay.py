@@ -322,14 +322,22 @@ class ObservedReplay(_BeliefReplay):
         """Yield the belief and the cells in which the last scan showed particles, at the start and
         after each command.
         """
+        for belief, seen, _ in self._steps():
+            yield belief, seen
+
+    def _steps(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_], int]]:
+        """Yield what `beliefs` yields, and the number of frontier cells before particles were
+        placed.
+        """
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
         belief = NoisyBelief(self.shape, seen, self.noise, self.confidence, loss=LOSS)
         placed = [(at, Board.of_cells(layout, cells)) for at, _, cells in self.placed]
+        first = belief.remaining
         for _, seen in (one for one in placed if one[0] == 0):
             belief.place(seen)
-        yield belief, seen.mask
+        yield belief, seen.mask, first
         for move, (command, scanned) in enumerate(
             zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True), start=1
         ):
@@ -338,9 +346,10 @@ class ObservedReplay(_BeliefReplay):
                 belief.update(command, seen)
             else:
                 belief.spread(command)
+            frontier = belief.remaining
             for _, seen in (one for one in placed if one[0] == move):
                 belief.place(seen)
-            yield belief, seen.mask
+            yield belief, seen.mask, frontier
 
     @cached_property
     def end(self) -> End:
@@ -351,7 +360,8 @@ class ObservedReplay(_BeliefReplay):
         """
         frontier: list[int] = []
         belief: Any = None
-        for belief, _ in self.beliefs():
-            frontier.append(belief.remaining)
+        for step in self._steps():
+            belief = step[0]
+            frontier.append(step[2])
         trace = self.trace._replace(frontier=np.array(frontier[1:], dtype=np.int32))
         return End(SwarmState(belief.occupied), belief.belief, trace, frontier[0])
