@@ -217,7 +217,7 @@ def drive(
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
         book_path = None if book is None else book.path
         _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=book_path, **outputs)
-        if failure is not None:
+        if isinstance(failure, KeyboardInterrupt | SystemExit):
             say(_how_to_go_on(result, book_path, out))
         if failure is not None:
             raise failure
@@ -528,6 +528,8 @@ def _report(
                 ),
             )
         )
+    if result.status is Status.INTERRUPTED and log is not None and verified is None:
+        rows.append(("go on", f"shoal drive --resume {log}"))
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
