@@ -137,12 +137,15 @@ class DriveLog:
             self._write(about | self._request(1) | {"time": self._time()})
 
     def scan(self, move: int, cells: NDArray[np.int64], *, placed: bool = False) -> None:
-        """Record the cells in which a scan showed particles. ``placed`` is true if the particles
-        are elsewhere than the commands would have them, as the drive was interrupted.
+        """Record the cells in which a scan showed particles, and the values that the rig reports in
+        its attribute ``values``, such as currents. ``placed`` is true if the particles are
+        elsewhere than the commands would have them, as the drive was interrupted.
         """
         if move >= self.scans or placed:
             about = {"kind": "scan", "move": move, "cells": cells.tolist()}
             about |= {"placed": True} if placed else {}
+            values = getattr(self._rig, "values", None)
+            about |= {"values": dict(values)} if values else {}
             self._write(about | self._request(0) | {"time": self._time()})
 
     def event(self, what: str, details: dict[str, Any]) -> None:
@@ -227,6 +230,7 @@ class _Scan(_Entry):
     move: NonNegativeInt
     cells: list[list[int]]
     placed: bool = False
+    values: dict[str, float] | None = None
     seq: NonNegativeInt | None = None
     time: float
 

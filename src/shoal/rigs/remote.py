@@ -186,6 +186,8 @@ class RigSession:
         self._damaged: list[bytes] = []  # lines in a row that were damaged, here or at the rig
         self._heard = time.monotonic()
         self.resumption: Resumption | None = None
+        self.values: dict[str, float] = {}
+        """The newest values that the rig has reported, such as currents, by name."""
         if resume is not None:
             self.resumption = self._resume(resume)
         else:
@@ -276,6 +278,7 @@ class RigSession:
                 answer = None
             if isinstance(answer, kind):
                 self._carried_out = request.seq
+                self.values |= answer.values or {}
                 return answer
             if answer is not None:
                 raise UnexpectedAnswerError(

@@ -278,7 +278,7 @@ class SwarmEpisode(WithTrace, Episode):
         return self.replay.frames()
 
     def moments(self) -> Iterator[Moment]:
-        """Yield a `Moment` of an episode with noise, at the start and after each command."""
+        """Yield a `Moment` at the start and after each command."""
         return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:

@@ -1,6 +1,7 @@
 """Drives that go on after an interruption."""
 
 import contextlib
+import csv
 import json
 import random
 import signal
@@ -11,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from tests.unit.swarm.test_rigs import ROOT, BenchTransport, bench
+from tests.unit.swarm.test_rigs import ROOT, BenchTransport, bench, example
 
 from shoal import open_map
 from shoal.cli import run as shoal
@@ -26,8 +27,11 @@ from shoal.rigs import (
     read_log,
     replay_log,
 )
+from shoal.rigs.records import write_frames
 from shoal.rigs.resume import rebuild
+from shoal.swarm.maps.files import read_map
 from shoal.swarm.noise import Noise
+from shoal.views import film
 
 MAZE = open_map("maze:13x9:2")
 
@@ -154,6 +158,8 @@ def test_a_rig_that_has_forgotten_the_session_goes_on_where_its_particles_are(tm
     _state, belief = episode.final()
     assert belief == result.belief
     assert len(list(episode.frames())) == 1 + result.moves
+    film(episode, tmp_path / "film.html")
+    assert '"moments"' in (tmp_path / "film.html").read_text()
     with pytest.raises(InvalidInputError, match="expected an episode of a simulation, got a drive"):
         episode.save(tmp_path / "episode.npz")
     again, verified = replay_log(log)
@@ -334,3 +340,38 @@ def test_the_command_takes_its_options_from_the_log(tmp_path, capsys):
     assert json.loads(said.out)["wrong"] == {"false_free": 0, "false_obstacles": 0}
     assert "the drive was finished" in said.err
     assert log.stat().st_size == size
+
+
+def test_one_folder_holds_the_records_of_a_drive(tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["drive", "maze:13x9:2", "--particles", "4", "--out", str(out), "--json"]
+    assert shoal([*words, "--policy", "closest-frontier"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    made = {"log.jsonl", "frames.csv", "map.txt", "map.png", "summary.json", "film.html"}
+    assert made <= {path.name for path in out.iterdir()}
+    assert read_map(out / "map.txt") == MAZE
+    rows = list(csv.DictReader((out / "frames.csv").read_text().splitlines()))
+    assert len(rows) == 4 * result["scans"]
+    assert "".join(row["commands"] for row in rows[::4]) == result["commands"]
+    last = sorted((int(row["row"]), int(row["column"])) for row in rows[-4:])
+    scans = read_log(out / "log.jsonl").scans
+    assert last == sorted(map(tuple, scans[max(scans)]))
+    assert shoal([*words]) == 0  # the log of another drive is not overwritten
+    assert (out / "log-2.jsonl").exists()
+
+
+def test_values_that_a_rig_reports_are_in_the_table_of_frames(tmp_path):
+    log, rig = tmp_path / "log.jsonl", bench(MAZE, particles=2).rig
+    reply = rig.reply
+
+    def with_current(line):
+        answer = example.decode_message(reply(line))
+        if answer is not None and answer["type"] in ("done", "positions"):
+            answer["values"] = {"current_A": 0.25} if answer["type"] == "done" else {"field_mT": 3}
+        return b"" if answer is None else example.encode_message(answer)
+
+    rig.reply = with_current
+    drive(RemoteRig(BenchTransport(rig), repeat_after=0.05, end_after=1), log=log, max_moves=3)
+    rows = list(csv.DictReader(write_frames(log, tmp_path / "f.csv").read_text().splitlines()))
+    assert [row["field_mT"] for row in rows] == ["3.0"] * len(rows)
+    assert [row["current_A"] for row in rows[:3]] == ["", "", "0.25"]

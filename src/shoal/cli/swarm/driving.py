@@ -4,8 +4,10 @@ log for replays.
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -169,7 +171,7 @@ def drive(
     if apparatus is not None:
         _check_local(truth, "physics")
         problem = _noise_told(problem)
-    book = _book(log, past, ctx)
+    book = _book(log, past, ctx, out)
     load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
     with patient():
@@ -246,18 +248,17 @@ def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
         )
 
 
-NOT_LOGGED = ("log", "out", "film", "json_", "resume")
-"""Options that concern the files of one command, and not the drive."""
-MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves")
+NOT_LOGGED = ("log", "json_", "resume")
+MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves", "out", "film")
 """Options that may differ when a drive goes on: the way to the rig may be another, but the rig's
-name, shape, rule and session must be those of the log.
+name, shape and rule must be those of the log.
 """
 
 
 def _given(ctx: typer.Context) -> dict[str, Any]:
     """Return the options of the drive on the command line, by name, as JSON."""
     return {
-        name: str(value) if isinstance(value, Path) else value
+        name: json.loads(json.dumps(value, default=str))
         for name, value in ctx.params.items()
         if name not in NOT_LOGGED
         and getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
@@ -282,20 +283,32 @@ def _with_logged(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None
             raise InvalidInputError(
                 f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
             )
-    missing = {name: logged[name] for name in logged if name not in given and name in ctx.params}
-    for name in missing:  # as if they had been given
-        source = ctx.get_parameter_source("resume")
-        assert source is not None
-        ctx.set_parameter_source(name, source)
-    ctx.params |= missing
+    source = ctx.get_parameter_source("resume")
+    assert source is not None
+    missing = [
+        param for param in ctx.command.params if param.name in logged and param.name not in given
+    ]
+    for param in missing:  # as if they had been given
+        assert param.name is not None
+        ctx.set_parameter_source(param.name, source)
+        ctx.params[param.name] = param.process_value(ctx, logged[param.name])
     return dict(ctx.params) if missing else None
 
 
-def _book(log: Path | None, past: RecordedRig | None, ctx: typer.Context) -> DriveLog | None:
+def _book(
+    log: Path | None, past: RecordedRig | None, ctx: typer.Context, out: Path | None
+) -> DriveLog | None:
+    """Return the log of a drive: that of --log, that of the drive that goes on, or a new one in the
+    folder of --out.
+    """
     from shoal.rigs.log import DriveLog
 
     if past is not None:
         return DriveLog(past.path, append=True) if log is None else DriveLog(log)
+    if log is None and out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        names = (f"log{'' if number == 1 else f'-{number}'}.jsonl" for number in count(1))
+        log = next(out / name for name in names if not (out / name).exists())
     return None if log is None else DriveLog(log, options=_given(ctx))
 
 
@@ -473,8 +486,16 @@ def _report(
     from shoal.cli.swarm.exploration import write_outputs
 
     about = summary(result, rig, truth, seed=seed, spacing=spacing)
-    written = [] if log is None else [log]
+    written = [log] if log is not None and verified is None else []
+    if out is not None and log is not None:
+        from shoal.rigs.records import write_frames
+
+        written.append(write_frames(log, out / "frames.csv"))
+        about["log"] = str(log)
     if result.episode is not None:
+        if out is not None:
+            film = film or [out / "film.html"]
+            written.append(_write_map(result.episode.workspace, out))
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
@@ -535,6 +556,15 @@ def _report(
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
 
 
+def _write_map(workspace: GridWorkspace, out: Path) -> Path:
+    """Write the free cells that were found, for another drive or another program."""
+    from shoal.swarm.maps.files import write_map
+
+    path = out / ("map.txt" if workspace.ndim == 2 else "map.npy")
+    write_map(workspace, path)
+    return path
+
+
 def _time_of(result: Drive) -> str:
     """Return the time of a drive, and how long the rig took for a command and for a scan."""
     parts = [(result.seconds_per_command, "a command"), (result.seconds_per_scan, "a scan")]
@@ -577,6 +607,7 @@ def replay_drive(
         json_=json_,
         seed=rig.seed,
         spacing=rig.spacing,
+        log=log,
         verified=verified,
     )
     if not verified:

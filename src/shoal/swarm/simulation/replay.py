@@ -19,7 +19,16 @@ from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise import LOSS, Moment, Noise, NoisyBelief, inner_of, looks_of, noisy_belief
+from shoal.swarm.noise import (
+    LOSS,
+    Moment,
+    Noise,
+    NoisyBelief,
+    exact_looks,
+    inner_of,
+    looks_of,
+    noisy_belief,
+)
 from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.simulation.compiled import PolicyGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.swarms import ExactSwarm
@@ -121,8 +130,9 @@ class ExactReplay:
                 swarm.belief = swarm.belief.with_particles(swarm.state.occupied)
 
     def moments(self) -> Iterator[Moment]:
-        """Yield nothing, because an episode without noise has no moments."""
-        yield from ()
+        """Yield a `Moment` of the scans, for pages that cannot simulate placed particles."""
+        for state, belief in self.frames():
+            yield Moment(state.occupied.mask, exact_looks(belief))
 
     @cached_property
     def end(self) -> End:
