@@ -33,7 +33,7 @@ SHOAL = [sys.executable, "-c", "from shoal.__main__ import main; main()"]
 MAP = "vessels:200"
 PARTICLES = 20
 KINDS = ("SIGINT", "SIGKILL", "cable")
-DURATION, PAUSE, END_AFTER = 0.004, 2.0, 1.0  # seconds
+DURATION, PAUSE, END_AFTER = 0.05, 2.0, 1.0  # seconds
 WAITING = 60.0  # seconds for an interrupted drive to end
 
 
@@ -134,13 +134,18 @@ def driven(connection: str, interruptions: int, seed: int, folder: Path) -> dict
     }
 
 
-def is_broken(row: dict[str, object]) -> bool:
-    """Return whether a drive has not kept its promise."""
+def is_broken(row: dict[str, object], interruptions: int) -> bool:
+    """Return whether a drive has not kept its promise, or was interrupted too rarely."""
     logged, counted, unknown = (row[name] for name in ("in the log", "carried out", "unknown"))
     assert isinstance(logged, int)
     assert isinstance(counted, int)
     assert isinstance(unknown, int)
-    right = row["status"] == "complete" and not row["wrong"] and not row["missing"]
+    right = (
+        row["resumed"] == interruptions
+        and row["status"] == "complete"
+        and not row["wrong"]
+        and not row["missing"]
+    )
     return not (right and row["replays"] and counted <= logged <= counted + unknown)
 
 
@@ -158,8 +163,9 @@ def main() -> int:
         for seed in range(given.drives if given.only in (None, connection) else 0):
             with tempfile.TemporaryDirectory() as folder:
                 row = driven(connection, given.interruptions, seed, Path(folder))
-            broken += is_broken(row)
-            print("BROKEN" if is_broken(row) else "ok", json.dumps(row), flush=True)
+            wrong = is_broken(row, given.interruptions)
+            broken += wrong
+            print("BROKEN" if wrong else "ok", json.dumps(row), flush=True)
     return int(bool(broken))
 
 

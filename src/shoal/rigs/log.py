@@ -433,7 +433,8 @@ class _Found:
         self.ended: dict[str, Any] | None = None
         self._session: str | None = None
         self._command = self._last = 0
-        self._stopped, self._carried_out = False, None
+        self._stopped = False
+        self._carried_out: int | None = None
         self._outcome: bool | None = True
 
     def add(self, entry: _Header | _Command | _Scan | _Event | _End, where: str) -> None:

@@ -329,8 +329,9 @@ class RigSession:
             welcome = self._greet(once=True)
         except (ConnectionCutError, RigError):
             return None
-        known = welcome is not None and welcome.session == self.session
-        return welcome.seq if known and welcome.seq >= self._seq - 1 else None
+        if welcome is None or welcome.session != self.session or welcome.seq < self._seq - 1:
+            return None
+        return welcome.seq
 
     def _check_device(self, welcome: Welcome) -> None:
         """Raise RigError if Shoal cannot work with what the rig says about itself."""

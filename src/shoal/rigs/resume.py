@@ -134,7 +134,8 @@ def go_on(
             about[name] = getattr(rig, attribute)
     event("resumed", about)
     swarm.rig = rig
-    tail, last = past.tail, ""
+    tail: str | None = past.tail
+    last = ""
     if tail and state.carried_out is False:
         if state.goes_on:  # the same request, as if its answer had been lost
             _repeat(rig, event, swarm.moves + len(tail), tail[-1])
@@ -143,7 +144,7 @@ def go_on(
     if tail or state.lost_command or not state.goes_on:
         cells = swarm.observe()
         if state.lost_command:
-            tail = _with_lost(swarm, tail, cells, log)
+            tail = _with_lost(swarm, past.tail, cells, log)
         certain = state.goes_on and not state.lost_command
         known = state.goes_on or state.carried_out is not None
         if not known or tail is None or not _explained(swarm, tail, cells, recorder, certain):

@@ -153,6 +153,7 @@ def drive(
     if resume is not None:
         past = read_log(resume)
         if (merged := _with_logged(ctx, past)) is not None:
+            assert ctx.command.callback is not None
             ctx.command.callback(**merged)
             return
         check_resumable(past, problem.max_moves)
