@@ -20,12 +20,13 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, 
 from shoal.core.checks import check_file, parse_json, validation_message
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
-from shoal.core.errors import InvalidInputError, OutputError, RigError
+from shoal.core.errors import InvalidInputError, OutputError, RigError, errors_at
 from shoal.core.version import __version__
 from shoal.rigs.remote import LoggedSession
 from shoal.rigs.rig import LARGEST_VIEW
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.state import Belief, check_cells
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.problem import SwarmProblem
 
 FORMAT: Literal[1] = 1
@@ -83,10 +84,13 @@ class DriveLog:
         problem: dict[str, Any],
         spacing: Any = None,
         test_move: bool = True,
+        known: GridWorkspace | None = None,
+        cautious: bool = False,
     ) -> None:
         """Write the header of the log: name and shape of the rig, the policy, the seed, the fields
-        of the problem, the size of a cell along each axis in mm, and what a drive that goes on
-        needs: the session of a rig behind a connection, and the options.
+        of the problem, the size of a cell along each axis in mm, the map that was known beforehand,
+        whether the drive may go on with noise, and what a drive that goes on needs: the session of
+        a rig behind a connection, and the options.
         """
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
@@ -106,6 +110,8 @@ class DriveLog:
         session = getattr(rig, "session", None)
         header |= {} if session is None else {"session": session}
         header |= {} if self.options is None else {"options": self.options}
+        header |= {} if known is None else {"known": known.to_dict()}
+        header |= {"cautious": True} if cautious else {}
         self._write(header)
         for entry in self._waiting:
             self._write(entry)
@@ -215,6 +221,8 @@ class _Header(_Entry):
     test_move: bool = True
     session: str | None = None
     options: dict[str, Any] | None = None
+    known: dict[str, Any] | None = None
+    cautious: bool = False
 
 
 class _Command(_Entry):
@@ -302,6 +310,10 @@ class RecordedRig:
         Time of the last entry, in seconds since the start.
     path : path
         The file.
+    known : GridWorkspace or None
+        The map that was known beforehand.
+    cautious : bool
+        Whether the drive might go on with noise after the first contradiction.
     """
 
     name: str
@@ -322,6 +334,8 @@ class RecordedRig:
     options: dict[str, Any] | None = None
     lasted: float = 0.0
     path: Path = field(default_factory=Path)
+    known: GridWorkspace | None = None
+    cautious: bool = False
     _at: int = 0
 
     @property
@@ -400,6 +414,8 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
     # what the commands after the last scan did is unknown, unless the drive ended of its own
     # accord, as then it was certain
     sent = max(*scans, *placed, 0 if ended is None else ended["moves"] or 0)
+    with errors_at(f"{source}, line 1, known"):
+        known = None if header.known is None else GridWorkspace.from_dict(header.known)
     return RecordedRig(
         header.rig,
         found.shape,
@@ -411,6 +427,8 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
         found.events,
         ended,
         spacing=None if header.spacing is None else tuple(header.spacing),
+        known=known,
+        cautious=header.cautious,
         placed=placed,
         tail=commands[sent:],
         session=found.session(header.session),

@@ -635,7 +635,8 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
 def change_text(first: int, last: int) -> str:
     """Return what a change of the number of particles means, for people."""
     why = (
-        "scans stopped showing a particle, for longer than the miss rate explains"
+        "scans stopped showing a particle, for longer than the miss rate explains, unless two"
+        " particles share a cell"
         if first > last
         else "scans show more particles than at the start"
     )

@@ -15,7 +15,7 @@ from shoal.core.version import __version__
 from shoal.rigs.checks import AlarmRaised
 from shoal.rigs.log import DriveLog, RecordedRig
 from shoal.rigs.remote import Resumption
-from shoal.rigs.rig import Rig
+from shoal.rigs.rig import PositionError, Rig
 from shoal.rigs.tracking import RigSwarm
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.scans import Recorder
@@ -210,9 +210,10 @@ def _explained(
                 _restore(swarm, kept)
                 return False
             swarm.moves += steps
+            swarm.sent.append((command, steps, None))
             found.add(command, rows, scanned=False)
         _carry_out(swarm, *runs[-1], cells, found)
-    except AlarmRaised:
+    except (AlarmRaised, PositionError):
         if certain:
             raise
         _restore(swarm, kept)
@@ -225,17 +226,19 @@ def _explained(
 
 
 def _kept(swarm: RigSwarm) -> dict[str, Any]:
-    """Return the attributes of a swarm without noise, whose parts are never changed in place."""
-    return {
-        name: copy.copy(value) if name == "_tried" else value for name, value in vars(swarm).items()
-    }
+    """Return the attributes of a swarm without noise, of which only lists and sets are changed in
+    place.
+    """
+    return {name: _own(value) for name, value in vars(swarm).items()}
+
+
+def _own(value: Any) -> Any:
+    return copy.copy(value) if isinstance(value, list | set) else value
 
 
 def _restore(swarm: RigSwarm, kept: dict[str, Any]) -> None:
     vars(swarm).clear()
-    vars(swarm).update(kept)
-    if "_tried" in kept:
-        vars(swarm)["_tried"] = copy.copy(kept["_tried"])
+    vars(swarm).update({name: _own(value) for name, value in kept.items()})
 
 
 def _carry_out(

@@ -17,8 +17,10 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
+from shoal.swarm.goals import Goal
 from shoal.swarm.grid.scans import Placement, Trace, WithTrace, lengths_and_times
 from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import MapErrors, Moment, Noise
@@ -74,6 +76,8 @@ class SwarmEpisode(WithTrace, Episode):
     placed : tuple of Placement
         For a drive of a rig that was interrupted: where scans showed the particles when it went on,
         if the commands do not explain it.
+    goal : Goal, optional
+        For a rig with noise: the task, with the map that was known beforehand.
     """
 
     part: ClassVar[str] = "swarm"
@@ -92,6 +96,7 @@ class SwarmEpisode(WithTrace, Episode):
     observations: tuple[NDArray[np.int64], ...] | None = None
     truth: NDArray[np.bool_] | None = None
     placed: tuple[Placement, ...] = ()
+    goal: Goal | None = None
 
     @property
     def workspace(self) -> GridWorkspace:
@@ -247,14 +252,8 @@ class SwarmEpisode(WithTrace, Episode):
         """The replay of the episode, computed from its stored commands and scans."""
         problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
-            return ObservedReplay(
-                self.workspace.shape,
-                *about,
-                self.trace,
-                self.observations,
-                self.truth,
-                self.placed,
-            )
+            seen = self.observations, self.truth, self.goal or Goal(make_task("mapping"))
+            return ObservedReplay(self.workspace.shape, *about, self.trace, *seen, self.placed)
         if problem.noise is not None:
             return NoisyReplay(
                 self.workspace, self.start, *about, self.seed, self.trial, self.trace

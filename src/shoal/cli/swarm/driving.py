@@ -1,5 +1,5 @@
-"""shoal drive: map the workspace of a rig (a real or simulated apparatus) in a closed loop, with a
-log for replays.
+"""shoal drive: map the workspace of a rig (a real or simulated apparatus), or carry out another
+task in it, in a closed loop, with a log for replays.
 """
 
 from __future__ import annotations
@@ -69,12 +69,35 @@ def drive(
             metavar="[MAP]",
             help=(
                 "True map, in which the particles of a simulated rig or of a physical plant move. For"
-                " a real rig, Shoal compares the result with the true map."
+                " a real rig, Shoal compares the result with the true map. A task such as coverage"
+                " takes this map as known, if --known gives no other one."
             ),
         ),
     ] = None,
     rig: RigName = "simulated",
     size: Size = None,
+    known: Annotated[
+        str | None,
+        typer.Option(
+            "--known",
+            metavar="MAP",
+            help=(
+                "Map that is known beforehand, as of an earlier drive or of an MRI. A mapping begins"
+                " with it as prior knowledge, and checks every cell of it; other tasks rest on it"
+                " until scans contradict."
+            ),
+        ),
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help=(
+                "The rig makes no errors: end the drive at the first contradiction. By default so"
+                " for the rigs simulated and physics:exact."
+            ),
+        ),
+    ] = False,
     seed: options.Seed = 0,
     repeat_after: Annotated[
         float | None,
@@ -129,16 +152,19 @@ def drive(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C,
-    Shoal stops the rig.
+    """Control a rig (an apparatus with particles): map its space, cover a known map, or bring a
+    particle to a target. At the end and after Ctrl-C, Shoal stops the rig.
 
     Of a real rig, --particles and --rule are the expected values: if its first scan shows another
-    number of particles (with --miss or --misplace: fewer than chance allows, or more), or if it
-    reports another rule, the command ends before the first move. The options --placement and
-    --start apply to a simulated rig or a physical plant only. The options --slip, --misplace and --miss state the error probabilities
-    of a rig, and a simulated rig makes such errors. A plant makes the errors of its physics, and is told as a rig with slip .05, misplace .05 and miss .01 if no option states them. If the rig contradicts the commands, or if no
-    particle moves, the drive ends with the status alarm and exit code 1. The page
-    docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
+    number of particles (fewer than chance allows, or more), or if it reports another rule, the
+    command ends before the first move. The options --placement and --start apply to a simulated rig
+    or a physical plant only. The options --slip, --misplace and --miss state the error
+    probabilities of a rig, and a simulated rig makes such errors. Without them, a real rig or a
+    plant is expected to make no errors until scans contradict, and from then on those of slip .05,
+    misplace .05 and miss .01; with --exact, the first contradiction ends the drive. If the rig
+    contradicts the commands, or if no particle moves, the drive ends with the status alarm and exit
+    code 1. The page docs/concepts/rigs.md describes the checks, and the messages between Shoal and
+    a rig.
     """
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
@@ -163,6 +189,9 @@ def drive(
             return
     apparatus = _apparatus(rig)
     truth = None if map_name is None else open_map(map_name)
+    knowledge = None if known is None else open_map(known)
+    if knowledge is None and problem.task_name != "mapping":
+        knowledge = truth
     shape = None if size is None else _size(size)
     given = {"repeat_after": repeat_after, "end_after": end_after}
     patience = {name: seconds for name, seconds in given.items() if seconds is not None}
@@ -171,7 +200,10 @@ def drive(
     _check_effect(rig, problem, **patience)
     if apparatus is not None:
         _check_local(truth, "physics")
-        problem = _noise_told(problem)
+        if problem.rule != "block":
+            raise InvalidInputError(
+                f"rule: expected block, as a plant's particles push each other, got {problem.rule}"
+            )
     book = _book(log, past, ctx, out)
     load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
@@ -190,9 +222,7 @@ def drive(
             )
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
-        fields = {
-            name: getattr(problem, name) for name in DRIVEN if past is None or name in problem.given
-        }
+        fields = {name: getattr(problem, name) for name in DRIVEN if name in problem.given}
         if not _is_local(rig):  # what the user expects of it
             fields |= {
                 name: getattr(problem, name)
@@ -206,7 +236,11 @@ def drive(
             "test_move": test_move,
             "spacing": spacing,
             "resume": past,
+            "known": knowledge,
+            "exact": exact or rig == "simulated" or rig.startswith("physics:exact") or None,
         }
+        if problem.noise is not None and not exact:
+            options["exact"] = False
         failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)
@@ -366,23 +400,6 @@ def _apparatus(rig: str) -> PlantProperties | None:
     return PlantProperties.parse(text)
 
 
-def _noise_told(problem: SwarmProblem) -> SwarmProblem:
-    """Return the problem with the usual error rates of a plant, if the user states none."""
-    from shoal.rigs.physics import TOLD
-
-    if problem.rule != "block":
-        raise InvalidInputError(
-            f"rule: expected block, as a plant's particles push each other, got {problem.rule}"
-        )
-    if not TOLD.keys().isdisjoint(problem.given):
-        return problem
-    say(
-        "shoal: the plant's errors are told as "
-        + ", ".join(f"--{name} {value:g}" for name, value in TOLD.items())
-    )
-    return problem.replaced(**TOLD)
-
-
 def _check_local(truth: GridWorkspace | None, name: str) -> GridWorkspace:
     if truth is None:
         raise InvalidInputError(f"rig {name}: expected a map, such as vessels:500, got none")
@@ -452,6 +469,10 @@ def summary(
         "trust": dict(vars(result.trust)),
         "alarms": alarms_as_json(result.alarms),
         "rates": {name: dict(vars(rate)) for name, rate in result.rates.items()},
+        "notes": list(result.notes),
+        "task": result.task,
+        "targets": result.targets,
+        "visited": result.visited,
         "moves": result.moves,
         "scans": result.scans,
         "free_cells": free,
@@ -487,6 +508,8 @@ def _report(
     from shoal.cli.swarm.exploration import write_outputs
 
     about = summary(result, rig, truth, seed=seed, spacing=spacing)
+    for note in result.notes:
+        say(f"shoal: {note}")
     written = [log] if log is not None and verified is None else []
     if out is not None and log is not None:
         from shoal.rigs.records import write_frames
@@ -521,6 +544,11 @@ def _report(
         (
             "found",
             f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them",
+        ),
+        *(
+            [("visited", f"{result.visited} of {count_text(result.targets, 'target cell')}")]
+            if result.targets is not None
+            else []
         ),
         ("scans", str(result.scans)),
         *(("alarm", alarm.text) for alarm in result.alarms),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import Board, GridLayout, decode, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Placement, Recorder, Row, ScanRule, Trace
 from shoal.swarm.grid.state import Belief, SwarmState
@@ -20,7 +21,6 @@ from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import (
-    LOSS,
     Moment,
     Noise,
     NoisyBelief,
@@ -314,6 +314,8 @@ class ObservedReplay(_BeliefReplay):
         Cells in which each scan showed particles, including the scan before the first command.
     truth : ndarray of bool, or None
         The true free cells, or None if the true map is unknown.
+    goal : Goal
+        The task, with the map that was known beforehand.
     placed : tuple of Placement
     """
 
@@ -323,6 +325,7 @@ class ObservedReplay(_BeliefReplay):
     trace: Trace
     observations: tuple[NDArray[np.int64], ...]
     truth: NDArray[np.bool_] | None
+    goal: Goal
     placed: tuple[Placement, ...] = ()
 
     def _truth(self) -> NDArray[np.bool_] | None:
@@ -342,7 +345,7 @@ class ObservedReplay(_BeliefReplay):
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
-        belief = NoisyBelief(self.shape, seen, self.noise, self.confidence, loss=LOSS)
+        belief = self.goal.noisy(seen, self.noise, self.confidence)
         placed = [(at, Board.of_cells(layout, cells)) for at, _, cells in self.placed]
         first = belief.remaining
         for _, seen in (one for one in placed if one[0] == 0):
