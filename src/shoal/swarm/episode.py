@@ -252,8 +252,9 @@ class SwarmEpisode(WithTrace, Episode):
         """The replay of the episode, computed from its stored commands and scans."""
         problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
-            seen = self.observations, self.truth, self.goal or Goal(make_task("mapping"))
-            return ObservedReplay(self.workspace.shape, *about, self.trace, *seen, self.placed)
+            goal, shape = self.goal or Goal(make_task("mapping")), self.workspace.shape
+            scans = self.observations
+            return ObservedReplay(shape, *about, self.trace, scans, self.truth, goal, self.placed)
         if problem.noise is not None:
             return NoisyReplay(
                 self.workspace, self.start, *about, self.seed, self.trial, self.trace
