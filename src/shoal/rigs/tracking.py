@@ -32,7 +32,7 @@ from shoal.rigs.monitor import (
 from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.goals import Goal, NoisyVisits
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
-from shoal.swarm.grid.scans import AXES, Row, states_of_run
+from shoal.swarm.grid.scans import AXES, Placement, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.world import GridWorld
@@ -106,6 +106,7 @@ class RigSwarm(ABC):
         self.log: DriveLog | None = None
         self.sending = self.scanning = 0.0
         self.scans = 0
+        self.placed: list[Placement] = []
 
     @property
     def found(self) -> Belief:
@@ -170,6 +171,19 @@ class RigSwarm(ABC):
         ``steps`` times.
 
         Return the trace entries (classified, frontier, travelled) of each command.
+        """
+
+    @abstractmethod
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect. `place` follows.
+
+        Return the trace entries of each command, as `update` does.
+        """
+
+    @abstractmethod
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain, as the drive was interrupted: the
+        particles are in ``cells`` now. ``since`` is the number of commands whose effect is known.
         """
 
     def marks(self, *, quick: bool = False) -> list[Alarm]:
@@ -381,6 +395,22 @@ class ExactRigSwarm(RigSwarm):
             self.unproven += len(self.shown.known) - known
         return rows
 
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect: learn nothing."""
+        self.moves += steps
+        self.sent.append((command, steps, None))
+        return [(0, len(self.belief.frontier), 0)] * steps
+
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain: particles are in ``cells`` now."""
+        self.placed.append(Placement(self.moves, since, cells))
+        self.state = self._state_at(cells)
+        here = self.state.occupied
+        self.shown = self.shown.with_particles(here)
+        if not isinstance(self.goal.task, Mapping):
+            self._goal = self._goal.with_particles(here & self._goal.open)
+        self.belief = self._believed()
+
     @property
     def needs_proof(self) -> bool:
         """Whether a mapping rests on walls from commands at which nothing was seen to move."""
@@ -535,6 +565,7 @@ class NoisyRigSwarm(RigSwarm):
         self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
         self._sent: list[tuple[str, bool]] = []  # all commands, and whether a scan followed
+        self._newest: NDArray[np.int64] | None = cells  # a scan since the last command
         self._take_over()
         self.observations = [cells]
         self.start, self.first_frontier = self.state.cells, self.noisy.remaining
@@ -661,6 +692,7 @@ class NoisyRigSwarm(RigSwarm):
         """
         for _ in range(steps):
             self.noisy.spread(command)
+            self._newest = None
         self._sent += [(command, False)] * steps
         self._take_over()
         return [(0, self.noisy.remaining, 0)] * steps
@@ -670,15 +702,13 @@ class NoisyRigSwarm(RigSwarm):
         unknown travelled distance.
         """
         rows = self.predict(command, steps - 1)
-        alone = not self._sent or self._sent[-1][1]
         self._sent.append((command, True))
-        if alone:
+        if self._newest is not None:
             inside = self.noisy.state.inside.reshape(padded_shape(self.layout.shape))
-            self.monitor.compare(
-                command, self.observations[-1], cells, inside, self._once_free.mask
-            )
+            self.monitor.compare(command, self._newest, cells, inside, self._once_free.mask)
         classified = self.noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
+        self._newest = cells
         self._take_over()
         shown = self.monitor.count(cells)
         self._shown = self._shown or shown
@@ -692,6 +722,19 @@ class NoisyRigSwarm(RigSwarm):
         if not self.goal.mapping:  # cells in which particles were seen rest on no motion
             self._classified[command] = self._recent = self.unproven = 0
         return [*rows, (classified, self.noisy.remaining, 0)]
+
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect."""
+        self.moves += steps
+        self.sent.append((command, steps, None))
+        return self.predict(command, steps)
+
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain: particles are about ``cells`` now."""
+        self.noisy.place(Board.of_cells(self.layout, cells))
+        self._newest = cells
+        self._take_over()
+        self.placed.append(Placement(self.moves, since, cells))
 
     def check(self) -> None:
         """Raise an alarm if the scans so far contradict the commands."""
@@ -776,7 +819,11 @@ class NoisyRigSwarm(RigSwarm):
             belief.assume_number(number)
             with_number(belief.state.inside, number)
         scans, before = iter(self.observations[1:]), ""
-        for command, scanned in self._sent:
+        for move, (command, scanned) in enumerate(self._sent):
+            for _, _, cells in (one for one in self.placed if one.move == move):
+                belief.place(Board.of_cells(self.layout, cells))
+                belief.state.logit[:] = self.noisy.state.logit
+                before = ""
             if scanned:
                 yield belief, command, before, Board.of_cells(self.layout, next(scans))
                 belief.state.logit[:] = self.noisy.state.logit

@@ -304,6 +304,17 @@ class NoisyBelief:
         state.inside[:] = odds / (1 + odds)
         state.inside[free < 1 - self.confidence] = 0
 
+    def place(self, seen: Board) -> None:
+        """Believe that the particles were put elsewhere, and that a scan then shows ``seen``. Their
+        number and the log-odds of the cells stay, except that a cell with a detection is more
+        likely free.
+        """
+        number = max(1, round(max(self.particles, len(seen))))
+        self._show(seen)
+        kernels.first_belief(self.state)
+        self.assume_number(number)
+        kernels.refresh(self.state, self._field, self.guard)
+
     def learn(self, code: np.int8) -> int:
         """Update the belief after one command and one scan, as `update` does. ``code`` is the
         number of the command.
@@ -660,12 +671,23 @@ def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np
     looks = (UNKNOWN + np.clip(np.rint(share * LEVELS), -inner, inner)).astype(np.uint8)
     known = belief.belief
     free, obstacles = known.open.mask, known.obstacles.mask
-    looks[free], looks[obstacles] = FREE, OBSTACLE
-    looks[known.frontier.mask] += FRONTIER
+    _shade(looks, known)
     if truth is not None:
         looks[free & ~truth] = FALSE_FREE
         looks[obstacles & truth] = FALSE_OBSTACLE
     return np.asarray(looks)
+
+
+def exact_looks(known: Belief) -> NDArray[np.uint8]:
+    """Return the shade of each cell in a picture of a belief without noise."""
+    looks = np.full(known.open.layout.window, UNKNOWN, dtype=np.uint8)
+    _shade(looks, known)
+    return looks
+
+
+def _shade(looks: NDArray[np.uint8], known: Belief) -> None:
+    looks[known.open.mask], looks[known.obstacles.mask] = FREE, OBSTACLE
+    looks[known.frontier.mask] += FRONTIER
 
 
 def truth_of(

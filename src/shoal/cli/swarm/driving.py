@@ -4,8 +4,10 @@ task in it, in a closed loop, with a log for replays.
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +24,7 @@ from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
     from shoal.core.episode import Verification
-    from shoal.rigs import Drive, Rig
+    from shoal.rigs import Drive, DriveLog, RecordedRig, Rig
     from shoal.rigs.physics import PlantProperties
     from shoal.swarm import GridWorkspace, SwarmEpisode
 
@@ -60,6 +62,7 @@ Size = Annotated[
 )
 def drive(
     problem: SwarmProblem,
+    ctx: typer.Context,
     map_name: Annotated[
         str | None,
         typer.Argument(
@@ -134,6 +137,17 @@ def drive(
             help="Log file (JSON lines), which Shoal writes during the run.",
         ),
     ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            "--resume",
+            metavar="LOG",
+            help=(
+                "Go on with the drive of a log that was interrupted. All other options are those of"
+                " the log. The log is continued, or copied to the file of --log and continued there."
+            ),
+        ),
+    ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
@@ -154,12 +168,25 @@ def drive(
     """
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
-    from shoal.rigs.log import DriveLog
+    from shoal.rigs.log import read_log
     from shoal.rigs.remote import open_rig
+    from shoal.rigs.resume import check_resumable, is_finished, rebuild
     from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
 
     check_outputs(out, film)
+    past = None
+    if resume is not None:
+        past = read_log(resume)
+        if (merged := _with_logged(ctx, past)) is not None:
+            assert ctx.command.callback is not None
+            ctx.command.callback(**merged)
+            return
+        check_resumable(past, problem.max_moves)
+        if is_finished(past):
+            say(f"shoal: {resume}: the drive was finished, so that nothing is left to do")
+            _show_finished(past, map_name, out, film, json_)
+            return
     apparatus = _apparatus(rig)
     truth = None if map_name is None else open_map(map_name)
     knowledge = None if known is None else open_map(known)
@@ -177,16 +204,21 @@ def drive(
             raise InvalidInputError(
                 f"rule: expected block, as a plant's particles push each other, got {problem.rule}"
             )
-    book = None if log is None else DriveLog(log)
+    book = _book(log, past, ctx, out)
     load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any
         if _is_local(rig):
             opened = _local_rig(truth, problem, seed, apparatus)
+            if past is not None:
+                rebuild(opened, past)
         else:
             opened = open_rig(
-                rig, **SECONDS | patience, on_event=None if book is None else book.event
+                rig,
+                **SECONDS | patience,
+                on_event=None if book is None else book.event,
+                resume=None if past is None else past.session,
             )
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
@@ -203,6 +235,7 @@ def drive(
             "on_moves": report_moves(opened.name),
             "test_move": test_move,
             "spacing": spacing,
+            "resume": past,
             "known": knowledge,
             "exact": exact or rig == "simulated" or rig.startswith("physics:exact") or None,
         }
@@ -219,9 +252,10 @@ def drive(
         finally:
             getattr(opened, "close", lambda: None)()
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
-        _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=log, **outputs)
+        book_path = None if book is None else book.path
+        _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=book_path, **outputs)
         if isinstance(failure, KeyboardInterrupt | SystemExit):
-            say(_how_to_go_on(result, log, out))
+            say(_how_to_go_on(result, book_path, out))
         if failure is not None:
             raise failure
     unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
@@ -249,8 +283,92 @@ def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
         )
 
 
+NOT_LOGGED = ("log", "json_", "resume")
+MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves", "out", "film")
+"""Options that may differ when a drive goes on: the way to the rig may be another, but the rig's
+name, shape and rule must be those of the log.
+"""
+
+
+def _given(ctx: typer.Context) -> dict[str, Any]:
+    """Return the options of the drive on the command line, by name, as JSON."""
+    return {
+        name: json.loads(json.dumps(value, default=str))
+        for name, value in ctx.params.items()
+        if name not in NOT_LOGGED
+        and getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
+    }
+
+
+def _with_logged(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
+    """Return all options of the command, with those of the log that the user has not repeated, or
+    None if there are none.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if an option contradicts the log.
+    """
+    given, logged = _given(ctx), dict(past.options or {})
+    usual = {param.name: param.default for param in ctx.command.params}
+    usual |= {name: one.default for name, one in SwarmProblem.declarations().items()}
+    for name, value in given.items():
+        expected = logged.get(name, usual[name])
+        if past.options is not None and name not in MAY_CHANGE and value != expected:
+            raise InvalidInputError(
+                f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
+            )
+    source = ctx.get_parameter_source("resume")
+    assert source is not None
+    missing = [
+        param for param in ctx.command.params if param.name in logged and param.name not in given
+    ]
+    for param in missing:  # as if they had been given
+        assert param.name is not None
+        ctx.set_parameter_source(param.name, source)
+        ctx.params[param.name] = param.process_value(ctx, logged[param.name])
+    return dict(ctx.params) if missing else None
+
+
+def _book(
+    log: Path | None, past: RecordedRig | None, ctx: typer.Context, out: Path | None
+) -> DriveLog | None:
+    """Return the log of a drive: that of --log, that of the drive that goes on, or a new one in the
+    folder of --out.
+    """
+    from shoal.rigs.log import DriveLog
+
+    if past is not None:
+        return DriveLog(past.path, append=True) if log is None else DriveLog(log)
+    if log is None and out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        names = (f"log{'' if number == 1 else f'-{number}'}.jsonl" for number in count(1))
+        log = next(out / name for name in names if not (out / name).exists())
+    return None if log is None else DriveLog(log, options=_given(ctx))
+
+
+def _show_finished(
+    past: RecordedRig,
+    map_name: str | None,
+    out: Path | None,
+    film: list[Path] | None,
+    json_: bool,
+) -> None:
+    """Report the drive of a log that has ended of its own accord."""
+    from shoal.rigs.driving import replay_log
+    from shoal.swarm.maps.files import open_map
+
+    truth = None if map_name is None else open_map(map_name)
+    result, verified = replay_log(past)
+    if not verified:
+        raise InvalidInputError(f"{past.path}: {verified.message}")
+    outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
+    about: dict[str, Any] = {"seed": past.seed, "spacing": past.spacing, "truth": truth}
+    _report(result, past, log=past.path, verified=verified, **about, **outputs)
+
+
 def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
-    """Return what can be done after Ctrl-C. A new drive begins with the particles where
+    """Return what can be done after an interruption. A new drive begins with the particles where
     they are.
     """
     stopped = f"shoal: stopped after {count_text(result.moves, 'move')}"
@@ -258,10 +376,12 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
         shown = f"{shown}, and {replay}" if shown else replay
-    again = (
-        "to go on, start the drive again (with another log): it begins with the particles where"
-        " they are now"
-    )
+        again = f"to go on: 'shoal drive --resume {log}'"
+    else:
+        again = (
+            "to go on, start the drive again, with --log: it begins with the particles where they"
+            " are now"
+        )
     return "; ".join(part for part in (stopped, shown, again) if part)
 
 
@@ -390,8 +510,16 @@ def _report(
     about = summary(result, rig, truth, seed=seed, spacing=spacing)
     for note in result.notes:
         say(f"shoal: {note}")
-    written = [] if log is None else [log]
+    written = [log] if log is not None and verified is None else []
+    if out is not None and log is not None:
+        from shoal.rigs.records import write_frames
+
+        written.append(write_frames(log, out / "frames.csv"))
+        about["log"] = str(log)
     if result.episode is not None:
+        if out is not None:
+            film = film or [out / "film.html"]
+            written.append(_write_map(result.episode.workspace, out))
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
@@ -452,9 +580,20 @@ def _report(
                 ),
             )
         )
+    if result.status is Status.INTERRUPTED and log is not None and verified is None:
+        rows.append(("go on", f"shoal drive --resume {log}"))
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
+
+
+def _write_map(workspace: GridWorkspace, out: Path) -> Path:
+    """Write the free cells that were found, for another drive or another program."""
+    from shoal.swarm.maps.files import write_map
+
+    path = out / ("map.txt" if workspace.ndim == 2 else "map.npy")
+    write_map(workspace, path)
+    return path
 
 
 def _time_of(result: Drive) -> str:
@@ -499,6 +638,7 @@ def replay_drive(
         json_=json_,
         seed=rig.seed,
         spacing=rig.spacing,
+        log=log,
         verified=verified,
     )
     if not verified:
