@@ -180,7 +180,11 @@ def drive(
     spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any
-        link = {"on_event": None if book is None else book.event, **SECONDS, **patience}
+        link: dict[str, Any] = {
+            "on_event": None if book is None else book.event,
+            **SECONDS,
+            **patience,
+        }
         if devices is not None:
             opened = _bench(devices, truth, shape, problem, seed, apparatus, **link)
         elif _is_local(rig):
