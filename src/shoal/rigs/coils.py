@@ -31,7 +31,7 @@ SLACK = 0.5  # seconds beyond the longest pulse after which the keep-alive proce
 Acts = list[tuple[Callable[[], None], float]]
 
 
-class Line(Protocol):
+class CoilLine(Protocol):
     """A line to coils. ``why`` says why somebody else has turned the field off, or is empty."""
 
     name: str
@@ -144,7 +144,7 @@ class CoilActuator:
                 ) from None
             raise
 
-    def _make_line(self, address: str) -> Line:
+    def _make_line(self, address: str) -> CoilLine:
         device, limits = self.actuation.device, self.actuation.limits
         transport = open_transport(
             address, what="device.connection"
