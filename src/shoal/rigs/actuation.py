@@ -220,7 +220,8 @@ class Actuation:
             )
 
     def _command(self, letter: str) -> CommandForm:
-        return dict[str, CommandForm](self.form.commands).get(letter, CommandForm())
+        known: dict[str, CommandForm] = {**self.form.commands}
+        return known.get(letter, CommandForm())
 
     def _pulse_of(self, letter: str) -> tuple[float, float]:
         own = self._command(letter)
@@ -453,8 +454,8 @@ def _direction(angle: float) -> NDArray[np.float64]:
 
 
 def _spherical(azimuth: float, polar: float) -> NDArray[np.float64]:
-    flat: NDArray[np.float64] = _cosine(polar - 90) * _direction(azimuth)
-    return flat + np.array([0.0, 0.0, _cosine(polar)])
+    flat = _cosine(polar - 90) * _direction(azimuth)
+    return np.array([flat[0], flat[1], _cosine(polar)], dtype=np.float64)
 
 
 def _cosine(angle: float) -> float:
