@@ -220,8 +220,8 @@ class Actuation:
             )
 
     def _command(self, letter: str) -> CommandForm:
-        known: dict[str, CommandForm] = {**self.form.commands}
-        return known.get(letter, CommandForm())
+        own = (one for name, one in self.form.commands.items() if name == letter)
+        return next(own, CommandForm())
 
     def _pulse_of(self, letter: str) -> tuple[float, float]:
         own = self._command(letter)
