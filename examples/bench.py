@@ -37,7 +37,7 @@ class Bench:
     """Coils and a plant in real time."""
 
     def __init__(self, vessel, particles, seed, **properties):
-        cells = place(vessel, particles, "scattered", trial_rng(seed))
+        cells = place(vessel, particles, "uniform", trial_rng(seed))
         points = [(col + 0.5, vessel.shape[0] - row - 0.5) for row, col in cells]
         about = PlantProperties.of("pull", delay=0, settle=0, **properties)
         self.plant = Plant(vessel, points, about, np.random.default_rng(seed))
