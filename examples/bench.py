@@ -36,6 +36,8 @@ STEP = 0.004  # seconds between two looks at the line
 class Bench:
     """Coils and a plant in real time."""
 
+    running = True
+
     def __init__(self, vessel, particles, seed, **properties):
         cells = place(vessel, particles, "uniform", trial_rng(seed))
         points = [(col + 0.5, vessel.shape[0] - row - 0.5) for row, col in cells]
@@ -83,9 +85,9 @@ class Bench:
         self.picture = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
 
     def run(self, terminal):
-        """Read lines from the pseudo-terminal for ever, and answer them."""
+        """Read lines from the pseudo-terminal, and answer them."""
         came, began, drawn = b"", time.monotonic(), -1.0
-        while True:
+        while self.running:
             if select.select([terminal], [], [], STEP)[0]:
                 with suppress(OSError):
                     came += os.read(terminal, 4096)
