@@ -500,6 +500,24 @@ def test_a_line_that_is_lost_is_opened_again_to_turn_the_field_off(tmp_path):
         actuator.close()
 
 
+def test_a_line_that_was_lost_between_two_pulses_is_opened_again_before_the_next(tmp_path):
+    line = Server()
+
+    def answer(text):
+        if len(device.log) == 3:
+            line.cut()
+
+    with Controller(line, lines(answer)) as device:
+        actuator = coils(tmp_path, line)
+        actuator.push(0.0, 0.02)
+        device.wait(lambda log: line._line is None)
+        actuator.push(90.0, 0.02)
+        device.wait(lambda log: log[3:] == [OFF, "SET 0 100 0 0", OFF])
+        assert actuator.values["right"] == pytest.approx(0.0, abs=1e-9)
+        assert actuator.values["on"] >= 0.02
+        actuator.close()
+
+
 def test_a_stop_that_nobody_confirms_is_said(tmp_path):
     line = Terminal()
     words = r"the field may still be on: no answer within 0.02 s"
