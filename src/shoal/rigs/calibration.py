@@ -1,0 +1,908 @@
+"""Calibration of a bench: where a pixel of the camera lies in the grid, and how far and in which
+direction a pulse of the actuator moves particles.
+
+Pixels are (x, y) = (column, row) of the picture, as in OpenCV. Positions in the grid are float (row,
+column); the cell (r, c) has its centre at (r, c). Motions are vectors (x, y) in cells with y up, and
+angles are in degrees counterclockwise from the x axis, as in `shoal.rigs.physics.Plant.push`.
+
+Test pulses go back and forth. What a wall holds or deflects at the first pulse of a pair it lets go
+at the second, so that after one pair nearly all particles move freely in both directions. Motions of
+the others differ from the most frequent motion and are left out.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from math import atan2, cos, degrees, hypot, inf, pi, radians, sin
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from shoal.core.checks import parse_json, parse_toml, read_text, validation_message
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, MissingExtraError, RigError
+
+Points = NDArray[np.float64]
+ANGLES = {"r": 0.0, "u": 90.0, "l": 180.0, "d": 270.0}
+"""Direction of each command, in degrees counterclockwise from the x axis."""
+
+AIM = 1.07
+"""Length, in cells, of a pulse that must move particles by one cell: a pulse that is a little too
+short turns free cells into walls, one that is a little too long is stopped by the walls.
+"""
+RESIDUAL = 0.1  # largest error of positions and of pulses, in cells
+TURNED = 45.0  # angle, in degrees, between command and motion, from which on an axis is another one
+OUTLIER = 0.5  # distance, in cells, from which on a mark contradicts the others
+FLAT = 0.05  # width over length of a set of marks, below which the marks lie on one line
+BAND = 0.2  # half width of the most frequent motion, as a share of its length
+FEWEST = 3  # free motions that measure a direction
+
+
+class _Form(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+Positive = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(ge=0)]
+Row = tuple[float, float, float]
+Vector = tuple[float, float]
+
+
+class Responses(_Form):
+    """How particles answer to pulses.
+
+    A pulse of the angle a and of s seconds moves particles by (s - dead) times the velocity
+    max(cos a, 0) r + max(-cos a, 0) l + max(sin a, 0) u + max(-sin a, 0) d.
+
+    Parameters
+    ----------
+    r, u, l, d : tuple of float
+        Velocity (x, y) in cells a second, x to the right and y up, of a pulse in this direction.
+    dead : float
+        Part of a pulse that moves nothing, in seconds; below 0 if particles move on after it.
+    residual : float
+        Root mean square error of this formula for the test pulses, in cells.
+    counts : dict of str to int
+        Number of free motions from which each velocity was found.
+    """
+
+    r: Vector
+    u: Vector
+    l: Vector  # noqa: E741  # a command
+    d: Vector
+    dead: float = 0.0
+    residual: Share = 0.0
+    counts: dict[str, int] = {}
+
+    def displacement(self, angle: float, seconds: float) -> Points:
+        """Return the motion (x, y) in cells that a pulse causes in the open."""
+        return _mixed(self._velocities(), angle) * (seconds - self.dead)
+
+    def pulse_for(self, motion: ArrayLike) -> tuple[float, float]:
+        """Return angle (degrees, 0 to 360) and seconds of the pulse that causes a motion (x, y) in
+        cells.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if no pulse causes the motion.
+        """
+        wanted = np.asarray(motion, dtype=np.float64)
+        if not wanted.any():
+            raise InvalidInputError("pulse: expected a motion other than 0")
+        velocities = self._velocities()
+        best: tuple[float, float, float] | None = None
+        for across, x in (("r", 1.0), ("l", -1.0)):
+            for along, y in (("u", 1.0), ("d", -1.0)):
+                sides = np.column_stack([velocities[across], velocities[along]])
+                if abs(np.linalg.det(sides)) < 1e-12:
+                    continue
+                a, b = np.linalg.solve(sides, wanted).tolist()
+                outside = min(a, b)  # both are positive in the quadrant of the motion
+                if best is None or outside > best[0]:
+                    best = outside, degrees(atan2(y * b, x * a)) % 360, hypot(a, b)
+        if best is None or best[0] < -1e-6 * max(1.0, best[2]):
+            raise InvalidInputError("pulse: the measured directions do not reach all around")
+        return best[1], max(best[2] + self.dead, 0.0)
+
+    def heading(self, command: str) -> float:
+        """Return the angle between a command and its motion, in degrees counterclockwise."""
+        x, y = getattr(self, command)
+        return (degrees(atan2(y, x)) - ANGLES[command] + 180) % 360 - 180
+
+    def _velocities(self) -> dict[str, Points]:
+        return {letter: np.array(getattr(self, letter)) for letter in ANGLES}
+
+
+def _mixed(velocities: dict[str, Points], angle: float) -> Points:
+    x, y = cos(radians(angle)), sin(radians(angle))
+    return (
+        max(x, 0) * velocities["r"]
+        + max(-x, 0) * velocities["l"]
+        + max(y, 0) * velocities["u"]
+        + max(-y, 0) * velocities["d"]
+    )
+
+
+class Speed(_Form):
+    """The speed of particles against the frequency of a rotating field.
+
+    Up to the step-out frequency f0, the speed is slope · f; above it, particles lose the field in
+    each turn, and the speed falls as slope · (f - sqrt(f² - f0²)).
+    """
+
+    frequencies: list[Positive]
+    speeds: list[Share]
+    slope: Positive
+    step_out: Positive | None
+
+
+class Calibration(_Form):
+    """What `shoal drive --calibrate` measures, and ``--calibration`` uses.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the grid.
+    tie : str
+        How pixels were tied to cells: "marks", "map" (the picture of a known map) or "scale" (the
+        stated size of a cell, along the directions of the pulses).
+    matrix : tuple of tuple of float, shape (3, 3)
+        Maps the pixel (x, y, 1) to (row, column, 1), up to a factor.
+    residual : float or None
+        Root mean square error of positions in cells; each mark counts by its distance from where
+        the other marks put it. None if nothing can show an error: three marks, or a scale.
+    cell_size : float or None
+        Side of a cell in mm.
+    noise : float
+        Standard deviation of an observed position along each axis, in pixels.
+    latency : float
+        Time from the end of a pulse until the camera shows the particles at rest, in seconds.
+    own_gain : float
+        Standard deviation of the speeds of the particles, as a share of the speed.
+    responses : Responses
+    aim : float
+        Length of the pulse of a command, in cells.
+    """
+
+    format: Literal["shoal-calibration 1"] = "shoal-calibration 1"
+    shape: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
+    tie: Literal["marks", "map", "scale"]
+    matrix: tuple[Row, Row, Row]
+    residual: Share | None = None
+    cell_size: Positive | None = None
+    noise: Share = 0.0
+    latency: Share = 0.0
+    own_gain: Share = 0.0
+    responses: Responses
+    aim: Positive = AIM
+    speed: Speed | None = None
+    notes: list[str] = []
+
+    def to_cells(self, points: ArrayLike) -> Points:
+        """Return pixels (x, y) as float (row, column) (both of shape (n, 2))."""
+        return transformed(np.array(self.matrix), points)
+
+    def to_pixels(self, cells: ArrayLike) -> Points:
+        """Return float (row, column) as pixels (x, y) (both of shape (n, 2))."""
+        return transformed(np.linalg.inv(np.array(self.matrix)), cells)
+
+    def pulse(self, command: str) -> tuple[float, float]:
+        """Return angle and seconds of the pulse for a command (a letter of ``lurd``)."""
+        turn = radians(ANGLES[command])
+        return self.responses.pulse_for(self.aim * np.array([cos(turn), sin(turn)]))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the calibration as a JSON file."""
+        text = json.dumps(self.model_dump(mode="json", exclude_none=True), indent=1)
+        Path(path).write_text(text + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Calibration:
+        """Read a calibration file (JSON, or TOML with the suffix ``.toml``).
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        where = str(path)
+        text = read_text(Path(path), what="calibration")
+        parse = parse_toml if where.endswith(".toml") else parse_json
+        data = parse(text, where=where)
+        try:
+            found = cls.model_validate(data)
+        except ValidationError as error:
+            raise InvalidInputError(validation_message(error, where=where)) from None
+        if abs(np.linalg.det(np.array(found.matrix))) < 1e-12:
+            raise InvalidInputError(f"{where}: matrix: expected one that can be inverted")
+        return found
+
+
+def transformed(matrix: Points, points: ArrayLike) -> Points:
+    """Return points (shape (n, 2)) under a projective map of shape (3, 3)."""
+    flat = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    mapped = np.column_stack([flat, np.ones(len(flat))]) @ matrix.T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:], dtype=np.float64)
+
+
+# ------------------------------------------------------------------ pixels to cells
+
+
+@dataclass(frozen=True, eq=False)
+class Tie:
+    """How pixels lie in the grid: a matrix as in `Calibration`, with its error in cells."""
+
+    kind: Literal["marks", "map", "scale"]
+    matrix: Points
+    residual: float | None
+    notes: tuple[str, ...] = ()
+
+
+def tie_by_marks(marks: ArrayLike, *, limit: float = RESIDUAL) -> Tie:
+    """Return the map from pixels to cells that fits marked points: affine, or a homography if the
+    marks show that the camera looks askew. A mark that contradicts the others is left out.
+
+    Parameters
+    ----------
+    marks : array_like of float, shape (n, 4)
+        Pixel x, y and the row and column there, of at least three points that are not on a line.
+    limit : float
+        Largest residual in cells.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if there are too few marks, if they lie on a line, or if the residual is too large.
+
+    Examples
+    --------
+    >>> marks = [(0, 0, 0, 0), (100, 0, 0, 5), (0, 100, 5, 0), (100, 100, 5, 5)]
+    >>> tie = tie_by_marks(marks)
+    >>> transformed(tie.matrix, [(40, 20)]).round(3).tolist(), round(tie.residual, 6)
+    ([[1.0, 2.0]], 0.0)
+    """
+    table = np.asarray(marks, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != 4 or not np.isfinite(table).all():
+        raise InvalidInputError("mark: expected numbers x, y, row, column for each mark")
+    if len(table) < 3:
+        raise InvalidInputError(f"mark: expected at least 3 marks, got {len(table)}")
+    notes = []
+    for name, points in (("pixels", table[:, :2]), ("cells", table[:, 2:])):
+        _check_spread(points, f"mark: expected {name} that are not on one line")
+    kept = _agreeing(table) if len(table) >= 6 else np.ones(len(table), dtype=bool)
+    for at in np.flatnonzero(~kept).tolist():
+        x, y, row, col = table[at]
+        notes.append(f"the mark {x:g},{y:g}={row:g},{col:g} contradicts the others: left out")
+    table = table[kept]
+    _check_spread(table[:, :2], "mark: expected pixels that are not on one line")
+    matrix, residual = _fit(table, projective=False), _left_out(table, projective=False)
+    if len(table) >= 6 and residual is not None:
+        projective = _left_out(table, projective=True)
+        if projective is not None and projective < residual / 2:
+            matrix, residual = _fit(table, projective=True), projective
+    if residual is not None and residual > limit:
+        raise InvalidInputError(
+            f"mark: expected marks that agree within {limit:g} cells, got a residual of"
+            f" {residual:.2g}"
+        )
+    if residual is None:
+        notes.append("three marks cannot show an error; give four or more")
+    return Tie("marks", matrix, residual, tuple(notes))
+
+
+def _check_spread(points: Points, expected: str) -> None:
+    long, short = np.linalg.svd(points - points.mean(0), compute_uv=False)[:2]
+    if not long or short / long < FLAT:
+        raise InvalidInputError(
+            f"{expected}, got {', '.join(f'({x:g}, {y:g})' for x, y in points[:4].tolist())}"
+        )
+
+
+def _fit(table: Points, *, projective: bool) -> Points:
+    """Return the least-squares map from pixels to cells."""
+    pixels, cells = table[:, :2], table[:, 2:]
+    middle, size = pixels.mean(0), float(np.abs(pixels - pixels.mean(0)).max())
+    scaled = (pixels - middle) / size
+    ones = np.column_stack([scaled, np.ones(len(scaled))])
+    affine = np.vstack([np.linalg.lstsq(ones, cells, rcond=None)[0].T, [0, 0, 1]])
+    if projective:
+        from scipy.optimize import least_squares
+
+        def errors(entries: Points) -> Points:
+            return (transformed(np.append(entries, 1.0).reshape(3, 3), scaled) - cells).ravel()
+
+        affine = np.append(least_squares(errors, affine.ravel()[:8]).x, 1.0).reshape(3, 3)
+    shrink = np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1]])
+    matrix = affine @ shrink
+    return np.asarray(matrix / matrix[2, 2], dtype=np.float64)
+
+
+def _left_out(table: Points, *, projective: bool) -> float | None:
+    """Return the root mean square distance of each mark from where the others put it, in cells."""
+    if len(table) < (6 if projective else 4):
+        return None
+    errors = []
+    for at in range(len(table)):
+        others = np.delete(table, at, axis=0)
+        try:
+            _check_spread(others[:, :2], "")
+        except InvalidInputError:  # this mark alone shows one direction
+            continue
+        matrix = _fit(others, projective=projective)
+        errors.append(float(np.sum((transformed(matrix, table[at, :2])[0] - table[at, 2:]) ** 2)))
+    return float(np.sqrt(np.mean(errors))) if errors else None
+
+
+def _agreeing(table: Points) -> NDArray[np.bool_]:
+    """Return which marks agree with most others (least median of squares over all triples)."""
+    from itertools import combinations, islice
+
+    best, kept = inf, np.ones(len(table), dtype=bool)
+    order = np.random.default_rng(0).permutation(len(table))
+    for triple in islice(combinations(order.tolist(), 3), 2000):
+        some = table[list(triple)]
+        try:
+            _check_spread(some[:, :2], "")
+        except InvalidInputError:
+            continue
+        away = np.linalg.norm(
+            transformed(_fit(some, projective=False), table[:, :2]) - table[:, 2:], axis=1
+        )
+        if (middle := float(np.median(away))) < best:
+            # a camera that looks askew bends all marks a little; an error of reading is larger
+            best, kept = middle, away <= max(OUTLIER, 5 * middle)
+    return kept
+
+
+def tie_by_scale(motions: dict[str, Points], cell: float, size: tuple[int, int]) -> tuple[Tie, tuple[int, int]]:
+    """Return a grid over the whole picture, whose axes are the directions of the pulses.
+
+    Parameters
+    ----------
+    motions : dict of str to ndarray of float64, shape (2,)
+        Motion of each command in pixels.
+    cell : float
+        Side of a cell in pixels.
+    size : tuple of int
+        Width and height of the picture in pixels.
+
+    Returns
+    -------
+    tie : Tie
+    shape : tuple of int
+        Rows and columns of the grid.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if the directions of two commands are nearly the same.
+    """
+    right = _unit(motions["r"]) - _unit(motions["l"])
+    down = _unit(motions["d"]) - _unit(motions["u"])
+    right, down = _unit(right), _unit(down)
+    if abs(right[0] * down[1] - right[1] * down[0]) < sin(radians(TURNED)):
+        raise InvalidInputError(
+            "calibration: expected commands to the right and up to move particles in directions that"
+            f" differ by {TURNED:g} to {180 - TURNED:g} degrees, got"
+            f" {degrees(atan2(right[1], right[0])):.0f} and {degrees(atan2(-down[1], -down[0])):.0f}"
+        )
+    to_pixels = cell * np.column_stack([down, right])  # of one row, of one column
+    linear = np.linalg.inv(to_pixels)
+    width, height = size
+    corners = np.array([(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)], float)
+    reached = corners @ linear.T
+    least = reached.min(0)
+    rows, columns = np.maximum(np.ceil(reached.max(0) - least), 1).astype(int).tolist()
+    matrix = np.eye(3)
+    matrix[:2, :2], matrix[:2, 2] = linear, -least - 0.5
+    return Tie("scale", matrix, None), (rows, columns)
+
+
+def _unit(vector: Points) -> Points:
+    return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
+
+
+# ------------------------------------------------------------------ tracking
+
+
+def match(before: Points, after: Points, expected: ArrayLike, reach: float) -> NDArray[np.int64]:
+    """Return pairs of rows (before, after) that show the same particle (int64, shape (k, 2)).
+
+    A particle moves by any part of the expected motion, because a wall may hold it: its distance
+    from that segment counts, and a little its distance from the full motion. The assignment has the
+    smallest sum of distances (Hungarian method); pairs farther away than ``reach`` are left out.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    if not len(before) or not len(after):
+        return np.empty((0, 2), dtype=np.int64)
+    step = np.asarray(expected, dtype=np.float64)
+    length = float(step @ step)
+    moved = after[None, :, :] - before[:, None, :]
+    share = np.clip(moved @ step / length, 0, 1) if length else np.zeros(moved.shape[:2])
+    aside = np.linalg.norm(moved - share[..., None] * step, axis=2)
+    short = np.linalg.norm(moved - step, axis=2)
+    # what is out of reach costs the same everywhere, so that it cannot bend the other pairs
+    cost = np.where(aside > reach, 10 * reach, aside + 0.1 * np.minimum(short, 2 * reach))
+    first, second = linear_sum_assignment(cost)
+    near = aside[first, second] <= reach
+    return np.column_stack([first[near], second[near]]).astype(np.int64)
+
+
+def free_motion(motions: Points, noise: float) -> tuple[Points, NDArray[np.bool_]]:
+    """Return the motion of the particles that no wall held, and which ones these are.
+
+    Particles that hardly moved are left out. Of the others, the most frequent motion counts: the
+    one with most motions within `BAND` of its length (or three times the noise), and the median of
+    these.
+
+    Parameters
+    ----------
+    motions : ndarray of float64, shape (n, 2)
+    noise : float
+        Standard deviation of a motion along each axis.
+
+    Returns
+    -------
+    motion : ndarray of float64, shape (2,)
+        NaN if nothing moved.
+    free : ndarray of bool, shape (n,)
+    """
+    lengths = np.linalg.norm(motions, axis=1)
+    most = float(np.quantile(lengths, 0.95)) if len(lengths) else 0.0
+    moving = np.flatnonzero(lengths > max(most / 2, 2 * noise))
+    free = np.zeros(len(motions), dtype=bool)
+    if not len(moving):
+        return np.full(2, np.nan), free
+    some = motions[moving]
+    band = max(BAND * most, 3 * noise)
+    near = np.linalg.norm(some[:, None] - some[None], axis=2) <= band
+    middle = np.median(some[near[near.sum(1).argmax()]], axis=0)
+    inside = np.linalg.norm(some - middle, axis=1) <= band
+    free[moving[inside]] = True
+    return np.median(some[inside], axis=0), free
+
+
+# ------------------------------------------------------------------ test pulses
+
+
+class _Actuator(Protocol):
+    def push(self, angle: float, seconds: float) -> object: ...
+
+
+class _Frame(Protocol):
+    @property
+    def points(self) -> Points: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def number(self) -> int: ...
+
+
+class _Sensor(Protocol):
+    def observe(self) -> Any: ...
+
+
+@dataclass(frozen=True, eq=False)
+class TestPulse:
+    """One test pulse, with the positions of the particles that were followed, in pixels.
+
+    Parameters
+    ----------
+    command : str
+    angle, seconds : float
+    before, after : ndarray of float64, shape (n, 2)
+    ids : ndarray of int64, shape (n,)
+        Numbers of the particles, the same from pulse to pulse.
+    """
+
+    command: str
+    angle: float
+    seconds: float
+    before: Points
+    after: Points
+    ids: NDArray[np.int64]
+
+
+PATIENCE = 10.0  # seconds without a new picture
+CYCLES = 3  # pairs of pulses that are measured, after one that frees the particles
+LONGER = 6  # times that a first pulse is doubled until particles move
+
+
+class TestRun:
+    """Carries out test pulses, and follows the particles in the pictures.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    sensor : Sensor
+    cell : float
+        Side of a cell in pixels.
+    wait : float
+        Time after a pulse in which particles come to rest and the camera shows it, in seconds.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of an observed position along each axis, in pixels.
+    drift : ndarray of float64, shape (2,)
+        Velocity without a pulse, in pixels a second.
+    latencies : list of float
+        For each pulse, the time until the camera showed the particles at rest.
+    """
+
+    __test__ = False  # no test of pytest
+
+    def __init__(self, actuator: _Actuator, sensor: _Sensor, cell: float, wait: float) -> None:
+        self.actuator, self.sensor, self.cell, self.wait = actuator, sensor, cell, wait
+        self.latencies: list[float] = []
+        frames = self._frames(max(wait, 0.3))
+        while len(frames) < 6:
+            frames.append(self._fresh(frames[-1].number))
+        self._last = frames[-1]
+        if not len(self._last.points):
+            raise RigError("calibration: expected particles in the picture, got none")
+        self.noise, self.drift = self._at_rest(frames)
+        self._ids = np.arange(len(self._last.points))
+        self._next_id = len(self._ids)
+
+    def _fresh(self, number: int | None) -> Any:
+        """Return a picture that is not the one with the number given."""
+        import time
+
+        until = time.monotonic() + PATIENCE
+        while True:
+            frame = self.sensor.observe()
+            if frame.number != number:
+                return frame
+            if time.monotonic() > until:
+                raise RigError(
+                    f"calibration: expected a new picture within {PATIENCE:g} s, got the same one"
+                    " again and again"
+                )
+            time.sleep(0.001)
+
+    def _frames(self, wait: float) -> list[Any]:
+        """Return the pictures of the next seconds."""
+        last = getattr(self, "_last", None)
+        frames = [self._fresh(None if last is None else last.number)]
+        while frames[-1].time - frames[0].time < wait:
+            frames.append(self._fresh(frames[-1].number))
+        return frames
+
+    def _at_rest(self, frames: list[Any]) -> tuple[float, Points]:
+        steps, drifts = [], []
+        for before, after in zip(frames, frames[1:], strict=False):
+            pairs = match(before.points, after.points, (0, 0), self.cell / 3)
+            steps.append(after.points[pairs[:, 1]] - before.points[pairs[:, 0]])
+        first, last = frames[0], frames[-1]
+        pairs = match(first.points, last.points, (0, 0), self.cell / 3)
+        drifts = last.points[pairs[:, 1]] - first.points[pairs[:, 0]]
+        every = np.vstack(steps)
+        if not len(every) or not len(drifts):
+            raise RigError("calibration: expected particles that are seen again in the next picture")
+        # 1.4826 times the median of the magnitudes is the standard deviation of a normal variable
+        noise = 1.4826 * float(np.median(np.abs(every))) / 2**0.5
+        return noise, np.median(drifts, axis=0) / max(last.time - first.time, 1e-9)
+
+    def push(self, command: str, angle: float, seconds: float, expected: ArrayLike) -> TestPulse:
+        """Carry out a pulse that moves particles by about the expected motion in pixels."""
+        before, ids = self._last, self._ids
+        self.actuator.push(angle, seconds)
+        frames = self._frames(self.wait)
+        after = self._last = frames[-1]
+        pairs = match(before.points, after.points, expected, self.cell / 2)
+        self._ids = np.full(len(after.points), -1)
+        self._ids[pairs[:, 1]] = ids[pairs[:, 0]]
+        new = np.flatnonzero(self._ids < 0)
+        self._ids[new] = self._next_id + np.arange(len(new))
+        self._next_id += len(new)
+        self._add_latency(frames)
+        return TestPulse(
+            command,
+            angle,
+            seconds,
+            before.points[pairs[:, 0]],
+            after.points[pairs[:, 1]],
+            ids[pairs[:, 0]],
+        )
+
+    def _add_latency(self, frames: list[Any]) -> None:
+        """Note when the last motion was seen: from the first picture on, and one picture later,
+        because the first one may have come at any time after the pulse.
+        """
+        last, since = frames[-1], frames[0].time
+        between = (last.time - since) / max(len(frames) - 1, 1)
+        for frame in reversed(frames):
+            pairs = match(frame.points, last.points, (0, 0), 1.5 * self.cell)
+            if not len(pairs):
+                break
+            away = last.points[pairs[:, 1]] - frame.points[pairs[:, 0]]
+            if float(np.median(np.linalg.norm(away, axis=1))) > 4 * self.noise + 0.02 * self.cell:
+                since = frame.time + between
+                break
+        self.latencies.append(since - frames[0].time + between)
+
+    def cycles(self, pulses: dict[str, tuple[float, float]], expected: dict[str, Points]) -> list[TestPulse]:
+        """Carry out pulses back and forth along both axes. The first pair of each axis frees the
+        particles and is not returned.
+        """
+        done = []
+        for pair in ("rl", "ud"):
+            for cycle in range(1 + CYCLES):
+                for letter in pair:
+                    pulse = self.push(letter, *pulses[letter], expected[letter])
+                    if cycle:
+                        done.append(pulse)
+        return done
+
+    def speeds(self, seconds: float) -> dict[str, Points]:
+        """Return the velocity in pixels a second that each command causes, from short pulses that
+        are made longer until particles move by a tenth of a cell.
+        """
+        found: dict[str, Points] = {}
+        for pair in ("rl", "ud"):
+            for power in range(LONGER):
+                length = seconds / 4 * 2**power
+                steps: dict[str, list[Points]] = {letter: [] for letter in pair}
+                for letter in pair * 2:
+                    pulse = self.push(letter, ANGLES[letter], length, (0, 0))
+                    steps[letter].append(pulse.after - pulse.before)
+                moved = {
+                    letter: free_motion(np.vstack(steps[letter]), self.noise * 2**0.5)
+                    for letter in pair
+                }
+                enough = [
+                    letter
+                    for letter, (motion, free) in moved.items()
+                    if free.sum() >= FEWEST and np.linalg.norm(motion) >= self.cell / 10
+                ]
+                if len(enough) == 2 or (enough and power == LONGER - 1):
+                    break
+                longest = max(
+                    (float(np.linalg.norm(motion)) for motion, free in moved.values() if free.any()),
+                    default=0.0,
+                )
+                if longest > self.cell / 2:
+                    break
+            for letter in pair:
+                if letter not in enough:
+                    raise RigError(
+                        f"calibration: expected particles that move freely at the command {letter},"
+                        f" got none in pulses of up to {length:.3g} s; put them where they have room"
+                    )
+                found[letter] = moved[letter][0] / length
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """The free motions of all equal pulses, in cells."""
+
+    command: str
+    angle: float
+    seconds: float
+    motion: Points
+    error: float  # standard error
+    count: int
+
+
+def _groups(pulses: Sequence[TestPulse], matrix: Points, noise: float) -> list[_Group]:
+    """Return the free motions of the pulses of each angle and duration."""
+    together: dict[tuple[str, float, float], list[Points]] = {}
+    for pulse in pulses:
+        key = pulse.command, pulse.angle, pulse.seconds
+        together.setdefault(key, []).append(motions_of(pulse, matrix))
+    groups = []
+    for (command, angle, seconds), parts in together.items():
+        motions = np.vstack(parts)
+        motion, free = free_motion(motions, noise)
+        count = int(free.sum())
+        if count < FEWEST:
+            raise RigError(
+                f"calibration: expected at least {FEWEST} free motions at the command {command}, got"
+                f" {count}; put the particles where they have room"
+            )
+        spread = float(np.std(motions[free] - motion))
+        groups.append(_Group(command, angle, seconds, motion, max(spread, noise) / count**0.5, count))
+    return groups
+
+
+def motions_of(pulse: TestPulse, matrix: Points) -> Points:
+    """Return the motions (x, y) in cells, y up (shape (n, 2))."""
+    step = transformed(matrix, pulse.after) - transformed(matrix, pulse.before)
+    return np.column_stack([step[:, 1], -step[:, 0]])
+
+
+def fit_responses(groups: Sequence[_Group]) -> Responses:
+    """Return the velocities and the dead time that fit the motions best (least squares)."""
+    from scipy.optimize import least_squares
+
+    letters = list(ANGLES)
+    durations = {group.seconds for group in groups}
+    several = len(durations) > len(letters)  # pulses of different lengths show the dead time
+
+    def unpacked(values: Points) -> Responses:
+        sides = {
+            letter: (float(x), float(y))
+            for letter, (x, y) in zip(letters, values[:8].reshape(4, 2), strict=True)
+        }
+        return Responses(**sides, dead=float(values[8]) * scale if several else 0.0)  # type: ignore[arg-type]
+
+    scale = max(durations)
+    weights = np.array([1 / max(group.error, 1e-4) for group in groups])
+
+    def errors(values: Points) -> Points:
+        found = unpacked(values)
+        away = np.array([found.displacement(g.angle, g.seconds) - g.motion for g in groups])
+        return np.asarray((away * weights[:, None]).ravel(), dtype=np.float64)
+
+    first = np.zeros(9)
+    for at, letter in enumerate(letters):
+        same = [g for g in groups if g.command == letter]
+        first[2 * at : 2 * at + 2] = np.mean([g.motion / g.seconds for g in same], axis=0)
+    fitted = least_squares(errors, first[: 9 if several else 8])
+    values = fitted.x
+    away = errors(values) / np.repeat(weights, 2)
+    counts = {
+        letter: sum(group.count for group in groups if group.command == letter) for letter in letters
+    }
+    found = unpacked(values)
+    return found.model_copy(
+        update={"residual": float(np.sqrt(2 * np.mean(away**2))), "counts": counts}
+    )
+
+
+def calibrate(
+    actuator: _Actuator,
+    sensor: _Sensor,
+    *,
+    seconds: float,
+    tie: Tie | None = None,
+    shape: tuple[int, int] | None = None,
+    cell: float | None = None,
+    size: tuple[int, int] | None = None,
+    cell_size: float | None = None,
+    aim: float = AIM,
+    wait: float = 0.5,
+    limit: float = RESIDUAL,
+) -> Calibration:
+    """Measure with test pulses how particles move, and return the calibration of the bench.
+
+    Parameters
+    ----------
+    actuator, sensor : Actuator and Sensor
+    seconds : float
+        About the duration of the pulse of one command. The first pulses are a quarter of it.
+    tie : Tie, optional
+        How pixels lie in the grid. Without it, the grid covers the picture, and its axes are the
+        directions of the pulses.
+    shape : tuple of int, optional
+        Rows and columns of the grid of the tie.
+    cell, size : float and tuple of int, optional
+        Without a tie: side of a cell, and width and height of the picture, in pixels.
+    cell_size : float, optional
+        Side of a cell in mm.
+    aim : float
+        Length of the pulse of a command, in cells.
+    wait : float
+        Time after a pulse until particles are at rest and the camera shows it, in seconds.
+    limit : float
+        Largest root mean square error of the motions, in cells.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if an argument is missing.
+    RigError
+        Raised if particles do not move or are not seen, if an axis is turned or mirrored, or if the
+        motions contradict each other.
+    """
+    if tie is not None:
+        if shape is None:
+            raise InvalidInputError("calibration: expected the shape of the grid, got none")
+        middle = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
+        around = np.array([middle, middle + (0, 1), middle + (1, 0)])
+        corner, *sides = transformed(np.linalg.inv(tie.matrix), around)
+        cell = float(np.mean([np.linalg.norm(side - corner) for side in sides]))
+    elif cell is None or size is None:
+        raise InvalidInputError("calibration: expected marks, a known map or the size of a cell")
+    assert cell is not None
+    run = TestRun(actuator, sensor, cell, wait)
+    speeds = run.speeds(seconds)
+    half = {
+        letter: (ANGLES[letter], cell / 2 / float(np.linalg.norm(speed)))
+        for letter, speed in speeds.items()
+    }
+    expected = {letter: speeds[letter] * half[letter][1] for letter in ANGLES}
+    pulses = run.cycles(half, expected)
+    if tie is None:
+        assert size is not None
+        pixels = _groups(pulses, _AS_PIXELS, run.noise * 2**0.5)
+        motions = {group.command: group.motion * (1, -1) for group in pixels}
+        tie, shape = tie_by_scale(motions, cell, size)
+    assert shape is not None
+    noise = run.noise * 2**0.5 / cell
+    first = fit_responses(_groups(pulses, tie.matrix, noise))
+    _check_headings(first)
+    to_pixels = np.linalg.inv(tie.matrix)
+    turns = {letter: radians(angle) for letter, angle in ANGLES.items()}
+    wanted = {letter: aim * np.array([cos(turn), sin(turn)]) for letter, turn in turns.items()}
+    full = {letter: first.pulse_for(wanted[letter]) for letter in ANGLES}
+    centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
+    here = transformed(to_pixels, centre)[0]
+    expected = {
+        letter: transformed(to_pixels, centre + (-y, x))[0] - here
+        for letter, (x, y) in wanted.items()
+    }
+    pulses += run.cycles(full, expected)
+    responses = fit_responses(_groups(pulses, tie.matrix, noise))
+    _check_headings(responses)
+    if responses.residual > limit:
+        raise RigError(
+            f"calibration: expected test pulses that agree within {limit:g} cells, got"
+            f" {responses.residual:.2g}"
+        )
+    drift = float(np.linalg.norm(run.drift)) / cell
+    notes = list(tie.notes)
+    if drift > 0.05:
+        notes.append(f"without a pulse, particles drift by {drift:.2g} cells a second")
+    return Calibration(
+        shape=shape,
+        tie=tie.kind,
+        matrix=tuple(map(tuple, tie.matrix.tolist())),
+        residual=tie.residual,
+        cell_size=cell_size,
+        noise=run.noise,
+        latency=max(run.latencies),
+        own_gain=_own_gain(pulses, tie.matrix, responses, noise),
+        responses=responses,
+        aim=aim,
+        notes=notes,
+    )
+
+
+_AS_PIXELS = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])  # (x, y) as (row, column) = (y, x)
+
+
+def _check_headings(responses: Responses) -> None:
+    for letter in ANGLES:
+        heading = responses.heading(letter)
+        if abs(heading) > TURNED:
+            raise RigError(
+                f"calibration: expected the command {letter} to move particles within"
+                f" {TURNED:g} degrees of {ANGLES[letter]:g}, got {ANGLES[letter] + heading:.0f}: the"
+                " marks or the actuator are turned or mirrored"
+            )
+
+
+def _own_gain(
+    pulses: Sequence[TestPulse], matrix: Points, responses: Responses, noise: float
+) -> float:
+    """Return the standard deviation of the particles' speeds, without the errors of the pictures.
+
+    The speed of a particle is its mean over all directions, so that a field that grows towards a
+    coil does not count as a property of the particle.
+    """
+    shares: dict[int, dict[str, list[float]]] = {}
+    for pulse in pulses:
+        motion = responses.displacement(pulse.angle, pulse.seconds)
+        length = float(np.linalg.norm(motion))
+        moved = motions_of(pulse, matrix)
+        free = np.linalg.norm(moved - motion, axis=1) < 2 * BAND * length + 3 * noise
+        along = moved @ motion / length**2
+        for name, share in zip(pulse.ids[free].tolist(), along[free].tolist(), strict=True):
+            shares.setdefault(name, {}).setdefault(pulse.command, []).append(share)
+    means, errors = [], []
+    for each in shares.values():
+        if len(each) == len(ANGLES):
+            means.append(np.mean([np.mean(values) for values in each.values()]))
+            errors.append(noise**2 / sum(map(len, each.values())))
+    if len(means) < FEWEST:
+        return 0.0
+    return float(np.sqrt(max(np.var(means, ddof=1) - np.mean(errors), 0.0)))
