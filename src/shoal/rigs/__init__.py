@@ -19,6 +19,17 @@ from shoal.rigs.driving import (
 from shoal.rigs.log import DriveLog, RecordedRig, read_log
 from shoal.rigs.monitor import Rate
 from shoal.rigs.physics import PhysicsRig, Plant, PlantProperties
+from shoal.rigs.ports import (
+    Actuator,
+    BenchRig,
+    Calibration,
+    Frame,
+    GridCalibration,
+    PlantPorts,
+    Sensor,
+    open_actuator,
+    open_sensor,
+)
 from shoal.rigs.protocol import PROTOCOL, decode_message, encode_message
 from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
 from shoal.rigs.rig import NoisyRig, Rig, SimulatedRig
@@ -34,22 +45,29 @@ from shoal.rigs.transports import (
 __all__ = [
     "KINDS",
     "PROTOCOL",
+    "Actuator",
     "Alarm",
+    "BenchRig",
+    "Calibration",
     "ConnectionCutError",
     "Drive",
     "DriveError",
     "DriveInterrupted",
     "DriveLog",
+    "Frame",
+    "GridCalibration",
     "LinkCounts",
     "NoisyRig",
     "PhysicsRig",
     "Plant",
+    "PlantPorts",
     "PlantProperties",
     "ProcessTransport",
     "Rate",
     "RecordedRig",
     "RemoteRig",
     "Rig",
+    "Sensor",
     "SerialTransport",
     "SimulatedRig",
     "TcpTransport",
@@ -59,7 +77,9 @@ __all__ = [
     "drive",
     "encode_message",
     "load_drive_kernels",
+    "open_actuator",
     "open_rig",
+    "open_sensor",
     "open_transport",
     "read_log",
     "replay_log",

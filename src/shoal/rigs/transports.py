@@ -312,7 +312,8 @@ def open_transport(spec: str) -> Transport:
     """
     kind, _, rest = spec.partition(":")
     expected = (
-        "rig: expected simulated, physics:KIND, serial:DEVICE[@BAUD], tcp:HOST:PORT or exec:COMMAND"
+        "rig: expected simulated, physics:KIND, serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND"
+        " or MODULE:ATTRIBUTE"
     )
     if kind == "serial" and rest:
         device, _, baud = rest.partition("@")

@@ -31,14 +31,39 @@ EXAMPLE = "Example: shoal drive maze:9x7 --rig simulated --particles 4 --log dri
 
 
 RigName = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--rig",
         metavar="RIG",
         help=(
             "Rig: simulated, physics:KIND[,NAME=NUMBER...] (a physical plant; KIND is roll, pull or"
-            " exact), serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that"
-            " uses the protocol on its standard input and output)."
+            " exact), serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND (a program that"
+            " uses the protocol on its standard input and output), or MODULE:ATTRIBUTE (an object"
+            " of your own)."
+        ),
+        show_default="simulated",
+    ),
+]
+ActuatorName = Annotated[
+    str | None,
+    typer.Option(
+        "--actuator",
+        metavar="ACTUATOR",
+        help=(
+            "Device that moves the particles, instead of --rig: physics:KIND[,NAME=NUMBER...],"
+            " serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or MODULE:ATTRIBUTE."
+        ),
+    ),
+]
+SensorName = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor",
+        metavar="SENSOR",
+        help=(
+            "Device that sees the particles which --actuator moves: physics (the camera of the"
+            " actuator physics), serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or"
+            " MODULE:ATTRIBUTE."
         ),
     ),
 ]
@@ -70,7 +95,9 @@ def drive(
             ),
         ),
     ] = None,
-    rig: RigName = "simulated",
+    rig: RigName = None,
+    actuator: ActuatorName = None,
+    sensor: SensorName = None,
     size: Size = None,
     seed: options.Seed = 0,
     repeat_after: Annotated[
@@ -129,11 +156,13 @@ def drive(
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
     from shoal.rigs.log import DriveLog
+    from shoal.rigs.ports import is_connection, open_own_rig
     from shoal.rigs.remote import open_rig
     from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
 
     check_outputs(out, film)
+    rig, devices = _named(rig, actuator, sensor)
     apparatus = _apparatus(rig)
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
@@ -141,7 +170,7 @@ def drive(
     patience = {name: seconds for name, seconds in given.items() if seconds is not None}
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
-    _check_effect(rig, problem, **patience)
+    _check_effect(rig, devices, problem, **patience)
     if apparatus is not None:
         _check_local(truth, "physics")
         problem = _noise_told(problem)
@@ -150,12 +179,15 @@ def drive(
     spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any
-        if _is_local(rig):
+        link = {"on_event": None if book is None else book.event, **SECONDS, **patience}
+        if devices is not None:
+            opened = _bench(devices, truth, shape, problem, seed, apparatus, **link)
+        elif _is_local(rig):
             opened = _local_rig(truth, problem, seed, apparatus)
+        elif is_connection(rig):
+            opened = open_rig(rig, **link)
         else:
-            opened = open_rig(
-                rig, **SECONDS | patience, on_event=None if book is None else book.event
-            )
+            opened = open_own_rig(rig)
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN}
@@ -195,19 +227,26 @@ def drive(
         raise typer.Exit(1)
 
 
-def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
+def _check_effect(
+    rig: str, devices: tuple[str, str] | None, problem: SwarmProblem, **seconds: float
+) -> None:
     """Refuse options that have no effect on the kind of rig."""
-    if _is_local(rig):
-        given: dict[str, Any] = dict(seconds)
+    from shoal.rigs.ports import is_connection
+
+    without: dict[str, tuple[Any, str]] = {}
+    if not any(map(is_connection, devices or (rig,))):
         expected = "a rig behind a connection, whose answers may be late"
-    else:
-        given = {
-            name: getattr(problem, name) for name in ("start", "placement") if name in problem.given
-        }
+        without |= {name: (value, expected) for name, value in seconds.items()}
+    if not _is_local(rig):
         expected = (
             "the rig simulated or physics, because the particles of a real rig are where they are"
         )
-    for name, value in given.items():
+        without |= {
+            name: (getattr(problem, name), expected)
+            for name in ("start", "placement")
+            if name in problem.given
+        }
+    for name, (value, expected) in without.items():
         raise InvalidInputError(
             f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
         )
@@ -227,6 +266,73 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
         " they are now"
     )
     return "; ".join(part for part in (stopped, shown, again) if part)
+
+
+def _named(
+    rig: str | None, actuator: str | None, sensor: str | None
+) -> tuple[str, tuple[str, str] | None]:
+    """Return the name of the rig, and those of its two devices if it is named by them."""
+    if actuator is None and sensor is None:
+        return rig or "simulated", None
+    if actuator is None or sensor is None:
+        given, missing = ("actuator", "sensor") if sensor is None else ("sensor", "actuator")
+        raise InvalidInputError(f"{missing}: expected one beside the option --{given}, got none")
+    if rig is not None:
+        raise InvalidInputError(f"rig: expected either --rig or two devices, got also {rig!r}")
+    plant = actuator.partition(":")[0] == "physics"
+    if plant != (sensor == "physics"):
+        raise InvalidInputError(
+            "sensor: expected physics with an actuator physics:KIND, and only with it, got"
+            f" {sensor!r} with {actuator!r}"
+        )
+    return actuator, (actuator, sensor)
+
+
+def _bench(
+    devices: tuple[str, str],
+    truth: GridWorkspace | None,
+    shape: tuple[int, ...] | None,
+    problem: SwarmProblem,
+    seed: int,
+    apparatus: PlantProperties | None,
+    **link: Any,
+) -> Rig:
+    """Return a rig of two devices."""
+    from shoal.rigs.physics import PhysicsRig
+    from shoal.rigs.ports import (
+        BenchRig,
+        PlantPorts,
+        is_connection,
+        open_actuator,
+        open_own_rig,
+        open_sensor,
+    )
+
+    if apparatus is not None:
+        rig = _local_rig(truth, problem, seed, apparatus)
+        assert isinstance(rig, PhysicsRig)
+        ports = PlantPorts(rig.plant)
+        return BenchRig(ports, ports)
+    moved_by, seen_by = devices
+    if moved_by == seen_by and is_connection(moved_by):
+        raise InvalidInputError(
+            f"sensor: expected another device than the actuator (or --rig {moved_by}), got"
+            f" {seen_by!r} for both"
+        )
+    if moved_by == seen_by:
+        return open_own_rig(moved_by)
+    moves = open_actuator(moved_by, **link if is_connection(moved_by) else {})
+    try:
+        sees = open_sensor(seen_by, **link if is_connection(seen_by) else {})
+        try:
+            view = getattr(sees, "shape", shape or (None if truth is None else truth.shape))
+            return BenchRig(moves, sees, shape=view)
+        except BaseException:
+            sees.close()
+            raise
+    except BaseException:
+        moves.close()
+        raise
 
 
 def _is_local(rig: str) -> bool:
