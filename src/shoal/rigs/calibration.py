@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import atan2, cos, degrees, hypot, inf, pi, radians, sin
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
@@ -110,6 +110,25 @@ class Responses(_Form):
             raise InvalidInputError("pulse: the measured directions do not reach all around")
         return best[1], max(best[2] + self.dead, 0.0)
 
+    @classmethod
+    def stated(cls, pulses: Mapping[str, tuple[float, float]]) -> Responses:
+        """Return the answers of particles that each pulse (angle, seconds) of a command moves by
+        exactly one cell.
+        """
+        turned = {letter: radians(angle) for letter, angle in ANGLES.items()}
+        speeds = {letter: 1 / pulses[letter][1] for letter in ANGLES}
+        for letter, (angle, _) in pulses.items():
+            if angle % 360 != ANGLES[letter]:
+                raise InvalidInputError(
+                    f"pulses: expected {letter} at {ANGLES[letter]:g} degrees, got {angle:g}"
+                )
+        return cls(
+            **{  # type: ignore[arg-type]
+                letter: (speeds[letter] * cos(turn), speeds[letter] * sin(turn))
+                for letter, turn in turned.items()
+            }
+        )
+
     def heading(self, command: str) -> float:
         """Return the angle between a command and its motion, in degrees counterclockwise."""
         x, y = getattr(self, command)
@@ -142,7 +161,7 @@ class Speed(_Form):
     step_out: Positive | None
 
 
-class Calibration(_Form):
+class BenchCalibration(_Form):
     """What `shoal drive --calibrate` measures, and ``--calibration`` uses.
 
     Parameters
@@ -203,7 +222,7 @@ class Calibration(_Form):
         Path(path).write_text(text + "\n", encoding="utf-8")
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Calibration:
+    def load(cls, path: str | os.PathLike[str]) -> BenchCalibration:
         """Read a calibration file (JSON, or TOML with the suffix ``.toml``).
 
         Raises
@@ -235,7 +254,7 @@ def transformed(matrix: Points, points: ArrayLike) -> Points:
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """How pixels lie in the grid: a matrix as in `Calibration`, with its error in cells."""
+    """How pixels lie in the grid: a matrix as in `BenchCalibration`, with its error in cells."""
 
     kind: Literal["marks", "map", "scale"]
     matrix: Points
@@ -317,7 +336,9 @@ def _fit(table: Points, *, projective: bool) -> Points:
             return (transformed(np.append(entries, 1.0).reshape(3, 3), scaled) - cells).ravel()
 
         affine = np.append(least_squares(errors, affine.ravel()[:8]).x, 1.0).reshape(3, 3)
-    shrink = np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1]])
+    shrink = np.array(
+        [[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1]]
+    )
     matrix = affine @ shrink
     return np.asarray(matrix / matrix[2, 2], dtype=np.float64)
 
@@ -359,7 +380,9 @@ def _agreeing(table: Points) -> NDArray[np.bool_]:
     return kept
 
 
-def tie_by_scale(motions: dict[str, Points], cell: float, size: tuple[int, int]) -> tuple[Tie, tuple[int, int]]:
+def tie_by_scale(
+    motions: dict[str, Points], cell: float, size: tuple[int, int]
+) -> tuple[Tie, tuple[int, int]]:
     """Return a grid over the whole picture, whose axes are the directions of the pulses.
 
     Parameters
@@ -585,7 +608,9 @@ class TestRun:
         drifts = last.points[pairs[:, 1]] - first.points[pairs[:, 0]]
         every = np.vstack(steps)
         if not len(every) or not len(drifts):
-            raise RigError("calibration: expected particles that are seen again in the next picture")
+            raise RigError(
+                "calibration: expected particles that are seen again in the next picture"
+            )
         # 1.4826 times the median of the magnitudes is the standard deviation of a normal variable
         noise = 1.4826 * float(np.median(np.abs(every))) / 2**0.5
         return noise, np.median(drifts, axis=0) / max(last.time - first.time, 1e-9)
@@ -628,7 +653,9 @@ class TestRun:
                 break
         self.latencies.append(since - frames[0].time + between)
 
-    def cycles(self, pulses: dict[str, tuple[float, float]], expected: dict[str, Points]) -> list[TestPulse]:
+    def cycles(
+        self, pulses: dict[str, tuple[float, float]], expected: dict[str, Points]
+    ) -> list[TestPulse]:
         """Carry out pulses back and forth along both axes. The first pair of each axis frees the
         particles and is not returned.
         """
@@ -665,7 +692,11 @@ class TestRun:
                 if len(enough) == 2 or (enough and power == LONGER - 1):
                     break
                 longest = max(
-                    (float(np.linalg.norm(motion)) for motion, free in moved.values() if free.any()),
+                    (
+                        float(np.linalg.norm(motion))
+                        for motion, free in moved.values()
+                        if free.any()
+                    ),
                     default=0.0,
                 )
                 if longest > self.cell / 2:
@@ -709,7 +740,9 @@ def _groups(pulses: Sequence[TestPulse], matrix: Points, noise: float) -> list[_
                 f" {count}; put the particles where they have room"
             )
         spread = float(np.std(motions[free] - motion))
-        groups.append(_Group(command, angle, seconds, motion, max(spread, noise) / count**0.5, count))
+        groups.append(
+            _Group(command, angle, seconds, motion, max(spread, noise) / count**0.5, count)
+        )
     return groups
 
 
@@ -750,7 +783,8 @@ def fit_responses(groups: Sequence[_Group]) -> Responses:
     values = fitted.x
     away = errors(values) / np.repeat(weights, 2)
     counts = {
-        letter: sum(group.count for group in groups if group.command == letter) for letter in letters
+        letter: sum(group.count for group in groups if group.command == letter)
+        for letter in letters
     }
     found = unpacked(values)
     return found.model_copy(
@@ -771,7 +805,7 @@ def calibrate(
     aim: float = AIM,
     wait: float = 0.5,
     limit: float = RESIDUAL,
-) -> Calibration:
+) -> BenchCalibration:
     """Measure with test pulses how particles move, and return the calibration of the bench.
 
     Parameters
@@ -852,7 +886,7 @@ def calibrate(
     notes = list(tie.notes)
     if drift > 0.05:
         notes.append(f"without a pulse, particles drift by {drift:.2g} cells a second")
-    return Calibration(
+    return BenchCalibration(
         shape=shape,
         tie=tie.kind,
         matrix=tuple(map(tuple, tie.matrix.tolist())),
