@@ -15,7 +15,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from math import atan2, cos, degrees, hypot, inf, pi, radians, sin
+from itertools import pairwise
+from math import atan2, cos, degrees, hypot, inf, radians, sin
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
 
@@ -25,7 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from shoal.core.checks import parse_json, parse_toml, read_text, validation_message
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, MissingExtraError, RigError
+from shoal.core.errors import InvalidInputError, RigError
 
 Points = NDArray[np.float64]
 ANGLES = {"r": 0.0, "u": 90.0, "l": 180.0, "d": 270.0}
@@ -600,7 +601,7 @@ class TestRun:
 
     def _at_rest(self, frames: list[Any]) -> tuple[float, Points]:
         steps, drifts = [], []
-        for before, after in zip(frames, frames[1:], strict=False):
+        for before, after in pairwise(frames):
             pairs = match(before.points, after.points, (0, 0), self.cell / 3)
             steps.append(after.points[pairs[:, 1]] - before.points[pairs[:, 0]])
         first, last = frames[0], frames[-1]
@@ -841,7 +842,7 @@ def calibrate(
         if shape is None:
             raise InvalidInputError("calibration: expected the shape of the grid, got none")
         middle = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
-        around = np.array([middle, middle + (0, 1), middle + (1, 0)])
+        around = middle + np.array([(0, 0), (0, 1), (1, 0)])
         corner, *sides = transformed(np.linalg.inv(tie.matrix), around)
         cell = float(np.mean([np.linalg.norm(side - corner) for side in sides]))
     elif cell is None or size is None:
@@ -871,7 +872,7 @@ def calibrate(
     centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
     here = transformed(to_pixels, centre)[0]
     expected = {
-        letter: transformed(to_pixels, centre + (-y, x))[0] - here
+        letter: transformed(to_pixels, centre + np.array([-y, x]))[0] - here
         for letter, (x, y) in wanted.items()
     }
     pulses += run.cycles(full, expected)
@@ -905,12 +906,12 @@ _AS_PIXELS = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])  # (x, y) as (row, co
 
 
 def _check_headings(responses: Responses) -> None:
-    for letter in ANGLES:
+    for letter, angle in ANGLES.items():
         heading = responses.heading(letter)
         if abs(heading) > TURNED:
             raise RigError(
                 f"calibration: expected the command {letter} to move particles within"
-                f" {TURNED:g} degrees of {ANGLES[letter]:g}, got {ANGLES[letter] + heading:.0f}: the"
+                f" {TURNED:g} degrees of {angle:g}, got {angle + heading:.0f}: the"
                 " marks or the actuator are turned or mirrored"
             )
 

@@ -28,7 +28,7 @@ Points = NDArray[np.float64]
 Picture = NDArray[Any]  # (height, width), one number a pixel
 
 CAMERAS = ("opencv", "pymmcore")
-CONTRAST = 8  # of 255: brightness range of a picture, below which it shows nothing
+CONTRAST = 8  # brightness range of a picture (of 255) below which it shows nothing
 SINGLE = 1.5  # area, in areas of one particle, from which on a blob is more than one
 SIMILAR = 0.35  # spread of the areas, as a share, up to which the usual area is that of a particle
 OPENING = 30.0  # seconds until the first picture
@@ -45,7 +45,8 @@ class Vision:
         "none", a number of pictures whose median is taken away (of the first ones, in which
         particles must move), or a picture file of the same size.
     threshold : str
-        "otsu", or the least difference from the background (0 to 255).
+        "otsu", or a number in the unit of the picture (0 to 255 for 8 bits): the brightness that
+        separates particles; with a background, their least difference from it.
     particles : str
         "bright", "dark", or "auto": what covers less of the picture.
     min_area, max_area : float
@@ -75,11 +76,10 @@ class Vision:
     def __post_init__(self) -> None:
         check_choice(self.particles, what="particles", choices=("auto", "bright", "dark"))
         if self.threshold != "otsu":
-            check_number(_number("threshold", self.threshold), what="threshold", above=0, most=255)
+            check_number(_number("threshold", self.threshold), what="threshold", above=0)
         for name in ("min_area", "max_area", "area"):
-            check_number(
-                _number(name, getattr(self, name)), what=name.replace("_", "-"), least=0
-            ) if (getattr(self, name) != float("inf")) else None
+            if getattr(self, name) != float("inf"):
+                check_number(getattr(self, name), what=name.replace("_", "-"), least=0)
         check_number(self.most, what="most", least=1)
         check_number(self.stale, what="stale", above=0)
 
@@ -110,8 +110,16 @@ def _cv2() -> Any:
         import cv2
     except ImportError:
         raise MissingExtraError("a camera needs OpenCV: pip install 'shoal[opencv]'") from None
-    cv2.setLogLevel(0)
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     return cv2
+
+
+def grey(picture: Picture) -> Picture:
+    """Return a picture with one number a pixel."""
+    if picture.ndim == 2:
+        return picture
+    cv2 = _cv2()
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(picture[..., :3]), cv2.COLOR_BGR2GRAY))
 
 
 class Detector:
@@ -157,26 +165,28 @@ class Detector:
             particles.
         """
         cv2, vision = self._cv, self.vision
-        signal = self._signal(picture)
+        bright = grey(picture).astype(np.float32)
+        signal = bright if self.background is None else self._over(bright)
         lowest, highest = float(signal.min()), float(signal.max())
-        if highest - lowest < CONTRAST:
+        if highest - lowest < max(CONTRAST, CONTRAST / 255 * float(bright.max())):
             if self.background is not None:
                 return np.empty((0, 2))  # as empty as the background
             raise RigError(
                 "camera: expected a picture with particles, got a uniform one (brightness"
-                f" {lowest:.0f} to {highest:.0f} of 255): the lamp is off, or the lens is covered"
+                f" {lowest:.0f} to {highest:.0f}): the lamp is off, or the lens is covered"
             )
-        signal -= lowest
         if vision.threshold == "otsu":
-            scaled = (signal * (255 / (highest - lowest))).astype(np.uint8)
+            scaled = ((signal - lowest) * (255 / (highest - lowest))).astype(np.uint8)
             level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-            threshold = level * (highest - lowest) / 255
+            threshold = lowest + (level + 0.5) * (highest - lowest) / 255
         else:
-            threshold = float(vision.threshold) - (lowest if self.background is not None else 0.0)
-        mask = signal > threshold
-        if vision.particles == "auto" and self.background is None and mask.mean() > 0.5:
-            signal, mask = highest - lowest - signal, ~mask
-            threshold = highest - lowest - threshold
+            threshold = float(vision.threshold)
+        over = signal - threshold
+        if self.background is None and (
+            vision.particles == "dark" or (vision.particles == "auto" and (over > 0).mean() > 0.5)
+        ):
+            over = -over
+        mask = over > 0
         count, labels, stats, _ = cv2.connectedComponentsWithStats(
             mask.astype(np.uint8), connectivity=8
         )
@@ -188,26 +198,23 @@ class Detector:
                 f"camera: expected at most {vision.most:g} particles, got {int(good.sum())}: choose"
                 " another threshold or a larger min-area"
             )
-        weights = np.where(mask, signal - threshold, 0.0).ravel()
+        weights = np.where(mask, over, 0.0).ravel()
         flat = labels.ravel()
         total = np.maximum(np.bincount(flat, weights, count), 1e-9)
         rows, columns = np.indices(mask.shape)
         x = np.bincount(flat, weights * columns.ravel(), count) / total
         y = np.bincount(flat, weights * rows.ravel(), count) / total
-        centroids = [np.column_stack([x, y])[good & ~self._several(areas, good)]]
-        for label in np.flatnonzero(good & self._several(areas, good)).tolist():
-            centroids.append(self._divided(labels == label, areas[label], areas[good]))
-        return np.vstack(centroids).astype(np.float64)
+        several = good & self._several(areas, good)
+        divided = [
+            self._divided(labels == label, areas[label], areas[good])
+            for label in np.flatnonzero(several).tolist()
+        ]
+        single = np.column_stack([x, y])[good & ~several]
+        return np.vstack([single, *divided]).astype(np.float64)
 
-    def _signal(self, picture: Picture) -> NDArray[np.float32]:
-        """Return how bright each pixel is over the background, of 255, particles bright."""
-        if picture.ndim == 3:
-            picture = self._cv.cvtColor(picture[..., :3], self._cv.COLOR_BGR2GRAY)
-        bright = picture.astype(np.float32)
-        if picture.dtype.kind == "u" and picture.dtype.itemsize > 1:
-            bright *= np.float32(255 / max(float(bright.max()), 255.0))
-        if self.background is None:
-            return 255 - bright if self.vision.particles == "dark" else bright
+    def _over(self, bright: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return how far each pixel differs from the background, particles above 0."""
+        assert self.background is not None
         if self.background.shape != bright.shape:
             raise InvalidInputError(
                 f"background: expected a picture of {bright.shape[1]}x{bright.shape[0]} pixels, got"
@@ -352,10 +359,10 @@ def _core_of(config: str) -> Any:
 
             core = pymmcore.CMMCore()
     except ImportError:
-        package = "pymmcore-plus" if python else "pymmcore"
         raise MissingExtraError(
-            f"a camera of Micro-Manager needs {package}: pip install"
-            f" {'pymmcore-plus' if python else "'shoal[micromanager]'"}"
+            "Python cameras of Micro-Manager need pymmcore-plus: pip install pymmcore-plus"
+            if python
+            else "a camera of Micro-Manager needs pymmcore: pip install 'shoal[micromanager]'"
         ) from None
     if os.environ.get("MICROMANAGER_PATH"):
         folders.append(os.environ["MICROMANAGER_PATH"])
@@ -458,16 +465,10 @@ class CameraSensor:
     def _several(self, count: int) -> list[Picture]:
         pictures = []
         for _ in range(count):
-            pictures.append(self._grey(self.picture()))
+            pictures.append(grey(self.picture()))
             last = self._number
             self._wait(lambda last=last: self._number > last, self.vision.stale)  # type: ignore[misc]
         return pictures
-
-    def _grey(self, picture: Picture) -> Picture:
-        if picture.ndim == 2:
-            return picture
-        cv2 = _cv2()
-        return np.asarray(cv2.cvtColor(picture[..., :3], cv2.COLOR_BGR2GRAY))
 
     @property
     def size(self) -> tuple[int, int]:
