@@ -20,7 +20,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError, describe_error
 from shoal.core.registry import Registry, configured
 from shoal.rigs.physics import ANGLES, Plant
-from shoal.rigs.remote import open_rig
+from shoal.rigs.remote import RemoteRig, open_rig
 from shoal.rigs.rig import Rig
 from shoal.swarm.grid.board import RULES
 
@@ -203,7 +203,7 @@ class BenchRig:
             )
         self.shape: tuple[int, ...] = tuple(view)
         self.pulses: dict[str, tuple[float, float]] = dict(
-            _checked_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
+            checked_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
         )
         self.rule = check_choice(rule, what="rule", choices=[one for one in RULES if one != "tilt"])
         same = actuator is sensor or actuator.name == sensor.name
@@ -280,7 +280,7 @@ class BenchRig:
                 self.sensor.close()
 
 
-def _checked_pulses(pulses: Pulses | None, name: str) -> Pulses:
+def checked_pulses(pulses: Pulses | None, name: str) -> Pulses:
     """Check that each of the four commands has a pulse."""
     if pulses is None:
         raise InvalidInputError(
@@ -311,6 +311,7 @@ class PlantPorts:
         self.calibration = GridCalibration(plant.apparatus.pixels)
         self.pulses = {letter: (angle, plant.apparatus.pulse) for letter, angle in ANGLES.items()}
         self._ended, self._stopped = 0.0, False
+        self._seen: Frame | None = None
 
     @property
     def name(self) -> str:
@@ -338,15 +339,19 @@ class PlantPorts:
         if self._ended and plant.clock < arrives:
             plant.wait(arrives - plant.clock)
         taken, centroids = plant.picture()
-        pixels = centroids * [1, -1] + [0, self.shape[0]]
-        return Frame(pixels * about.pixels, time.monotonic(), round(taken * about.frame_rate))
+        number = round(taken * about.frame_rate)
+        if self._seen is None or number > self._seen.number:  # else it is the same picture
+            pixels = (centroids * [1, -1] + [0, self.shape[0]]) * about.pixels
+            self._seen = Frame(pixels, time.monotonic(), number)
+        return self._seen
 
     def stop(self) -> None:
         """Turn the field off. The plant then refuses further pushes."""
         self._stopped = True
 
     def close(self) -> None:
-        """Do nothing."""
+        """Turn the field off."""
+        self._stopped = True
 
 
 class RemoteActuator:
@@ -355,12 +360,11 @@ class RemoteActuator:
 
     Parameters
     ----------
-    address : str
-        As in `shoal.rigs.open_rig`.
+    rig : RemoteRig
     """
 
-    def __init__(self, address: str, **options: Any) -> None:
-        self._rig = open_rig(address, **options)
+    def __init__(self, rig: RemoteRig) -> None:
+        self._rig = rig
         self.name, self.counts = self._rig.name, self._rig.counts
         self.pulses = {letter: (angle, 1.0) for letter, angle in ANGLES.items()}
 
@@ -388,12 +392,11 @@ class RemoteSensor:
 
     Parameters
     ----------
-    address : str
-        As in `shoal.rigs.open_rig`.
+    rig : RemoteRig
     """
 
-    def __init__(self, address: str, **options: Any) -> None:
-        self._rig = open_rig(address, **options)
+    def __init__(self, rig: RemoteRig) -> None:
+        self._rig = rig
         self.name, self.shape, self.counts = self._rig.name, self._rig.shape, self._rig.counts
         self.calibration = CellCalibration()
         self._number = 0
@@ -431,7 +434,7 @@ def open_actuator(spec: str, **options: Any) -> Actuator:
     InvalidInputError, UnknownNameError, MissingExtraError, RigError
     """
     if is_connection(spec):
-        return RemoteActuator(spec, **options)
+        return RemoteActuator(open_rig(spec, **options))
     found: Actuator = _own(spec, "actuator", Actuator)
     return found
 
@@ -450,7 +453,7 @@ def open_sensor(spec: str, **options: Any) -> Sensor:
     InvalidInputError, UnknownNameError, MissingExtraError, RigError
     """
     if is_connection(spec):
-        return RemoteSensor(spec, **options)
+        return RemoteSensor(open_rig(spec, **options))
     found: Sensor = _own(spec, "sensor", Sensor)
     return found
 
