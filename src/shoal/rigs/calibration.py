@@ -50,6 +50,7 @@ class _Form(BaseModel):
 
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(ge=0)]
+TieKind = Literal["marks", "map", "scale", "sensor"]
 Row = tuple[float, float, float]
 Vector = tuple[float, float]
 
@@ -170,8 +171,8 @@ class BenchCalibration(_Form):
     shape : tuple of int
         Rows and columns of the grid.
     tie : str
-        How pixels were tied to cells: "marks", "map" (the picture of a known map) or "scale" (the
-        stated size of a cell, along the directions of the pulses).
+        How pixels were tied to cells: "marks", "map" (the picture of a known map), "scale" (the
+        stated size of a cell, along the directions of the pulses), or "sensor" (the sensor knows).
     matrix : tuple of tuple of float, shape (3, 3)
         Maps the pixel (x, y, 1) to (row, column, 1), up to a factor.
     residual : float or None
@@ -186,13 +187,21 @@ class BenchCalibration(_Form):
     own_gain : float
         Standard deviation of the speeds of the particles, as a share of the speed.
     responses : Responses
+    stated : dict of str to float
+        Duration of the pulse of each command before the calibration, in seconds.
+    whole : bool
+        Whether the actuator carries out whole commands only, which stay as they are.
     aim : float
         Length of the pulse of a command, in cells.
+    speed : Speed or None
+        The speed against the frequency of the field.
+    notes : list of str
+        What the user should know.
     """
 
     format: Literal["shoal-calibration 1"] = "shoal-calibration 1"
     shape: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
-    tie: Literal["marks", "map", "scale"]
+    tie: TieKind
     matrix: tuple[Row, Row, Row]
     residual: Share | None = None
     cell_size: Positive | None = None
@@ -200,6 +209,8 @@ class BenchCalibration(_Form):
     latency: Share = 0.0
     own_gain: Share = 0.0
     responses: Responses
+    stated: dict[str, Positive] = {}
+    whole: bool = False
     aim: Positive = AIM
     speed: Speed | None = None
     notes: list[str] = []
@@ -214,8 +225,27 @@ class BenchCalibration(_Form):
 
     def pulse(self, command: str) -> tuple[float, float]:
         """Return angle and seconds of the pulse for a command (a letter of ``lurd``)."""
+        if self.whole:
+            return ANGLES[command], self.stated[command]
         turn = radians(ANGLES[command])
         return self.responses.pulse_for(self.aim * np.array([cos(turn), sin(turn)]))
+
+    @property
+    def pulses(self) -> dict[str, tuple[float, float]]:
+        """Angle in degrees and time in seconds of the pulse of each command."""
+        return {letter: self.pulse(letter) for letter in ANGLES}
+
+    @property
+    def pixels_per_cell(self) -> float:
+        """Side of a cell in the middle of the grid, in pixels."""
+        return cell_in_pixels(np.array(self.matrix), self.shape)
+
+    def gain(self, command: str) -> float | None:
+        """Return how far, in cells, the stated pulse of a command moves particles."""
+        if command not in self.stated:
+            return None
+        motion = self.responses.displacement(ANGLES[command], self.stated[command])
+        return float(np.linalg.norm(motion))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration as a JSON file."""
@@ -257,7 +287,7 @@ def transformed(matrix: Points, points: ArrayLike) -> Points:
 class Tie:
     """How pixels lie in the grid: a matrix as in `BenchCalibration`, with its error in cells."""
 
-    kind: Literal["marks", "map", "scale"]
+    kind: TieKind
     matrix: Points
     residual: float | None
     notes: tuple[str, ...] = ()
@@ -379,6 +409,21 @@ def _agreeing(table: Points) -> NDArray[np.bool_]:
             # a camera that looks askew bends all marks a little; an error of reading is larger
             best, kept = middle, away <= max(OUTLIER, 5 * middle)
     return kept
+
+
+def tie_by_sensor(sensor: Any) -> Tie:
+    """Return the map of a sensor that knows it (its attribute ``calibration``)."""
+    pixels = np.array([(0.0, 0), (100, 0), (0, 100), (100, 100)])
+    table = np.hstack([pixels, sensor.calibration.to_cells(pixels)])
+    return Tie("sensor", _fit(table, projective=False), None)
+
+
+def cell_in_pixels(matrix: Points, shape: tuple[int, int]) -> float:
+    """Return the mean side of a cell in the middle of a grid, in pixels."""
+    middle = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
+    around = middle + np.array([(0, 0), (0, 1), (1, 0)])
+    corner, *sides = transformed(np.linalg.inv(matrix), around)
+    return float(np.mean([np.linalg.norm(side - corner) for side in sides]))
 
 
 def tie_by_scale(
@@ -533,6 +578,9 @@ class TestPulse:
     ids: NDArray[np.int64]
 
 
+DRIFT = 0.05  # cells a second, from which on a drift is told
+LONGEST = 1.15  # cells that a command may move particles without a note
+ASKEW = 5.0  # degrees that it may lead aside without a note
 PATIENCE = 10.0  # seconds without a new picture
 CYCLES = 3  # pairs of pulses that are measured, after one that frees the particles
 LONGER = 6  # times that a first pulse is doubled until particles move
@@ -555,7 +603,7 @@ class TestRun:
     noise : float
         Standard deviation of an observed position along each axis, in pixels.
     drift : ndarray of float64, shape (2,)
-        Velocity without a pulse, in pixels a second.
+        Velocity without a pulse, in pixels a second; 0 if chance explains it.
     latencies : list of float
         For each pulse, the time until the camera showed the particles at rest.
     """
@@ -565,6 +613,9 @@ class TestRun:
     def __init__(self, actuator: _Actuator, sensor: _Sensor, cell: float, wait: float) -> None:
         self.actuator, self.sensor, self.cell, self.wait = actuator, sensor, cell, wait
         self.latencies: list[float] = []
+        # a simulated camera has a clock of its own, which its pictures count
+        rate: float | None = getattr(sensor, "frame_rate", None)
+        self._clock = (lambda f: f.number / rate) if rate else (lambda f: f.time)
         frames = self._frames(max(wait, 0.3))
         while len(frames) < 6:
             frames.append(self._fresh(frames[-1].number))
@@ -595,26 +646,30 @@ class TestRun:
         """Return the pictures of the next seconds."""
         last = getattr(self, "_last", None)
         frames = [self._fresh(None if last is None else last.number)]
-        while frames[-1].time - frames[0].time < wait:
+        while self._clock(frames[-1]) - self._clock(frames[0]) < wait:
             frames.append(self._fresh(frames[-1].number))
         return frames
 
     def _at_rest(self, frames: list[Any]) -> tuple[float, Points]:
-        steps, drifts = [], []
+        steps = []
         for before, after in pairwise(frames):
             pairs = match(before.points, after.points, (0, 0), self.cell / 3)
             steps.append(after.points[pairs[:, 1]] - before.points[pairs[:, 0]])
         first, last = frames[0], frames[-1]
         pairs = match(first.points, last.points, (0, 0), self.cell / 3)
-        drifts = last.points[pairs[:, 1]] - first.points[pairs[:, 0]]
+        moved = last.points[pairs[:, 1]] - first.points[pairs[:, 0]]
         every = np.vstack(steps)
-        if not len(every) or not len(drifts):
+        if not len(every) or not len(moved):
             raise RigError(
                 "calibration: expected particles that are seen again in the next picture"
             )
         # 1.4826 times the median of the magnitudes is the standard deviation of a normal variable
         noise = 1.4826 * float(np.median(np.abs(every))) / 2**0.5
-        return noise, np.median(drifts, axis=0) / max(last.time - first.time, 1e-9)
+        drift = np.median(moved, axis=0)
+        chance = 6 * noise / len(moved) ** 0.5  # four standard errors of a median of differences
+        if float(np.linalg.norm(drift)) < chance:
+            drift = np.zeros(2)
+        return noise, drift / max(self._clock(last) - self._clock(first), 1e-9)
 
     def push(self, command: str, angle: float, seconds: float, expected: ArrayLike) -> TestPulse:
         """Carry out a pulse that moves particles by about the expected motion in pixels."""
@@ -642,17 +697,18 @@ class TestRun:
         """Note when the last motion was seen: from the first picture on, and one picture later,
         because the first one may have come at any time after the pulse.
         """
-        last, since = frames[-1], frames[0].time
-        between = (last.time - since) / max(len(frames) - 1, 1)
+        last = frames[-1]
+        since = first = self._clock(frames[0])
+        between = (self._clock(last) - first) / max(len(frames) - 1, 1)
         for frame in reversed(frames):
             pairs = match(frame.points, last.points, (0, 0), 1.5 * self.cell)
             if not len(pairs):
                 break
             away = last.points[pairs[:, 1]] - frame.points[pairs[:, 0]]
             if float(np.median(np.linalg.norm(away, axis=1))) > 4 * self.noise + 0.02 * self.cell:
-                since = frame.time + between
+                since = self._clock(frame) + between
                 break
-        self.latencies.append(since - frames[0].time + between)
+        self.latencies.append(since - first + between)
 
     def cycles(
         self, pulses: dict[str, tuple[float, float]], expected: dict[str, Points]
@@ -669,17 +725,24 @@ class TestRun:
                         done.append(pulse)
         return done
 
-    def speeds(self, seconds: float) -> dict[str, Points]:
+    def speeds(self, stated: Mapping[str, float], *, whole: bool = False) -> dict[str, Points]:
         """Return the velocity in pixels a second that each command causes, from short pulses that
-        are made longer until particles move by a tenth of a cell.
+        are made longer until particles move by a tenth of a cell (or from whole commands).
+
+        Parameters
+        ----------
+        stated : mapping of str to float
+            About the duration of the pulse of each command, in seconds.
+        whole : bool
+            Whether the pulses must be those stated.
         """
         found: dict[str, Points] = {}
         for pair in ("rl", "ud"):
-            for power in range(LONGER):
-                length = seconds / 4 * 2**power
+            for power in range(1 if whole else LONGER):
+                share = 1.0 if whole else 2**power / 4
                 steps: dict[str, list[Points]] = {letter: [] for letter in pair}
                 for letter in pair * 2:
-                    pulse = self.push(letter, ANGLES[letter], length, (0, 0))
+                    pulse = self.push(letter, ANGLES[letter], share * stated[letter], (0, 0))
                     steps[letter].append(pulse.after - pulse.before)
                 moved = {
                     letter: free_motion(np.vstack(steps[letter]), self.noise * 2**0.5)
@@ -690,7 +753,7 @@ class TestRun:
                     for letter, (motion, free) in moved.items()
                     if free.sum() >= FEWEST and np.linalg.norm(motion) >= self.cell / 10
                 ]
-                if len(enough) == 2 or (enough and power == LONGER - 1):
+                if len(enough) == 2:
                     break
                 longest = max(
                     (
@@ -706,9 +769,10 @@ class TestRun:
                 if letter not in enough:
                     raise RigError(
                         f"calibration: expected particles that move freely at the command {letter},"
-                        f" got none in pulses of up to {length:.3g} s; put them where they have room"
+                        f" got none in pulses of up to {share * stated[letter]:.3g} s; put them"
+                        " where they have room"
                     )
-                found[letter] = moved[letter][0] / length
+                found[letter] = moved[letter][0] / (share * stated[letter])
         return found
 
 
@@ -793,11 +857,32 @@ def fit_responses(groups: Sequence[_Group]) -> Responses:
     )
 
 
+def pulses_of(actuator: Any) -> dict[str, tuple[float, float]]:
+    """Return angle and seconds of the pulse of each command, as an actuator states them.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    pulses = getattr(actuator, "pulses", None)
+    if pulses is None:
+        raise InvalidInputError(
+            f"calibrate: expected an actuator that states its pulses, got {actuator.name}"
+        )
+    for letter, angle in ANGLES.items():
+        if letter not in pulses or pulses[letter][0] % 360 != angle:
+            raise InvalidInputError(
+                f"calibrate: expected a pulse of the command {letter} at {angle:g} degrees, got"
+                f" {pulses.get(letter)}"
+            )
+    return dict(pulses)
+
+
 def calibrate(
     actuator: _Actuator,
     sensor: _Sensor,
     *,
-    seconds: float,
+    pulses: Mapping[str, tuple[float, float]],
     tie: Tie | None = None,
     shape: tuple[int, int] | None = None,
     cell: float | None = None,
@@ -812,8 +897,11 @@ def calibrate(
     Parameters
     ----------
     actuator, sensor : Actuator and Sensor
-    seconds : float
-        About the duration of the pulse of one command. The first pulses are a quarter of it.
+        An actuator with the attribute ``whole`` carries out whole commands only: their length and
+        heading are measured, and stay.
+    pulses : mapping
+        Angle in degrees and about the seconds of the pulse of each command. The first pulses are a
+        quarter of it.
     tie : Tie, optional
         How pixels lie in the grid. Without it, the grid covers the picture, and its axes are the
         directions of the pulses.
@@ -841,43 +929,40 @@ def calibrate(
     if tie is not None:
         if shape is None:
             raise InvalidInputError("calibration: expected the shape of the grid, got none")
-        middle = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
-        around = middle + np.array([(0, 0), (0, 1), (1, 0)])
-        corner, *sides = transformed(np.linalg.inv(tie.matrix), around)
-        cell = float(np.mean([np.linalg.norm(side - corner) for side in sides]))
+        cell = cell_in_pixels(tie.matrix, shape)
     elif cell is None or size is None:
         raise InvalidInputError("calibration: expected marks, a known map or the size of a cell")
     assert cell is not None
+    whole = bool(getattr(actuator, "whole", False))
+    stated = {letter: seconds for letter, (_, seconds) in pulses.items()}
     run = TestRun(actuator, sensor, cell, wait)
-    speeds = run.speeds(seconds)
+    speeds = run.speeds(stated, whole=whole)
     half = {
-        letter: (ANGLES[letter], cell / 2 / float(np.linalg.norm(speed)))
+        letter: (
+            ANGLES[letter],
+            stated[letter] if whole else cell / 2 / float(np.linalg.norm(speed)),
+        )
         for letter, speed in speeds.items()
     }
-    expected = {letter: speeds[letter] * half[letter][1] for letter in ANGLES}
-    pulses = run.cycles(half, expected)
+    done = run.cycles(half, {letter: speeds[letter] * half[letter][1] for letter in ANGLES})
     if tie is None:
         assert size is not None
-        pixels = _groups(pulses, _AS_PIXELS, run.noise * 2**0.5)
+        pixels = _groups(done, _AS_PIXELS, run.noise * 2**0.5)
         motions = {group.command: group.motion * (1, -1) for group in pixels}
         tie, shape = tie_by_scale(motions, cell, size)
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
-    first = fit_responses(_groups(pulses, tie.matrix, noise))
-    _check_headings(first)
-    to_pixels = np.linalg.inv(tie.matrix)
-    turns = {letter: radians(angle) for letter, angle in ANGLES.items()}
-    wanted = {letter: aim * np.array([cos(turn), sin(turn)]) for letter, turn in turns.items()}
-    full = {letter: first.pulse_for(wanted[letter]) for letter in ANGLES}
-    centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
-    here = transformed(to_pixels, centre)[0]
-    expected = {
-        letter: transformed(to_pixels, centre + np.array([-y, x]))[0] - here
-        for letter, (x, y) in wanted.items()
-    }
-    pulses += run.cycles(full, expected)
-    responses = fit_responses(_groups(pulses, tie.matrix, noise))
+    responses = fit_responses(_groups(done, tie.matrix, noise))
     _check_headings(responses)
+    if not whole:  # once more with corrected pulses of full length
+        wanted = {
+            letter: aim * np.array([cos(radians(angle)), sin(radians(angle))])
+            for letter, angle in ANGLES.items()
+        }
+        full = {letter: responses.pulse_for(motion) for letter, motion in wanted.items()}
+        done += run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
+        responses = fit_responses(_groups(done, tie.matrix, noise))
+        _check_headings(responses)
     if responses.residual > limit:
         raise RigError(
             f"calibration: expected test pulses that agree within {limit:g} cells, got"
@@ -885,9 +970,9 @@ def calibrate(
         )
     drift = float(np.linalg.norm(run.drift)) / cell
     notes = list(tie.notes)
-    if drift > 0.05:
+    if drift > DRIFT:
         notes.append(f"without a pulse, particles drift by {drift:.2g} cells a second")
-    return BenchCalibration(
+    found = BenchCalibration(
         shape=shape,
         tie=tie.kind,
         matrix=tuple(map(tuple, tie.matrix.tolist())),
@@ -895,11 +980,44 @@ def calibrate(
         cell_size=cell_size,
         noise=run.noise,
         latency=max(run.latencies),
-        own_gain=_own_gain(pulses, tie.matrix, responses, noise),
+        own_gain=_own_gain(done, tie.matrix, responses, noise),
         responses=responses,
+        stated=stated,
+        whole=whole,
         aim=aim,
         notes=notes,
     )
+    if whole:
+        found.notes.extend(_told_of_whole(found))
+    return found
+
+
+def _in_pixels(
+    motions: dict[str, Points], matrix: Points, shape: tuple[int, int]
+) -> dict[str, Points]:
+    """Return motions (x, y) in cells as motions in pixels in the middle of the grid."""
+    to_pixels = np.linalg.inv(matrix)
+    centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
+    here = transformed(to_pixels, centre)[0]
+    return {
+        letter: transformed(to_pixels, centre + np.array([-y, x]))[0] - here
+        for letter, (x, y) in motions.items()
+    }
+
+
+def _told_of_whole(found: BenchCalibration) -> list[str]:
+    """Return what is wrong with commands that cannot be corrected."""
+    notes = []
+    for letter in ANGLES:
+        length, heading = found.gain(letter), found.responses.heading(letter)
+        if length is not None and not 1.0 <= length <= LONGEST:
+            notes.append(
+                f"the command {letter} moves particles by {length:.2f} cells; set the actuator to"
+                f" 1.05 to 1.1"
+            )
+        if abs(heading) > ASKEW:
+            notes.append(f"the command {letter} leads {heading:+.1f} degrees aside")
+    return notes
 
 
 _AS_PIXELS = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])  # (x, y) as (row, column) = (y, x)

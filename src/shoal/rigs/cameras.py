@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_choice, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError, RigError, describe_error
-from shoal.rigs.ports import Frame
+from shoal.rigs.rig import Frame
 
 Points = NDArray[np.float64]
 Picture = NDArray[Any]  # (height, width), one number a pixel

@@ -37,6 +37,8 @@ class PulseTrim:
         The answers of particles to pulses, as calibrated or as stated.
     aim : float
         Length of the pulse of a command, in cells.
+    noise : float
+        Standard deviation of an observed motion along each axis, in cells.
 
     Attributes
     ----------
@@ -44,8 +46,8 @@ class PulseTrim:
         Median offset (x, y) of the free particles from the centres of cells, y up.
     """
 
-    def __init__(self, responses: Responses, aim: float = AIM) -> None:
-        self.responses, self.aim = responses, aim
+    def __init__(self, responses: Responses, *, aim: float = AIM, noise: float = NOISE) -> None:
+        self.responses, self.aim, self.noise = responses, aim, noise
         self.offset = np.zeros(2)
         self._before: Points | None = None
         self._sent: list[tuple[str, float, float]] = []
@@ -80,7 +82,7 @@ class PulseTrim:
         length = float(np.linalg.norm(expected))
         along = motions @ expected / length
         moving = np.flatnonzero(along > length / 2)
-        motion, free = free_motion(motions[moving], NOISE)
+        motion, free = free_motion(motions[moving], self.noise)
         free = moving[free]
         if not len(free):
             self.offset = np.zeros(2)
