@@ -103,7 +103,13 @@ def _number(name: str, text: object) -> float:
         ) from None
 
 
-def _cv2() -> Any:
+def load_opencv() -> Any:
+    """Return the module cv2, which prints no messages of its own.
+
+    Raises
+    ------
+    MissingExtraError
+    """
     # OpenCV and its decoder print their own messages; ours say what is wrong
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     try:
@@ -118,7 +124,7 @@ def grey(picture: Picture) -> Picture:
     """Return a picture with one number a pixel."""
     if picture.ndim == 2:
         return picture
-    cv2 = _cv2()
+    cv2 = load_opencv()
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(picture[..., :3]), cv2.COLOR_BGR2GRAY))
 
 
@@ -136,7 +142,7 @@ class Detector:
 
     def __init__(self, vision: Vision | None = None) -> None:
         self.vision = vision or Vision()
-        self._cv = _cv2()
+        self._cv = load_opencv()
         self.background: Picture | None = None
         kind = self.vision.background
         self.waits_for = int(kind) if kind.isdigit() else 0
@@ -266,7 +272,7 @@ class OpenCVSource:
     """
 
     def __init__(self, name: str) -> None:
-        self.name, self._cv = name, _cv2()
+        self.name, self._cv = name, load_opencv()
         self._between = self._due = 0.0
         if "://" not in name and not name.isdigit() and not Path(name).is_file():
             raise InvalidInputError(
