@@ -437,8 +437,8 @@ def open_actuator(spec: str, **options: Any) -> Actuator:
     Parameters
     ----------
     spec : str
-        ``serial:DEVICE[@BAUD]``, ``tcp:HOST:PORT`` or ``exec:COMMAND`` (a device that speaks the
-        protocol of rigs), or ``MODULE:ATTRIBUTE`` (an actuator of the user, or what makes one when
+        ``coils:FILE`` (coils that an actuation file describes), ``serial:DEVICE[@BAUD]``,
+        ``tcp:HOST:PORT`` or ``exec:COMMAND`` (a device that speaks the protocol of rigs), or ``MODULE:ATTRIBUTE`` (an actuator of the user, or what makes one when
         it is called without arguments).
     **options
         Options of `shoal.rigs.open_rig`, for a device behind a connection.
@@ -449,6 +449,13 @@ def open_actuator(spec: str, **options: Any) -> Actuator:
     """
     if is_connection(spec):
         return RemoteActuator(open_rig(spec, **options))
+    if spec.partition(":")[0] == "coils":
+        from shoal.rigs.coils import CoilActuator
+
+        path = spec.partition(":")[2]
+        if not path:
+            raise InvalidInputError("actuator: expected coils:FILE, got no file")
+        return CoilActuator(path)
     found: Actuator = _own(spec, "actuator", Actuator)
     return found
 
@@ -498,7 +505,7 @@ def open_own_rig(spec: str) -> Rig:
 KNOWN = {
     "rig": "simulated, physics:KIND, serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND or"
     " MODULE:ATTRIBUTE",
-    "actuator": "physics:KIND, serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND or"
+    "actuator": "coils:FILE, physics:KIND, serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND or"
     " MODULE:ATTRIBUTE",
     "sensor": "physics, opencv:INDEX|FILE|ADDRESS, pymmcore:CONFIG, serial:DEVICE[@BAUD],"
     " tcp:HOST:PORT, exec:COMMAND or MODULE:ATTRIBUTE",

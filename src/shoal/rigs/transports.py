@@ -83,6 +83,17 @@ class Transport(ABC):
         line, _, self._pending = self._pending.partition(b"\n")
         return line
 
+    def receive(self, timeout: float) -> bytes:
+        """Return the bytes that have come, at the latest after ``timeout`` seconds.
+
+        Raise ConnectionCutError if the connection is lost.
+        """
+        if not self._pending:
+            with _cuts():
+                return self._read(timeout)
+        came, self._pending = self._pending, b""
+        return came
+
     @abstractmethod
     def _open(self) -> None: ...
 

@@ -64,7 +64,8 @@ ActuatorName = Annotated[
         "--actuator",
         metavar="ACTUATOR",
         help=(
-            "Device that moves the particles, instead of --rig: physics:KIND[,NAME=NUMBER...],"
+            "Device that moves the particles, instead of --rig: coils:FILE (coils that an actuation"
+            " file describes), physics:KIND[,NAME=NUMBER...],"
             " serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or MODULE:ATTRIBUTE."
         ),
     ),
