@@ -27,11 +27,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from shoal.core.checks import parse_json, parse_toml, read_text, validation_message
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError
+from shoal.rigs.physics import ANGLES
 
 Points = NDArray[np.float64]
-ANGLES = {"r": 0.0, "u": 90.0, "l": 180.0, "d": 270.0}
-"""Direction of each command, in degrees counterclockwise from the x axis."""
-
 AIM = 1.07
 """Length, in cells, of a pulse that must move particles by one cell: a pulse that is a little too
 short turns free cells into walls, one that is a little too long is stopped by the walls.
@@ -58,13 +56,19 @@ Vector = tuple[float, float]
 class Responses(_Form):
     """How particles answer to pulses.
 
-    A pulse of the angle a and of s seconds moves particles by (s - dead) times the velocity
-    max(cos a, 0) r + max(-cos a, 0) l + max(sin a, 0) u + max(-sin a, 0) d.
+    A pulse between the directions of two commands moves particles by (s - dead) times a velocity,
+    which has the same shares of their velocities as the direction of the pulse has of theirs. With
+    commands at 0, 90, 180 and 270 degrees, it is max(cos a, 0) r + max(-cos a, 0) l + max(sin a, 0) u
+    + max(-sin a, 0) d.
 
     Parameters
     ----------
     r, u, l, d : tuple of float
         Velocity (x, y) in cells a second, x to the right and y up, of a pulse in this direction.
+    angles : dict of str to float
+        Angle of the pulse of each command, in degrees.
+    only : bool
+        Whether the actuator knows these directions only.
     dead : float
         Part of a pulse that moves nothing, in seconds; below 0 if particles move on after it.
     residual : float
@@ -77,17 +81,23 @@ class Responses(_Form):
     u: Vector
     l: Vector  # noqa: E741  # a command
     d: Vector
+    angles: dict[str, float] = ANGLES
+    only: bool = False
     dead: float = 0.0
     residual: Share = 0.0
     counts: dict[str, int] = {}
 
     def displacement(self, angle: float, seconds: float) -> Points:
         """Return the motion (x, y) in cells that a pulse causes in the open."""
-        return _mixed(self._velocities(), angle) * (seconds - self.dead)
+        towards = _unit_at(angle)
+        _, shares, velocities = max(
+            (self._shares(towards, pair, of="angles") for pair in PAIRS), key=lambda one: one[0]
+        )
+        return shares @ velocities * (seconds - self.dead)
 
     def pulse_for(self, motion: ArrayLike) -> tuple[float, float]:
         """Return angle (degrees, 0 to 360) and seconds of the pulse that causes a motion (x, y) in
-        cells.
+        cells; if only the directions of the commands exist, of the one that comes nearest.
 
         Raises
         ------
@@ -97,57 +107,57 @@ class Responses(_Form):
         wanted = np.asarray(motion, dtype=np.float64)
         if not wanted.any():
             raise InvalidInputError("pulse: expected a motion other than 0")
-        velocities = self._velocities()
-        best: tuple[float, float, float] | None = None
-        for across, x in (("r", 1.0), ("l", -1.0)):
-            for along, y in (("u", 1.0), ("d", -1.0)):
-                sides = np.column_stack([velocities[across], velocities[along]])
-                if abs(np.linalg.det(sides)) < 1e-12:
-                    continue
-                a, b = np.linalg.solve(sides, wanted).tolist()
-                outside = min(a, b)  # both are positive in the quadrant of the motion
-                if best is None or outside > best[0]:
-                    best = outside, degrees(atan2(y * b, x * a)) % 360, hypot(a, b)
-        if best is None or best[0] < -1e-6 * max(1.0, best[2]):
+        if self.only:
+            lengths = {
+                letter: float(wanted @ getattr(self, letter)) / hypot(*getattr(self, letter))
+                for letter in ANGLES
+            }
+            nearest = max(lengths, key=lambda letter: lengths[letter])
+            seconds = lengths[nearest] / hypot(*getattr(self, nearest))
+            return self.angles[nearest], seconds + self.dead
+        outside, shares, directions = max(
+            (self._shares(wanted, pair, of="velocities") for pair in PAIRS), key=lambda one: one[0]
+        )
+        if outside < -1e-6 * max(1.0, float(np.abs(shares).max())):
             raise InvalidInputError("pulse: the measured directions do not reach all around")
-        return best[1], max(best[2] + self.dead, 0.0)
+        x, y = shares @ directions
+        return degrees(atan2(y, x)) % 360, max(hypot(x, y) + self.dead, 0.0)
+
+    def _shares(self, wanted: Points, pair: str, *, of: str) -> tuple[float, Points, Points]:
+        """Return the shares of two neighbouring commands that make a vector: their least (below 0
+        outside the quadrant), both, and what they are shares of otherwise (shape (2, 2)).
+        """
+        directions = np.array([_unit_at(self.angles[letter]) for letter in pair])
+        velocities = np.array([getattr(self, letter) for letter in pair])
+        basis, others = (directions, velocities) if of == "angles" else (velocities, directions)
+        if abs(np.linalg.det(basis)) < 1e-12:
+            return -inf, np.zeros(2), others
+        shares = np.linalg.solve(basis.T, wanted)
+        return float(shares.min()), shares, others
 
     @classmethod
-    def stated(cls, pulses: Mapping[str, tuple[float, float]]) -> Responses:
+    def stated(cls, pulses: Mapping[str, tuple[float, float]], *, only: bool = False) -> Responses:
         """Return the answers of particles that each pulse (angle, seconds) of a command moves by
         exactly one cell.
         """
-        turned = {letter: radians(angle) for letter, angle in ANGLES.items()}
-        speeds = {letter: 1 / pulses[letter][1] for letter in ANGLES}
-        for letter, (angle, _) in pulses.items():
-            if angle % 360 != ANGLES[letter]:
-                raise InvalidInputError(
-                    f"pulses: expected {letter} at {ANGLES[letter]:g} degrees, got {angle:g}"
-                )
-        return cls(
-            **{  # type: ignore[arg-type]
-                letter: (speeds[letter] * cos(turn), speeds[letter] * sin(turn))
-                for letter, turn in turned.items()
-            }
-        )
+        sides = {
+            letter: tuple((_unit_at(angle) / pulses[letter][1]).tolist())
+            for letter, angle in ANGLES.items()
+        }
+        angles = {letter: pulses[letter][0] % 360 for letter in ANGLES}
+        return cls(**sides, angles=angles, only=only)
 
     def heading(self, command: str) -> float:
         """Return the angle between a command and its motion, in degrees counterclockwise."""
         x, y = getattr(self, command)
         return (degrees(atan2(y, x)) - ANGLES[command] + 180) % 360 - 180
 
-    def _velocities(self) -> dict[str, Points]:
-        return {letter: np.array(getattr(self, letter)) for letter in ANGLES}
+
+PAIRS = ("ru", "lu", "ld", "rd")  # neighbouring commands
 
 
-def _mixed(velocities: dict[str, Points], angle: float) -> Points:
-    x, y = cos(radians(angle)), sin(radians(angle))
-    return (
-        max(x, 0) * velocities["r"]
-        + max(-x, 0) * velocities["l"]
-        + max(y, 0) * velocities["u"]
-        + max(-y, 0) * velocities["d"]
-    )
+def _unit_at(angle: float) -> Points:
+    return np.array([cos(radians(angle)), sin(radians(angle))])
 
 
 class Speed(_Form):
@@ -226,9 +236,8 @@ class BenchCalibration(_Form):
     def pulse(self, command: str) -> tuple[float, float]:
         """Return angle and seconds of the pulse for a command (a letter of ``lurd``)."""
         if self.whole:
-            return ANGLES[command], self.stated[command]
-        turn = radians(ANGLES[command])
-        return self.responses.pulse_for(self.aim * np.array([cos(turn), sin(turn)]))
+            return self.responses.angles[command], self.stated[command]
+        return self.responses.pulse_for(self.aim * _unit_at(ANGLES[command]))
 
     @property
     def pulses(self) -> dict[str, tuple[float, float]]:
@@ -244,7 +253,7 @@ class BenchCalibration(_Form):
         """Return how far, in cells, the stated pulse of a command moves particles."""
         if command not in self.stated:
             return None
-        motion = self.responses.displacement(ANGLES[command], self.stated[command])
+        motion = self.responses.displacement(self.responses.angles[command], self.stated[command])
         return float(np.linalg.norm(motion))
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -725,14 +734,16 @@ class TestRun:
                         done.append(pulse)
         return done
 
-    def speeds(self, stated: Mapping[str, float], *, whole: bool = False) -> dict[str, Points]:
+    def speeds(
+        self, stated: Mapping[str, tuple[float, float]], *, whole: bool = False
+    ) -> dict[str, Points]:
         """Return the velocity in pixels a second that each command causes, from short pulses that
         are made longer until particles move by a tenth of a cell (or from whole commands).
 
         Parameters
         ----------
-        stated : mapping of str to float
-            About the duration of the pulse of each command, in seconds.
+        stated : mapping of str to tuple
+            Angle and about the seconds of the pulse of each command.
         whole : bool
             Whether the pulses must be those stated.
         """
@@ -742,7 +753,8 @@ class TestRun:
                 share = 1.0 if whole else 2**power / 4
                 steps: dict[str, list[Points]] = {letter: [] for letter in pair}
                 for letter in pair * 2:
-                    pulse = self.push(letter, ANGLES[letter], share * stated[letter], (0, 0))
+                    angle, seconds = stated[letter]
+                    pulse = self.push(letter, angle, share * seconds, (0, 0))
                     steps[letter].append(pulse.after - pulse.before)
                 moved = {
                     letter: free_motion(np.vstack(steps[letter]), self.noise * 2**0.5)
@@ -769,10 +781,10 @@ class TestRun:
                 if letter not in enough:
                     raise RigError(
                         f"calibration: expected particles that move freely at the command {letter},"
-                        f" got none in pulses of up to {share * stated[letter]:.3g} s; put them"
+                        f" got none in pulses of up to {share * stated[letter][1]:.3g} s; put them"
                         " where they have room"
                     )
-                found[letter] = moved[letter][0] / (share * stated[letter])
+                found[letter] = moved[letter][0] / (share * stated[letter][1])
         return found
 
 
@@ -817,8 +829,10 @@ def motions_of(pulse: TestPulse, matrix: Points) -> Points:
     return np.column_stack([step[:, 1], -step[:, 0]])
 
 
-def fit_responses(groups: Sequence[_Group]) -> Responses:
-    """Return the velocities and the dead time that fit the motions best (least squares)."""
+def fit_responses(groups: Sequence[_Group], known: Responses) -> Responses:
+    """Return the velocities and the dead time that fit the motions best (least squares), with the
+    angles of the stated responses.
+    """
     from scipy.optimize import least_squares
 
     letters = list(ANGLES)
@@ -826,11 +840,10 @@ def fit_responses(groups: Sequence[_Group]) -> Responses:
     several = len(durations) > len(letters)  # pulses of different lengths show the dead time
 
     def unpacked(values: Points) -> Responses:
-        sides = {
-            letter: (float(x), float(y))
-            for letter, (x, y) in zip(letters, values[:8].reshape(4, 2), strict=True)
-        }
-        return Responses(**sides, dead=float(values[8]) * scale if several else 0.0)  # type: ignore[arg-type]
+        sides = dict(zip(letters, map(tuple, values[:8].reshape(4, 2).tolist()), strict=True))
+        return known.model_copy(
+            update={**sides, "dead": float(values[8]) * scale if several else 0.0}
+        )
 
     scale = max(durations)
     weights = np.array([1 / max(group.error, 1e-4) for group in groups])
@@ -869,12 +882,6 @@ def pulses_of(actuator: Any) -> dict[str, tuple[float, float]]:
         raise InvalidInputError(
             f"calibrate: expected an actuator that states its pulses, got {actuator.name}"
         )
-    for letter, angle in ANGLES.items():
-        if letter not in pulses or pulses[letter][0] % 360 != angle:
-            raise InvalidInputError(
-                f"calibrate: expected a pulse of the command {letter} at {angle:g} degrees, got"
-                f" {pulses.get(letter)}"
-            )
     return dict(pulses)
 
 
@@ -897,8 +904,9 @@ def calibrate(
     Parameters
     ----------
     actuator, sensor : Actuator and Sensor
-        An actuator with the attribute ``whole`` carries out whole commands only: their length and
-        heading are measured, and stay.
+        An actuator with a true attribute ``whole`` carries out whole commands only: their length and
+        heading are measured, and stay. One with a true attribute ``only`` knows no other directions
+        than those of the commands.
     pulses : mapping
         Angle in degrees and about the seconds of the pulse of each command. The first pulses are a
         quarter of it.
@@ -934,13 +942,13 @@ def calibrate(
         raise InvalidInputError("calibration: expected marks, a known map or the size of a cell")
     assert cell is not None
     whole = bool(getattr(actuator, "whole", False))
-    stated = {letter: seconds for letter, (_, seconds) in pulses.items()}
+    known = Responses.stated(pulses, only=whole or bool(getattr(actuator, "only", False)))
     run = TestRun(actuator, sensor, cell, wait)
-    speeds = run.speeds(stated, whole=whole)
+    speeds = run.speeds(pulses, whole=whole)
     half = {
         letter: (
-            ANGLES[letter],
-            stated[letter] if whole else cell / 2 / float(np.linalg.norm(speed)),
+            known.angles[letter],
+            pulses[letter][1] if whole else cell / 2 / float(np.linalg.norm(speed)),
         )
         for letter, speed in speeds.items()
     }
@@ -952,16 +960,13 @@ def calibrate(
         tie, shape = tie_by_scale(motions, cell, size)
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
-    responses = fit_responses(_groups(done, tie.matrix, noise))
+    responses = fit_responses(_groups(done, tie.matrix, noise), known)
     _check_headings(responses)
     if not whole:  # once more with corrected pulses of full length
-        wanted = {
-            letter: aim * np.array([cos(radians(angle)), sin(radians(angle))])
-            for letter, angle in ANGLES.items()
-        }
+        wanted = {letter: aim * _unit_at(angle) for letter, angle in ANGLES.items()}
         full = {letter: responses.pulse_for(motion) for letter, motion in wanted.items()}
         done += run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
-        responses = fit_responses(_groups(done, tie.matrix, noise))
+        responses = fit_responses(_groups(done, tie.matrix, noise), known)
         _check_headings(responses)
     if responses.residual > limit:
         raise RigError(
@@ -982,7 +987,7 @@ def calibrate(
         latency=max(run.latencies),
         own_gain=_own_gain(done, tie.matrix, responses, noise),
         responses=responses,
-        stated=stated,
+        stated={letter: seconds for letter, (_, seconds) in pulses.items()},
         whole=whole,
         aim=aim,
         notes=notes,

@@ -53,8 +53,9 @@ class Actuator(Protocol):
     """A device that moves particles. `shoal.testing.check_actuator` checks one.
 
     An actuator may also have the attribute ``pulses`` (`Pulses`): the angle and the time of the
-    pulse that carries out each command. If it has a true attribute ``whole``, it carries out these
-    pulses only.
+    pulse that carries out each command; a true attribute ``whole``, if it carries out these pulses
+    only; a true attribute ``only``, if it knows only their directions; and ``longest``, the longest
+    pulse in seconds.
     """
 
     @property

@@ -98,9 +98,7 @@ def _largest(cv2: Any, mask: Mask, cells: int) -> Mask | None:
     if count < 2:
         return None
     part = labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(
-        (~part).astype(np.uint8), connectivity=4
-    )
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((~part).astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] < HOLE * part.sum() / cells
     small[0] = False
     return np.asarray(part | small[labels])

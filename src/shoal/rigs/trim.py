@@ -4,7 +4,7 @@ shows, in length and in heading.
 
 from __future__ import annotations
 
-from math import cos, radians, sin
+from math import cos, inf, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,8 @@ class PulseTrim:
         Length of the pulse of a command, in cells.
     noise : float
         Standard deviation of an observed motion along each axis, in cells.
+    longest : float
+        Longest pulse of the actuator, in seconds.
 
     Attributes
     ----------
@@ -46,8 +48,10 @@ class PulseTrim:
         Median offset (x, y) of the free particles from the centres of cells, y up.
     """
 
-    def __init__(self, responses: Responses, *, aim: float = AIM, noise: float = NOISE) -> None:
-        self.responses, self.aim, self.noise = responses, aim, noise
+    def __init__(
+        self, responses: Responses, *, aim: float = AIM, noise: float = NOISE, longest: float = inf
+    ) -> None:
+        self.responses, self.aim, self.noise, self.longest = responses, aim, noise, longest
         self.offset = np.zeros(2)
         self._before: Points | None = None
         self._sent: list[tuple[str, float, float]] = []
@@ -61,6 +65,7 @@ class PulseTrim:
             angle, seconds = self.responses.pulse_for(wanted)
         except InvalidInputError:
             angle, seconds = self.responses.pulse_for(self.aim * ahead)
+        seconds = min(seconds, self.longest)
         self._sent.append((command, angle, seconds))
         return angle, seconds
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from contextlib import contextmanager
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -355,9 +356,11 @@ def _bench(
             f"trim: expected an actuator whose pulses can be changed, got {moves.name}, which"
             " carries out whole commands"
         )
+    longest = getattr(moves, "longest", inf)
     if measured is None:
-        responses = Responses.stated(pulses_of(moves)) if trim else None
-        trimmed = None if responses is None else PulseTrim(responses)
+        only = bool(getattr(moves, "only", False))
+        responses = Responses.stated(pulses_of(moves), only=only) if trim else None
+        trimmed = None if responses is None else PulseTrim(responses, longest=longest)
         return BenchRig(moves, sees, shape=getattr(sees, "shape", view), trim=trimmed)
     if measured.whole != whole:
         raise InvalidInputError(
@@ -367,7 +370,7 @@ def _bench(
     trimmed = None
     if trim is not False and not whole:
         noise = 2**0.5 * measured.noise / measured.pixels_per_cell
-        trimmed = PulseTrim(measured.responses, noise=noise)
+        trimmed = PulseTrim(measured.responses, noise=noise, longest=longest)
     simulated = hasattr(sees, "frame_rate")  # its clock is not that of this computer
     return BenchRig(
         moves,
