@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
-from shoal.rigs.calibration import ANGLES, Responses, free_motion, match
+from shoal.rigs.calibration import Responses
+from shoal.rigs.following import free_motion, match
+from shoal.rigs.physics import ANGLES
 
 Points = NDArray[np.float64]
 

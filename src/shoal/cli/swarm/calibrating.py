@@ -12,8 +12,9 @@ from shoal.cli.output import print_json, print_table
 from shoal.core.errors import InvalidInputError, OutputError
 
 if TYPE_CHECKING:
-    from shoal.rigs.calibration import BenchCalibration, Tie
+    from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.ports import Actuator, Sensor
+    from shoal.rigs.registration import Tie
     from shoal.swarm import GridWorkspace
 
 CalibrateInto = Annotated[
@@ -118,7 +119,7 @@ def calibrate_bench(
     json_: bool,
 ) -> None:
     """Calibrate two devices, write the file and its picture, and print what was found."""
-    from shoal.rigs.calibration import calibrate, pulses_of
+    from shoal.rigs.measuring import calibrate, pulses_of
     from shoal.views.calibration import draw_calibration
 
     actuator, sensor = devices
@@ -160,7 +161,7 @@ def _tie(
     truth: GridWorkspace | None,
 ) -> tuple[Tie | None, dict[str, Any]]:
     """Return how pixels lie in the grid, as far as it is known before the pulses."""
-    from shoal.rigs.calibration import tie_by_marks, tie_by_sensor
+    from shoal.rigs.registration import tie_by_map, tie_by_marks, tie_by_sensor
 
     if pixel_size is not None:
         size = getattr(sensor, "size", None)
@@ -177,8 +178,6 @@ def _tie(
         shape = getattr(sensor, "shape", shape)
         tie = tie_by_sensor(sensor)
     elif truth is not None and hasattr(sensor, "picture"):
-        from shoal.rigs.registration import tie_by_map
-
         tie = tie_by_map(sensor.picture(), truth.free)
     else:
         raise InvalidInputError(

@@ -345,7 +345,8 @@ def _bench(
     trim: bool | None,
 ) -> Rig:
     """Return a rig of two devices."""
-    from shoal.rigs.calibration import Responses, pulses_of
+    from shoal.rigs.calibration import Responses
+    from shoal.rigs.measuring import pulses_of
     from shoal.rigs.ports import BenchRig
     from shoal.rigs.trim import PulseTrim
 
