@@ -68,3 +68,24 @@ def free_motion(motions: Points, noise: float) -> tuple[Points, NDArray[np.bool_
     inside = np.linalg.norm(some - middle, axis=1) <= band
     free[moving[inside]] = True
     return np.median(some[inside], axis=0), free
+
+
+def likely_shift(before: Points, after: Points, least: float, most: float) -> Points:
+    """Return the shift by which most points of a picture lie on points of another: of all
+    differences whose length is between two bounds, the one with most others near it.
+
+    Returns
+    -------
+    shift : ndarray of float64, shape (2,)
+        0 if no difference has such a length.
+    """
+    every = (after[None, :, :] - before[:, None, :]).reshape(-1, 2)
+    lengths = np.linalg.norm(every, axis=1)
+    every = every[(lengths >= least) & (lengths <= most)]
+    if not len(every):
+        return np.zeros(2)
+    from scipy.spatial import KDTree
+
+    tree = KDTree(every)
+    near = tree.query_ball_point(every, BAND * most / 2)
+    return np.median(every[max(near, key=len)], axis=0)

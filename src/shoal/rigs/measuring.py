@@ -26,7 +26,7 @@ from shoal.rigs.calibration import (
     transformed,
     unit_at,
 )
-from shoal.rigs.following import BAND, free_motion, match
+from shoal.rigs.following import BAND, free_motion, likely_shift, match
 from shoal.rigs.physics import ANGLES
 from shoal.rigs.registration import TURNED, Tie, tie_by_scale
 
@@ -164,12 +164,18 @@ class TestRun:
             drift = np.zeros(2)
         return noise, drift / max(self._clock(last) - self._clock(first), 1e-9)
 
-    def push(self, command: str, angle: float, seconds: float, expected: ArrayLike) -> TestPulse:
-        """Carry out a pulse that moves particles by about the expected motion in pixels."""
+    def push(
+        self, command: str, angle: float, seconds: float, expected: ArrayLike | None
+    ) -> TestPulse:
+        """Carry out a pulse that moves particles by about the expected motion in pixels. None means
+        about a cell in any direction.
+        """
         before, ids = self._last, self._ids
         self.actuator.push(angle, seconds)
         frames = self._frames(self.wait)
         after = self._last = frames[-1]
+        if expected is None:
+            expected = likely_shift(before.points, after.points, self.cell / 2, 1.5 * self.cell)
         pairs = match(before.points, after.points, expected, self.cell / 2)
         self._ids = np.full(len(after.points), -1)
         self._ids[pairs[:, 1]] = ids[pairs[:, 0]]
@@ -238,7 +244,7 @@ class TestRun:
                 steps: dict[str, list[Points]] = {letter: [] for letter in pair}
                 for letter in pair * 2:
                     angle, seconds = stated[letter]
-                    pulse = self.push(letter, angle, share * seconds, (0, 0))
+                    pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
                     steps[letter].append(pulse.after - pulse.before)
                 moved = {
                     letter: free_motion(np.vstack(steps[letter]), self.noise * 2**0.5)
