@@ -8,6 +8,7 @@ middle of the first pixel is (0, 0). OpenCV does the work (extra ``opencv``).
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import re
 import threading
@@ -88,7 +89,11 @@ class Vision:
         """Return the options that texts give, such as ``min_area="20"``."""
         values: dict[str, Any] = {}
         for name, text in texts.items():
-            check_choice(name, what="camera", choices=cls.__dataclass_fields__)
+            check_choice(
+                name.replace("_", "-"),
+                what="camera",
+                choices=[field.name.replace("_", "-") for field in dataclasses.fields(cls)],
+            )
             plain = name in ("background", "threshold", "particles")
             values[name] = text if plain else _number(name, text)
         return cls(**values)
