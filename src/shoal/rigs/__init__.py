@@ -26,7 +26,6 @@ from shoal.rigs.ports import (
     Actuator,
     BenchRig,
     Calibration,
-    Frame,
     GridCalibration,
     PlantPorts,
     Sensor,
@@ -36,7 +35,7 @@ from shoal.rigs.ports import (
 from shoal.rigs.protocol import PROTOCOL, decode_message, encode_message
 from shoal.rigs.registration import Tie, tie_by_map, tie_by_marks
 from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
-from shoal.rigs.rig import NoisyRig, Rig, SimulatedRig
+from shoal.rigs.rig import Frame, NoisyRig, Rig, SimulatedRig
 from shoal.rigs.transports import (
     ConnectionCutError,
     ProcessTransport,

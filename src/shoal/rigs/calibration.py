@@ -134,7 +134,7 @@ class Responses(_Form):
             for letter, angle in ANGLES.items()
         }
         angles = {letter: pulses[letter][0] % 360 for letter in ANGLES}
-        return cls(**sides, angles=angles, only=only)
+        return cls.model_validate({**sides, "angles": angles, "only": only})
 
     def heading(self, command: str) -> float:
         """Return the angle between a command and its motion, in degrees counterclockwise."""
@@ -283,5 +283,5 @@ def cell_in_pixels(matrix: Points, shape: tuple[int, int]) -> float:
     """Return the mean side of a cell in the middle of a grid, in pixels."""
     middle = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
     around = middle + np.array([(0, 0), (0, 1), (1, 0)])
-    corner, *sides = transformed(np.linalg.inv(matrix), around)
+    corner, *sides = transformed(np.asarray(np.linalg.inv(matrix)), around)
     return float(np.mean([np.linalg.norm(side - corner) for side in sides]))

@@ -364,11 +364,11 @@ def _core_of(config: str) -> Any:
         if python:
             from pymmcore_plus.experimental.unicore import UniMMCore
 
-            core = UniMMCore()
+            core: Any = UniMMCore()
         else:
-            import pymmcore
+            from pymmcore import CMMCore
 
-            core = pymmcore.CMMCore()
+            core = CMMCore()
     except ImportError:
         raise MissingExtraError(
             "Python cameras of Micro-Manager need pymmcore-plus: pip install pymmcore-plus"

@@ -88,4 +88,4 @@ def likely_shift(before: Points, after: Points, least: float, most: float) -> Po
 
     tree = KDTree(every)
     near = tree.query_ball_point(every, BAND * most / 2)
-    return np.median(every[max(near, key=len)], axis=0)
+    return np.asarray(np.median(every[max(near, key=len)], axis=0), dtype=np.float64)

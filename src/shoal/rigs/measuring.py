@@ -110,7 +110,7 @@ class TestRun:
         self.latencies: list[float] = []
         # a simulated camera has a clock of its own, which its pictures count
         rate: float | None = getattr(sensor, "frame_rate", None)
-        self._clock = (lambda f: f.number / rate) if rate else (lambda f: f.time)
+        self._rate = rate
         frames = self._frames(max(wait, 0.3))
         while len(frames) < 6:
             frames.append(self._fresh(frames[-1].number))
@@ -120,6 +120,9 @@ class TestRun:
         self.noise, self.drift = self._at_rest(frames)
         self._ids = np.arange(len(self._last.points))
         self._next_id = len(self._ids)
+
+    def _clock(self, frame: Any) -> float:
+        return float(frame.number / self._rate if self._rate else frame.time)
 
     def _fresh(self, number: int | None) -> Any:
         """Return a picture that is not the one with the number given."""
@@ -470,7 +473,7 @@ def calibrate(
     found = BenchCalibration(
         shape=shape,
         tie=tie.kind,
-        matrix=tuple(map(tuple, tie.matrix.tolist())),
+        matrix=tie.matrix.tolist(),
         residual=tie.residual,
         cell_size=cell_size,
         noise=run.noise,
@@ -491,7 +494,7 @@ def _in_pixels(
     motions: dict[str, Points], matrix: Points, shape: tuple[int, int]
 ) -> dict[str, Points]:
     """Return motions (x, y) in cells as motions in pixels in the middle of the grid."""
-    to_pixels = np.linalg.inv(matrix)
+    to_pixels = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
     here = transformed(to_pixels, centre)[0]
     return {

@@ -279,7 +279,7 @@ def tie_by_map(picture: NDArray[Any], free: NDArray[np.bool_], *, limit: float =
             f"map: expected an outline within {limit:g} cells of that in the picture, got"
             f" {residual:.2g}"
         )
-    return Tie("map", np.linalg.inv(matrix), residual)
+    return Tie("map", np.asarray(np.linalg.inv(matrix), dtype=np.float64), residual)
 
 
 def _largest(cv2: Any, mask: Mask, cells: int) -> Mask | None:
@@ -386,8 +386,8 @@ def _outline_distance(cv2: Any, vessel: Mask, free: Mask, matrix: Matrix) -> flo
     for one, another in (outlines, outlines[::-1]):
         away = cv2.distanceTransform((~another).astype(np.uint8), cv2.DIST_L2, 5)
         squares.append(away[one] ** 2)
-    cell = abs(np.linalg.det(matrix[:2, :2])) ** 0.5
-    return float(np.sqrt(np.mean(np.concatenate(squares)))) / cell
+    cell = float(abs(np.linalg.det(matrix[:2, :2]))) ** 0.5
+    return float(np.sqrt(np.mean(np.concatenate(squares))) / cell)
 
 
 def _outline(cv2: Any, mask: NDArray[np.uint8]) -> Mask:

@@ -89,8 +89,8 @@ class PulseTrim:
         length = float(np.linalg.norm(expected))
         along = motions @ expected / length
         moving = np.flatnonzero(along > length / 2)
-        motion, free = free_motion(motions[moving], self.noise)
-        free = moving[free]
+        motion, apart = free_motion(motions[moving], self.noise)
+        free = moving[apart]
         if not len(free):
             self.offset = np.zeros(2)
             return

@@ -156,7 +156,7 @@ def _tie(
     sensor: Sensor,
     marks: list[str] | None,
     pixel_size: float | None,
-    cell_size: tuple[float, ...] | None,
+    cell_size: float | None,
     shape: tuple[int, ...] | None,
     truth: GridWorkspace | None,
 ) -> tuple[Tie | None, dict[str, Any]]:
@@ -199,7 +199,7 @@ def summary(found: BenchCalibration) -> dict[str, Any]:
     for letter in "lurd":
         angle, seconds = found.pulse(letter)
         directions[letter] = {
-            "gain": round(found.gain(letter), 4),
+            "gain": round(found.gain(letter) or 0.0, 4),
             "heading": round(found.responses.heading(letter), 3),
             "angle": round(angle, 3),
             "seconds": round(seconds, 6),

@@ -208,8 +208,8 @@ def drive(
     if calibrate is not None:
         assert devices is not None
         with patient():
-            link = {"on_event": None, **SECONDS, **patience}
-            pair = _open_devices(devices, truth, problem, seed, apparatus, **link)
+            quiet: dict[str, Any] = {"on_event": None, **SECONDS, **patience}
+            pair = _open_devices(devices, truth, problem, seed, apparatus, **quiet)
             with _closed_after(pair, always=True):
                 calibrate_bench(
                     pair,
@@ -227,11 +227,16 @@ def drive(
     spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any
-        link = {"on_event": None if book is None else book.event, **SECONDS, **patience}
+        link: dict[str, Any] = {
+            "on_event": None if book is None else book.event,
+            **SECONDS,
+            **patience,
+        }
         if devices is not None:
             pair = _open_devices(devices, truth, problem, seed, apparatus, **link)
             with _closed_after(pair, always=False):
-                opened = _bench(pair, shape or (truth and truth.shape), measured, trim)
+                view = shape or (None if truth is None else truth.shape)
+                opened = _bench(pair, view, measured, trim)
         elif _is_local(rig):
             opened = _local_rig(truth, problem, seed, apparatus)
         elif is_connection(rig):
