@@ -653,7 +653,8 @@ def check_sensor(sensor: Sensor, *, frames: int = 20) -> None:
     )
     name = sensor.name
     assert isinstance(name, str), f"expected a text as name, got {name!r}"
-    before, copied = None, None
+    before: Frame | None = None
+    copied = np.zeros((0, 2))
     for _ in range(frames):
         frame = sensor.observe()
         _check_frame(frame, name)

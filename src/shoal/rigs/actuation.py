@@ -113,7 +113,8 @@ class Actuation:
             Raised beyond a limit, or if the values do not fit the packet.
         """
         with errors_at("device.pulse"):
-            return self.pulse.encode(self.values(angle, seconds, number=number, time=time))
+            packet: bytes = self.pulse.encode(self.values(angle, seconds, number=number, time=time))
+            return packet
 
     def values(
         self, angle: float, seconds: float, *, number: int, time: float = 0.0
@@ -145,7 +146,7 @@ class Actuation:
     def _custom(self, angle: float) -> dict[str, float]:
         for letter, (at, _) in self.pulses.items():
             if abs((angle - at + 180) % 360 - 180) <= WHOLE:
-                return dict(self.form.commands[letter].values or {})
+                return dict(self._command(letter).values or {})
         known = ", ".join(f"{at:g}" for at, _ in self.pulses.values())
         raise InvalidInputError(
             f"angle: expected a direction of the custom commands ({known} degrees), got {angle:g}"
@@ -218,8 +219,12 @@ class Actuation:
                 f" {abs(value):g}"
             )
 
+    def _command(self, letter: str) -> CommandForm:
+        own = (one for name, one in self.form.commands.items() if name == letter)
+        return next(own, CommandForm())
+
     def _pulse_of(self, letter: str) -> tuple[float, float]:
-        own = self.form.commands.get(letter, CommandForm())  # type: ignore[call-overload]
+        own = self._command(letter)
         angle = ANGLES[letter] if own.angle is None else own.angle
         return angle, own.seconds or self.form.pulse.seconds
 
@@ -228,8 +233,8 @@ class Actuation:
         if self.form.kind == "custom":
             wanted: dict[str, tuple[str, ...]] = {}
             for letter in ANGLES:
-                own = self.form.commands.get(letter)  # type: ignore[call-overload]
-                if own is None or own.values is None:
+                own = self._command(letter)
+                if own.values is None:
                     raise InvalidInputError(
                         f"commands.{letter}.values: expected the values of each command for the"
                         " kind custom, got none"
@@ -450,7 +455,7 @@ def _direction(angle: float) -> NDArray[np.float64]:
 
 def _spherical(azimuth: float, polar: float) -> NDArray[np.float64]:
     flat = _cosine(polar - 90) * _direction(azimuth)
-    return flat + np.array([0.0, 0.0, _cosine(polar)])
+    return np.array([flat[0], flat[1], _cosine(polar)], dtype=np.float64)
 
 
 def _cosine(angle: float) -> float:

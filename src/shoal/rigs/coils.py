@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Protocol
 
 from shoal.core.checks import check_number
-from shoal.core.errors import RigError, errors_at
+from shoal.core.errors import RigError
 from shoal.core.interruption import interruption_held
 from shoal.rigs.actuation import Actuation, read_actuation
 from shoal.rigs.packets import Packet, Splitter
@@ -31,7 +31,7 @@ SLACK = 0.5  # seconds beyond the longest pulse after which the keep-alive proce
 Acts = list[tuple[Callable[[], None], float]]
 
 
-class Line(Protocol):
+class CoilLine(Protocol):
     """A line to coils. ``why`` says why somebody else has turned the field off, or is empty."""
 
     name: str
@@ -128,8 +128,7 @@ class CoilActuator:
         self._writing, self._pusher = threading.Lock(), 0
         answers = [one for one in (about.error, about.reply, about.off_reply) if one is not None]
         self._splitter = Splitter(device.packets, answers)
-        with errors_at("device.connection"):
-            self._line = self._make_line(device.connection)
+        self._line = self._make_line(device.connection)
         try:
             self._line.open()
         except BaseException as error:
@@ -151,9 +150,11 @@ class CoilActuator:
                 ) from None
             raise
 
-    def _make_line(self, address: str) -> Line:
+    def _make_line(self, address: str) -> CoilLine:
         device, limits = self.actuation.device, self.actuation.limits
-        transport = open_transport(address)  # its errors come before a process is started
+        transport = open_transport(
+            address, what="device.connection"
+        )  # its errors come before a process is started
         if device.keep_alive is None:
             return PlainLine(transport)
         from shoal.rigs.keepalive import KeptLine

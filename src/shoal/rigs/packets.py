@@ -62,7 +62,7 @@ def cobs_packet(payload: bytes, identity: int = 0) -> bytes:
 
     The packet is: start byte 0x7E, identity, overhead, length, payload, CRC of the payload, stop
     byte 0x81. In the payload, each byte 0x7E is replaced by the distance to the next one, and the
-    last one by 0; the overhead is the place of the first one, or 0xFF if there is none.
+    last one by 0; the overhead is the place of the first one, or 255 if there is none.
 
     Examples
     --------

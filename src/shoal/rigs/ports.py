@@ -193,7 +193,7 @@ class BenchRig:
             checked_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
         )
         self.rule = check_choice(rule, what="rule", choices=[one for one in RULES if one != "tilt"])
-        same = actuator is sensor or actuator.name == sensor.name
+        same = actuator.name == sensor.name
         self.name = name or (sensor.name if same else f"{actuator.name} and {sensor.name}")
         self.latency = check_number(latency, what="latency", least=0)
         self.patience = check_number(patience, what="patience", above=0)
@@ -274,8 +274,7 @@ class BenchRig:
         try:
             self.actuator.close()
         finally:
-            if self.sensor is not self.actuator:
-                self.sensor.close()
+            self.sensor.close()
 
 
 def checked_pulses(pulses: Pulses | None, name: str) -> Pulses:
@@ -500,7 +499,8 @@ def open_own_rig(spec: str) -> Rig:
         return found
     if not isinstance(found, Sensor):
         raise InvalidInputError(_not_a(spec, "rig", found))
-    return BenchRig(found, found)
+    both: Any = found
+    return BenchRig(both, both)
 
 
 KNOWN = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib.util
 import json
 import os
 import signal
@@ -19,7 +20,7 @@ import numpy as np
 import pytest
 from tests.coil_devices import Controller, Server, Terminal, lines
 
-from shoal import InvalidInputError
+from shoal import GridWorkspace, InvalidInputError
 from shoal.cli import run as shoal
 from shoal.core.errors import RigError
 from shoal.rigs.actuation import read_actuation
@@ -644,6 +645,63 @@ def test_a_keep_alive_process_that_is_killed_is_noticed_and_the_field_is_off(tmp
         killer.join()
         device.wait(lambda log: log[-1] == OFF)
         actuator.close()
+
+
+def test_a_keep_alive_process_opens_a_lost_line_again(tmp_path):
+    line = Server()
+
+    def answer(text):
+        if text != OFF and len(controller.log) < 4:
+            line.cut()
+
+    with Controller(line, lines(answer)) as controller:
+        actuator = coils(tmp_path, line, device__keep_alive=2.0)
+        with pytest.raises(RigError, match=r"the line tcp:.* is lost"):
+            actuator.push(0.0, 20.0)
+        controller.wait(lambda log: log[:3] == [OFF, "SET 100 0 0 0", OFF])
+        assert actuator._line.alive
+        actuator.push(90.0, 0.02)  # the line is there again
+        controller.wait(lambda log: log[-2:] == ["SET 0 100 0 0", OFF])
+        actuator.close()
+
+
+# -------------------------------------------------------------------------------------------------
+# the bench in one program
+
+
+def test_the_bench_of_the_examples_moves_a_plant(tmp_path):
+    pytest.importorskip("cv2")
+    pytest.importorskip("pymunk")
+    spec = importlib.util.spec_from_file_location("example_bench", ROOT / "examples" / "bench.py")
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    bench = example.Bench(GridWorkspace(np.ones((9, 9))), 1, 4, own_gain=0, coil_gain=0)
+    before = bench.plant.points
+    line = Terminal()
+    running = threading.Thread(target=bench.run, args=(line.fd,))
+    running.start()
+    data = tomllib.loads((ROOT / "examples/actuation/four_coil_puller.toml").read_text())
+    data["device"] |= {"connection": line.address, "ready": 0.0}
+    for reply in ("reply", "off_reply"):
+        data["device"][reply]["within"] = 20.0  # this computer may be busy
+    del data["device"]["keep_alive"]
+    path = tmp_path / "puller.json"
+    path.write_text(json.dumps(data))
+    actuator = CoilActuator(path)
+    for angle, along in ((0.0, [1, 0]), (90.0, [0, 1])):
+        actuator.push(angle, 0.083)
+        moved = bench.plant.points - before
+        ahead, aside = (moved @ along).item(), (moved @ along[::-1]).item()
+        assert ahead > 0.3  # as strong as the field is there, in real time
+        assert abs(aside) < 0.3 * ahead
+        before = bench.plant.points
+    actuator.close()
+    bench.running = False
+    running.join()
+    line.close()
+    assert bench.duty == (0.0, 0.0, 0.0, 0.0)
+    bench.draw()
+    assert bench.picture.startswith(b"\xff\xd8")  # JPEG
 
 
 # -------------------------------------------------------------------------------------------------
