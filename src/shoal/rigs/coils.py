@@ -96,6 +96,10 @@ class CoilActuator:
     ----------
     pulses : dict
         Angle in degrees and time in seconds of each command.
+    only : bool
+        Whether it knows no other directions than those of the commands.
+    longest : float
+        Longest pulse in seconds.
     temperature : float or None
         Last temperature that the device has reported, in degrees Celsius.
     last : dict
@@ -114,6 +118,8 @@ class CoilActuator:
         about = actuation if isinstance(actuation, Actuation) else read_actuation(actuation)
         self.actuation, self.pulses, self.name = about, dict(about.pulses), about.name
         device = about.device
+        self.only = about.form.field is None  # custom commands have no directions between them
+        self.longest = about.limits.pulse
         self.temperature: float | None = None
         self.last: dict[str, float] = {}
         self._number, self._most = 0, about.largest_number

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from math import isfinite
+from math import floor, isfinite
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_choice, check_number
-from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, RigError, describe_error
 from shoal.core.registry import Registry, configured
+from shoal.rigs.cameras import CAMERAS, open_camera
 from shoal.rigs.physics import ANGLES, Plant
 from shoal.rigs.remote import RemoteRig, open_rig
-from shoal.rigs.rig import Rig
+from shoal.rigs.rig import Frame, Rig
+from shoal.rigs.trim import PulseTrim
 from shoal.swarm.grid.board import RULES
 
 Points = NDArray[np.float64]
@@ -30,25 +31,6 @@ Pulses = Mapping[str, tuple[float, float]]
 PATIENCE = 5.0  # seconds without a new picture after which the camera counts as frozen
 POLLING = 0.002  # seconds between two looks for a new picture
 REMOTE = ("serial", "tcp", "exec")
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """What a sensor has seen.
-
-    Parameters
-    ----------
-    points : ndarray of float64, shape (n, ndim)
-        Centroids of the particles, in the sensor's own unit (of a camera, pixels: column and row).
-    time : float
-        When the picture arrived, in seconds of the monotonic clock of this computer.
-    number : int
-        Number of the picture. It counts up; two frames with the same number are the same picture.
-    """
-
-    points: Points
-    time: float
-    number: int
 
 
 @runtime_checkable
@@ -71,7 +53,9 @@ class Actuator(Protocol):
     """A device that moves particles. `shoal.testing.check_actuator` checks one.
 
     An actuator may also have the attribute ``pulses`` (`Pulses`): the angle and the time of the
-    pulse that carries out each command.
+    pulse that carries out each command; a true attribute ``whole``, if it carries out these pulses
+    only; a true attribute ``only``, if it knows only their directions; and ``longest``, the longest
+    pulse in seconds.
     """
 
     @property
@@ -157,6 +141,8 @@ class BenchRig:
         at least so long after its end.
     patience : float
         Time without a new picture after which the drive ends, in seconds.
+    trim : PulseTrim, optional
+        Corrects the pulses of the commands, instead of ``pulses``, by what the sensor shows.
 
     Raises
     ------
@@ -187,8 +173,9 @@ class BenchRig:
         name: str = "",
         latency: float = 0.0,
         patience: float = PATIENCE,
+        trim: PulseTrim | None = None,
     ) -> None:
-        self.actuator, self.sensor = actuator, sensor
+        self.actuator, self.sensor, self.trim = actuator, sensor, trim
         found = calibration or getattr(sensor, "calibration", None)
         if found is None:
             raise InvalidInputError(
@@ -214,6 +201,7 @@ class BenchRig:
         self._stale = -1  # number of the last picture before the last push
         self._ended = -np.inf  # when the last push had ended
         self._stopped = False
+        self._unseen = trim is not None  # no picture since the last pulse
 
     def push(self, angle: float, seconds: float) -> None:
         """Push the particles in a direction (degrees) for some seconds.
@@ -236,7 +224,13 @@ class BenchRig:
         if self._stopped:
             raise RigError(f"{self.name}: the rig has been stopped")
         check_choice(command, what="command", choices=self.pulses)
-        self.push(*self.pulses[command])
+        if self.trim is None:
+            self.push(*self.pulses[command])
+            return
+        if self._unseen:  # each pulse is learnt from by itself
+            self.look()
+        self.push(*self.trim.pulse(command))
+        self._unseen = True
 
     def look(self) -> Frame:
         """Return the first picture of the particles at rest after the last push. Its points are in
@@ -259,7 +253,11 @@ class BenchRig:
             frame = self.sensor.observe()
         self._last = frame.number
         points = np.asarray(frame.points, dtype=np.float64).reshape(-1, len(self.shape))
-        return Frame(self.calibration.to_cells(points), frame.time, frame.number)
+        cells = self.calibration.to_cells(points)
+        if self.trim is not None:
+            self._unseen = False
+            self.trim.see(cells)
+        return Frame(cells, frame.time, frame.number)
 
     def observe(self) -> NDArray[np.int64]:
         """Return the cells in which the sensor sees particles (int64, shape (k, ndim))."""
@@ -313,6 +311,11 @@ class PlantPorts:
         self._seen: Frame | None = None
 
     @property
+    def frame_rate(self) -> float:
+        """Pictures a second of the plant's clock, which is not that of this computer."""
+        return self.plant.apparatus.frame_rate
+
+    @property
     def name(self) -> str:
         """Name of the vessel."""
         return self.plant.workspace.name
@@ -332,17 +335,23 @@ class PlantPorts:
         self._ended = self.plant.clock
 
     def observe(self) -> Frame:
-        """Return the first picture that was taken after the last push."""
+        """Return the first picture that was taken after the last push, and then one picture after
+        the other.
+        """
         about, plant = self.plant.apparatus, self.plant
         arrives = self._ended + 1 / about.frame_rate + about.late
         if self._ended and plant.clock < arrives:
             plant.wait(arrives - plant.clock)
-        taken, centroids = plant.picture()
-        number = round(taken * about.frame_rate)
-        if self._seen is None or number > self._seen.number:  # else it is the same picture
-            pixels = (centroids * [1, -1] + [0, self.shape[0]]) * about.pixels
-            self._seen = Frame(pixels, time.monotonic(), number)
+        if self._seen is not None and self._seen.number == self._number_now():
+            plant.wait(1 / about.frame_rate)
+        _, centroids = plant.picture()
+        pixels = (centroids * [1, -1] + [0, self.shape[0]]) * about.pixels
+        self._seen = Frame(pixels, time.monotonic(), self._number_now())
         return self._seen
+
+    def _number_now(self) -> int:
+        about = self.plant.apparatus
+        return max(0, floor((self.plant.clock - about.late) * about.frame_rate + 1e-9))
 
     def stop(self) -> None:
         """Turn the field off. The plant then refuses further pushes."""
@@ -366,6 +375,7 @@ class RemoteActuator:
         self._rig = rig
         self.name, self.counts = self._rig.name, self._rig.counts
         self.pulses = {letter: (angle, 1.0) for letter, angle in ANGLES.items()}
+        self.whole = True
 
     def push(self, angle: float, seconds: float) -> None:
         """Carry out the command in the direction of ``angle``."""
@@ -416,6 +426,11 @@ def is_connection(spec: str) -> bool:
     return spec.partition(":")[0] in REMOTE
 
 
+def is_camera(spec: str) -> bool:
+    """Return whether a text names a camera."""
+    return spec.partition(":")[0] in CAMERAS
+
+
 def open_actuator(spec: str, **options: Any) -> Actuator:
     """Open the actuator that a text names.
 
@@ -451,6 +466,7 @@ def open_sensor(spec: str, **options: Any) -> Sensor:
     Parameters
     ----------
     spec : str
+        As in `open_actuator`, or a camera as in `shoal.rigs.cameras.open_camera`.
     **options
         Those of `open_actuator`.
 
@@ -460,6 +476,8 @@ def open_sensor(spec: str, **options: Any) -> Sensor:
     """
     if is_connection(spec):
         return RemoteSensor(open_rig(spec, **options))
+    if is_camera(spec):
+        return open_camera(spec)
     found: Sensor = _own(spec, "sensor", Sensor)
     return found
 
@@ -490,7 +508,8 @@ KNOWN = {
     " MODULE:ATTRIBUTE",
     "actuator": "coils:FILE, physics:KIND, serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND or"
     " MODULE:ATTRIBUTE",
-    "sensor": "physics, serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND or MODULE:ATTRIBUTE",
+    "sensor": "physics, opencv:INDEX|FILE|ADDRESS, pymmcore:CONFIG, serial:DEVICE[@BAUD],"
+    " tcp:HOST:PORT, exec:COMMAND or MODULE:ATTRIBUTE",
 }
 MEMBERS = {
     "rig": "name, shape, rule, send, observe and stop",

@@ -5,7 +5,9 @@ log for replays.
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +16,15 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, print_json, print_table, report_moves, say
+from shoal.cli.swarm.calibrating import (
+    CalibrateInto,
+    CalibrationFile,
+    Marks,
+    PixelSize,
+    Trim,
+    calibrate_bench,
+    check_calibrating,
+)
 from shoal.core.checks import check_number, count_text, shape_text
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, RigError
@@ -21,9 +32,13 @@ from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from shoal.core.episode import Verification
     from shoal.rigs import Drive, Rig
+    from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.physics import PlantProperties
+    from shoal.rigs.ports import Actuator, Sensor
     from shoal.swarm import GridWorkspace, SwarmEpisode
 
 SECONDS = {"repeat_after": 5.0, "end_after": 60.0}
@@ -63,7 +78,8 @@ SensorName = Annotated[
         metavar="SENSOR",
         help=(
             "Device that sees the particles which --actuator moves: physics (the camera of the"
-            " actuator physics), serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or"
+            " actuator physics), opencv:INDEX|FILE|ADDRESS or pymmcore:CONFIG (a camera;"
+            " ,NAME=VALUE... says how particles look), serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or"
             " MODULE:ATTRIBUTE."
         ),
     ),
@@ -99,6 +115,11 @@ def drive(
     rig: RigName = None,
     actuator: ActuatorName = None,
     sensor: SensorName = None,
+    calibrate: CalibrateInto = None,
+    mark: Marks = None,
+    pixel_size: PixelSize = None,
+    calibration: CalibrationFile = None,
+    trim: Trim = None,
     size: Size = None,
     seed: options.Seed = 0,
     repeat_after: Annotated[
@@ -154,6 +175,7 @@ def drive(
     particle moves, the drive ends with the status alarm and exit code 1. The page
     docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
     """
+    from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
     from shoal.rigs.log import DriveLog
@@ -172,9 +194,34 @@ def drive(
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
     _check_effect(rig, devices, problem, **patience)
+    check_calibrating(calibrate, mark, pixel_size, log=log, out=out, film=film, trim=trim)
+    if devices is None:
+        for name, value in (("calibrate", calibrate), ("calibration", calibration), ("trim", trim)):
+            if value is not None:
+                raise InvalidInputError(
+                    f"{name}: expected --actuator and --sensor beside it, got the rig {rig}"
+                )
     if apparatus is not None:
         _check_local(truth, "physics")
         problem = _noise_told(problem)
+    measured = None if calibration is None else BenchCalibration.load(calibration)
+    if calibrate is not None:
+        assert devices is not None
+        with patient():
+            quiet: dict[str, Any] = {"on_event": None, **SECONDS, **patience}
+            pair = _open_devices(devices, truth, problem, seed, apparatus, **quiet)
+            with _closed_after(pair, always=True):
+                calibrate_bench(
+                    pair,
+                    calibrate,
+                    marks=mark,
+                    pixel_size=pixel_size,
+                    cell_size=spacing_of(problem.cell_size, 2),
+                    shape=shape,
+                    truth=truth,
+                    json_=json_,
+                )
+        return
     book = None if log is None else DriveLog(log)
     load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
@@ -186,7 +233,10 @@ def drive(
             **patience,
         }
         if devices is not None:
-            opened = _bench(devices, truth, shape, problem, seed, apparatus, **link)
+            pair = _open_devices(devices, truth, problem, seed, apparatus, **link)
+            with _closed_after(pair, always=False):
+                view = shape or (None if truth is None else truth.shape)
+                opened = _bench(pair, view, measured, trim)
         elif _is_local(rig):
             opened = _local_rig(truth, problem, seed, apparatus)
         elif is_connection(rig):
@@ -294,47 +344,94 @@ def _named(
 
 
 def _bench(
+    devices: tuple[Actuator, Sensor],
+    view: tuple[int, ...] | None,
+    measured: BenchCalibration | None,
+    trim: bool | None,
+) -> Rig:
+    """Return a rig of two devices."""
+    from shoal.rigs.calibration import Responses
+    from shoal.rigs.measuring import pulses_of
+    from shoal.rigs.ports import BenchRig
+    from shoal.rigs.trim import PulseTrim
+
+    moves, sees = devices
+    whole = bool(getattr(moves, "whole", False))
+    if whole and trim:
+        raise InvalidInputError(
+            f"trim: expected an actuator whose pulses can be changed, got {moves.name}, which"
+            " carries out whole commands"
+        )
+    longest = getattr(moves, "longest", inf)
+    if measured is None:
+        only = bool(getattr(moves, "only", False))
+        responses = Responses.stated(pulses_of(moves), only=only) if trim else None
+        trimmed = None if responses is None else PulseTrim(responses, longest=longest)
+        return BenchRig(moves, sees, shape=getattr(sees, "shape", view), trim=trimmed)
+    if measured.whole != whole:
+        raise InvalidInputError(
+            f"calibration: expected that of the actuator {moves.name}, got one of an actuator that"
+            f" {'carries out whole commands' if measured.whole else 'takes pulses of any length'}"
+        )
+    trimmed = None
+    if trim is not False and not whole:
+        noise = 2**0.5 * measured.noise / measured.pixels_per_cell
+        trimmed = PulseTrim(measured.responses, noise=noise, longest=longest)
+    simulated = hasattr(sees, "frame_rate")  # its clock is not that of this computer
+    return BenchRig(
+        moves,
+        sees,
+        measured,
+        shape=measured.shape,
+        pulses=measured.pulses,
+        latency=0.0 if simulated else measured.latency,
+        trim=trimmed,
+    )
+
+
+@contextmanager
+def _closed_after(devices: tuple[Actuator, Sensor], *, always: bool) -> Iterator[None]:
+    """Close two devices after a block, always or if it raises an exception."""
+    failed = True
+    try:
+        yield
+        failed = False
+    finally:
+        if failed or always:
+            try:
+                devices[0].close()
+            finally:
+                devices[1].close()
+
+
+def _open_devices(
     devices: tuple[str, str],
     truth: GridWorkspace | None,
-    shape: tuple[int, ...] | None,
     problem: SwarmProblem,
     seed: int,
     apparatus: PlantProperties | None,
     **link: Any,
-) -> Rig:
-    """Return a rig of two devices."""
+) -> tuple[Actuator, Sensor]:
+    """Open two devices, which may be one."""
     from shoal.rigs.physics import PhysicsRig
-    from shoal.rigs.ports import (
-        BenchRig,
-        PlantPorts,
-        is_connection,
-        open_actuator,
-        open_own_rig,
-        open_sensor,
-    )
+    from shoal.rigs.ports import PlantPorts, Sensor, is_connection, open_actuator, open_sensor
 
     if apparatus is not None:
         rig = _local_rig(truth, problem, seed, apparatus)
         assert isinstance(rig, PhysicsRig)
         ports = PlantPorts(rig.plant)
-        return BenchRig(ports, ports)
+        return ports, ports
     moved_by, seen_by = devices
     if moved_by == seen_by and is_connection(moved_by):
         raise InvalidInputError(
             f"sensor: expected another device than the actuator (or --rig {moved_by}), got"
             f" {seen_by!r} for both"
         )
-    if moved_by == seen_by:
-        return open_own_rig(moved_by)
     moves = open_actuator(moved_by, **link if is_connection(moved_by) else {})
+    if moved_by == seen_by and isinstance(moves, Sensor):
+        return moves, moves
     try:
-        sees = open_sensor(seen_by, **link if is_connection(seen_by) else {})
-        try:
-            view = getattr(sees, "shape", shape or (None if truth is None else truth.shape))
-            return BenchRig(moves, sees, shape=view)
-        except BaseException:
-            sees.close()
-            raise
+        return moves, open_sensor(seen_by, **link if is_connection(seen_by) else {})
     except BaseException:
         moves.close()
         raise
