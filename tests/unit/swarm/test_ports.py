@@ -334,7 +334,7 @@ def test_devices_of_the_user_and_plants_are_driven(own, options, name, capsys):
         (["--actuator", "bench_devices:ports"], "sensor: expected one beside"),
         (["--sensor", "bench_devices:ports"], "actuator: expected one beside"),
         (["--actuator", "foo", "--sensor", "physics"], "sensor: expected physics with an actuator"),
-        (["--actuator", "foo", "--sensor", "bar"], "actuator: expected physics:KIND, serial:"),
+        (["--actuator", "foo", "--sensor", "bar"], "actuator: expected coils:FILE, physics:KIND"),
         (["--actuator", "physics:roll", "--sensor", "bar:foo"], "sensor: expected physics"),
         (["--actuator", "a:b", "--sensor", "a:b", "--rig", "simulated"], "either --rig or two"),
         (["--actuator", "tcp:x:1", "--sensor", "tcp:x:1"], "another device than the actuator"),
