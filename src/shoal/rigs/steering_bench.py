@@ -85,7 +85,8 @@ class SteeringBench:
         """
         row, col = self.rig.look().points.T
         cells = np.column_stack([col + 0.5, self.rig.shape[0] - row - 0.5])
-        return cells * self.unit + self.origin
+        points: Points = cells * self.unit + self.origin
+        return points
 
     def send(self, move: Any) -> None:
         """Move the particles by (dx, dy) in the unit of the problem, by several pulses if one would
