@@ -36,6 +36,7 @@ from shoal.rigs.protocol import PROTOCOL, decode_message, encode_message
 from shoal.rigs.registration import Tie, tie_by_map, tie_by_marks
 from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
 from shoal.rigs.rig import Frame, NoisyRig, Rig, SimulatedRig
+from shoal.rigs.steering_bench import SteeringBench
 from shoal.rigs.transports import (
     ConnectionCutError,
     ProcessTransport,
@@ -80,6 +81,7 @@ __all__ = [
     "Sensor",
     "SerialTransport",
     "SimulatedRig",
+    "SteeringBench",
     "TcpTransport",
     "Tie",
     "Transport",

@@ -336,7 +336,8 @@ class Actuation:
         if template is None:
             return None
         with errors_at(f"device.{what}"):
-            return Packet(self.device.packets, template, names)
+            answer = what in ("reply", "off_reply", "error")
+            return Packet(self.device.packets, template, names, answer=answer)
 
     def _check_device(self, own: tuple[str, ...]) -> None:
         """Refuse what the device cannot do, and fields without effect."""
@@ -373,6 +374,13 @@ class Actuation:
                 "device.repeat: expected the name number in device.pulse and in device.reply, as"
                 " no pulse may be carried out twice, got none"
             )
+        for name in ("reply", "off_reply"):
+            answer, packet = getattr(self, name), self.pulse if name == "reply" else self.off
+            if answer is not None and packet.lines > 1 and "number" not in answer.names:
+                raise InvalidInputError(
+                    f"device.{name}: expected the name number, as the answers to the"
+                    f" {packet.lines} lines of a packet look alike, got none"
+                )
         reports = [one for one in (self.reply, self.off_reply) if one is not None]
         if self.limits.temperature is not None and not any(
             "temperature" in one.names for one in reports

@@ -152,9 +152,8 @@ class CoilActuator:
 
     def _make_line(self, address: str) -> CoilLine:
         device, limits = self.actuation.device, self.actuation.limits
-        transport = open_transport(
-            address, what="device.connection"
-        )  # its errors come before a process is started
+        # its errors come before a process is started
+        transport = open_transport(address, what="device.connection")
         if device.keep_alive is None:
             return PlainLine(transport)
         from shoal.rigs.keepalive import KeptLine
@@ -185,7 +184,7 @@ class CoilActuator:
         self._check_usable()
         time.sleep(max(0.0, self._ended + self._pause - time.monotonic()))
         self._number, self.last = number, values
-        self._clear()
+        self._forget_answers()
         self._pusher, began = threading.get_ident(), time.monotonic()
         failure: BaseException | None = None
         try:
@@ -197,13 +196,20 @@ class CoilActuator:
             failure = error
             raise
         finally:
-            with interruption_held():
-                self._turn_off(failure)
-            self._pusher, self._ended = 0, time.monotonic()
-            self.last["on"] = self._ended - began
-            share = self.actuation.limits.duty_cycle
-            self._pause = 0.0 if share is None else self.last["on"] * (1 / share - 1)
+            try:
+                with interruption_held():
+                    self._turn_off(failure)
+            finally:
+                self._pusher, self._ended = 0, time.monotonic()
+                self.last["on"] = self._ended - began
+                share = self.actuation.limits.duty_cycle
+                self._pause = 0.0 if share is None else self.last["on"] * (1 / share - 1)
         time.sleep(self.actuation.form.pulse.settle)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """What was commanded and measured at the last push, by name."""
+        return self.last | ({} if self.temperature is None else {"temperature": self.temperature})
 
     def _pulse(self, angle: float, seconds: float, packet: bytes) -> None:
         """Turn the field on and keep it on, until the time is over or the device says so."""
@@ -298,11 +304,13 @@ class CoilActuator:
                 f" {self.temperature:g}"
             )
 
-    def _clear(self) -> None:
-        """Forget answers that came late."""
-        with suppress(ConnectionCutError):
+    def _forget_answers(self) -> None:
+        """Forget answers that came late. A line that was lost in the meantime is opened again."""
+        try:
             while self._line.read(0.0):
                 continue
+        except ConnectionCutError:
+            self._turn_off()
         self._splitter.clear()
 
     def _turn_off(self, failure: BaseException | None = None, *, times: int = 1) -> None:
@@ -358,7 +366,8 @@ class CoilActuator:
         if self._closed:
             return
         if self._pusher not in (0, threading.get_ident()):  # the push itself waits for the answer
-            self._write(self.actuation.off.encode({"number": float(self._number)}), on=False)
+            with suppress(ConnectionCutError):
+                self._write(self.actuation.off.encode({"number": float(self._number)}), on=False)
             return
         with interruption_held():
             self._turn_off(times=OFF_TIMES)

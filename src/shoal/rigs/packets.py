@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from string import Formatter
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ READ = ("temperature", "any")
 START, STOP = 0x7E, 0x81  # of a packet of pySerialTransfer
 LONGEST_PAYLOAD = 0xFE
 LONGEST_BUFFER = 2**16  # bytes without a packet among them, of which the older half is dropped
+WHOLE = tuple("bcdoxX")  # formats of whole numbers
 LARGEST = {"b": 127, "B": 255, "c": 255, "h": 32767, "H": 65535, "e": 2048, "i": 2**24, "?": 1}
 """Largest whole number of a place in a struct. A float holds whole numbers up to 2^24."""
 NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -101,8 +102,9 @@ class Template(BaseModel):
     Parameters
     ----------
     text : str, optional
-        A line of text with names in braces, as in ``"P {number} {milliseconds:.0f}"``. A newline
-        is added if there is none at its end.
+        A line of text (of a packet that is sent, also several) with names and formats of Python
+        in braces, as in ``"P {number:d} {milliseconds:.1f}"``. A newline is added if there is none
+        at its end.
     struct : str, optional
         Format of Python's module `struct`, as in ``"<Hhh"``.
     values : list of str or float
@@ -129,6 +131,8 @@ class Packet:
     template : Template
     names : iterable of str
         The names that the template may contain.
+    answer : bool
+        Whether the packet is an answer, of one line.
 
     Raises
     ------
@@ -136,13 +140,16 @@ class Packet:
         Raised if the template does not fit the form, or contains an unknown name.
     """
 
-    def __init__(self, form: Form, template: Template, names: Any) -> None:
-        self.form, self.template = form, template
+    def __init__(
+        self, form: Form, template: Template, names: Iterable[str], *, answer: bool = False
+    ) -> None:
+        self.form, self.template, self._answer = form, template, answer
         known = list(names)
         if form == "text":
             self._parts = self._text_parts(template, known)
             self.names = [name for _, name, _ in self._parts if name is not None]
             return
+        self.lines = 1
         if template.text is not None or template.struct is None or template.values is None:
             raise InvalidInputError(f"expected struct and values for the packets {form}")
         try:
@@ -173,8 +180,8 @@ class Packet:
     def _text_parts(self, template: Template, known: list[str]) -> list[tuple[str, Any, str]]:
         if template.text is None or template.struct is not None or template.values is not None:
             raise InvalidInputError("expected text, and neither struct nor values")
-        line = template.text.rstrip("\r\n")
-        if "\n" in line or not line.strip():
+        self.lines = len(template.text.strip().splitlines())
+        if self.lines == 0 or (self._answer and self.lines > 1):
             raise InvalidInputError(f"text: expected one line, got {shortened(template.text)}")
         parts = []
         try:
@@ -183,7 +190,7 @@ class Packet:
                     raise ValueError(f"no conversion !{conversion}")
                 if name is not None:
                     _check_name(name, known, "text")
-                    format(1.0, spec or "")
+                    _written(1.0, spec or "")
                 parts.append((literal, name, spec or ""))
         except ValueError as error:
             if isinstance(error, InvalidInputError):
@@ -207,7 +214,7 @@ class Packet:
                 literal + ("" if name is None else _written(values[name], spec))
                 for literal, name, spec in self._parts
             )
-            return (line if line.endswith("\n") else line + "\n").encode()
+            return (line if line.endswith(("\n", "\r")) else line + "\n").encode()
         packed = [
             _packed(values[value] if isinstance(value, str) else value, code)
             for value, code in zip(self.template.values or (), self._codes, strict=True)
@@ -303,7 +310,7 @@ class Splitter:
         The answers that the device may give; the size of structs follows from them.
     """
 
-    def __init__(self, form: Form, answers: Any) -> None:
+    def __init__(self, form: Form, answers: Iterable[Packet]) -> None:
         self._form, self._answers = form, list(answers)
         self._came = bytearray()
 
@@ -324,11 +331,12 @@ class Splitter:
                 yield message
 
     def _line(self) -> bytes | None:
-        line, end, _ = self._came.partition(b"\n")
-        if not end:
+        end = re.search(rb"[\r\n]", self._came)
+        if end is None:
             return None
-        del self._came[: len(line) + 1]
-        return bytes(line).strip()
+        line = bytes(self._came[: end.start()])
+        del self._came[: end.end()]
+        return line.strip()
 
     def _structure(self) -> bytes | None:
         if not self._answers:
@@ -380,7 +388,8 @@ def _check_name(name: str, known: list[str], what: str) -> None:
 def _written(value: float, spec: str) -> str:
     """Return a value as a text. Whole numbers have no decimal point, if no format asks for one."""
     value += 0.0  # -0.0 is 0
-    return format(int(value) if not spec and value.is_integer() else value, spec)
+    whole = spec[-1:] in WHOLE if spec else value.is_integer()
+    return format(round(value) if whole else value, spec)
 
 
 def _codes(form: str) -> str:

@@ -189,6 +189,11 @@ class BenchRig:
                 f"shape: expected the rows and columns that the sensor {sensor.name} sees, got none"
             )
         self.shape: tuple[int, ...] = tuple(view)
+        if len(self.shape) != 2:
+            raise InvalidInputError(
+                f"shape: expected rows and columns, got {self.shape}: a rig of two devices has two"
+                " dimensions"
+            )
         self.pulses: dict[str, tuple[float, float]] = dict(
             checked_pulses(pulses or getattr(actuator, "pulses", None), actuator.name)
         )
@@ -231,6 +236,11 @@ class BenchRig:
             self.look()
         self.push(*self.trim.pulse(command))
         self._unseen = True
+
+    @property
+    def values(self) -> dict[str, float]:
+        """What was commanded and measured at the last push, by name, if the actuator says so."""
+        return dict(getattr(self.actuator, "values", {}))
 
     def look(self) -> Frame:
         """Return the first picture of the particles at rest after the last push. Its points are in

@@ -135,7 +135,9 @@ def test_answers_as_text():
     assert packet.read(b"done 7 at 21.5 C", sent) == {"temperature": 21.5}
     assert packet.read(b"done 8 at 21.5 C", sent) is None
     assert packet.read(b"done 7 at warm C", sent) is None
-    assert list(Splitter("text", []).messages(b"a\r\n\nb\nc")) == [b"a", b"b"]
+    assert list(Splitter("text", []).messages(b"a\r\n\nb\rc")) == [b"a", b"b"]
+    several = Packet("text", Template(text="A {number:03d}\nB {number:x}\r"), ANSWER)
+    assert several.encode({"number": 31.0}) == b"A 031\nB 1f\r"
 
 
 def test_answers_as_structs_are_found_among_other_bytes():
@@ -163,6 +165,7 @@ ANSWER = ("number", "temperature", "any")
         ("text", {"text": "{number"}, "names and formats of Python in braces"),
         ("text", {"text": "a\nb\n"}, "expected one line"),
         ("text", {"text": "\n"}, "expected one line"),
+        ("text", {"text": "{number:.2d}"}, "Precision not allowed"),
         ("struct", {"text": "a"}, "expected struct and values"),
         ("struct", {"struct": "<Y", "values": []}, "a format of Python's struct"),
         ("struct", {"struct": "<4s", "values": [1]}, "formats of numbers"),
@@ -173,7 +176,7 @@ ANSWER = ("number", "temperature", "any")
 )
 def test_wrong_templates(form, template, words):
     with pytest.raises(InvalidInputError) as error:
-        Packet(form, Template(**template), ANSWER)
+        Packet(form, Template(**template), ANSWER, answer=True)
     assert words in str(error.value)
 
 
@@ -284,6 +287,8 @@ TEXT = {"packets": "text", "off": {"text": "0"}, "timed": False}
         (PULLER, {"device__reply": {"text": "OK", "when": "end"}}, "device.reply.when: expected be"),
         (PULLER, {"device__off_reply": {"text": "OK", "when": "end"}}, "device.off_reply.when: exp"),
         (PULLER, {"device__repeat": 2}, "device.repeat: expected the name number"),
+        (PULLER, {"device__reply": {"text": "OK"}, "device__pulse": {"text": "A {right}\nB {up}"}},
+         "device.reply: expected the name number, as the answers to the 2 lines of a packet look"),
         (PULLER, {"device__updates": 50}, "device.updates: expected a field that turns"),
         (PULLER, {"device__keep_alive": 0.001}, "device.keep_alive: expected greater than or equa"),
         (PULLER, {"device__alive": {"text": "A"}}, "device.alive.every: expected this field"),
@@ -492,6 +497,24 @@ def test_a_line_that_is_lost_is_opened_again_to_turn_the_field_off(tmp_path):
         with pytest.raises(RigError, match=r"the line tcp:.* is lost"):
             actuator.push(0.0, 0.02)
         device.wait(lambda log: log[-1] == OFF and len(log) == 3)
+        actuator.close()
+
+
+def test_a_line_that_was_lost_between_two_pulses_is_opened_again_before_the_next(tmp_path):
+    line = Server()
+
+    def answer(text):
+        if len(device.log) == 3:
+            line.cut()
+
+    with Controller(line, lines(answer)) as device:
+        actuator = coils(tmp_path, line)
+        actuator.push(0.0, 0.02)
+        device.wait(lambda log: line._line is None)
+        actuator.push(90.0, 0.02)
+        device.wait(lambda log: log[3:] == [OFF, "SET 0 100 0 0", OFF])
+        assert actuator.values["right"] == pytest.approx(0.0, abs=1e-9)
+        assert actuator.values["on"] >= 0.02
         actuator.close()
 
 

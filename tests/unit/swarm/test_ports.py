@@ -13,7 +13,17 @@ from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
 from shoal.core.errors import RigError
 from shoal.core.registry import look_in
-from shoal.rigs import BenchRig, Frame, GridCalibration, PlantPorts, RemoteRig, SimulatedRig, drive
+from shoal.rigs import (
+    BenchRig,
+    Frame,
+    GridCalibration,
+    PlantPorts,
+    RemoteRig,
+    SimulatedRig,
+    SteeringBench,
+    drive,
+)
+from shoal.rigs.calibration import Responses
 from shoal.rigs.physics import ANGLES, Plant, PlantProperties
 from shoal.rigs.ports import (
     CellCalibration,
@@ -253,6 +263,7 @@ def test_a_frozen_camera_ends_the_drive(change):
     ("options", "words"),
     [
         ({"calibration": None}, "calibration: expected one for the sensor camera"),
+        ({"shape": (2, 3, 4)}, "shape: expected rows and columns, got"),
         ({"shape": None}, "shape: expected the rows and columns that the sensor camera sees"),
         ({"rule": "tilt"}, "rule: expected one of block, merge"),
         ({"latency": -1}, "latency: expected a number, 0 or more"),
@@ -266,6 +277,31 @@ def test_a_rig_of_two_devices_says_what_is_missing(options, words):
         BenchRig(Actuator(), Sensor(), **given)
     with pytest.raises(InvalidInputError, match="for the actuator coils, got none"):
         BenchRig(actuator(pulses=None), Sensor(), CellCalibration(), shape=(9, 9))
+
+
+# -------------------------------------------------------------------------------------------------
+# a bench that steers
+
+
+def test_a_bench_moves_particles_by_vectors():
+    about = PlantProperties.of("exact", radius=0.2)
+    plant = Plant(GridWorkspace(np.ones((8, 8))), [(4, 4), (4, 5)], about, np.random.default_rng(1))
+    ports = PlantPorts(plant)
+    ports.longest = 0.15  # seconds: longer moves are several pulses
+    responses = Responses.stated(ports.pulses)
+    bench = SteeringBench(BenchRig(ports, ports), responses, unit=0.1, origin=(-0.4, -0.4))
+    start = bench.look()
+    assert start == pytest.approx(np.array([[0, 0], [0, 0.1]]), abs=1e-3)
+    expected = start.copy()
+    for move in ((0.05, 0.02), (-0.3, 0.1), (0, 0), (0.1, -0.25)):
+        bench.send(move)
+        expected += move
+        assert bench.look() == pytest.approx(expected, abs=2e-3)
+    bench.stop()
+    with pytest.raises(RigError):
+        bench.send((0.1, 0))
+    with pytest.raises(InvalidInputError, match="pushes in every direction"):
+        SteeringBench(BenchRig(ports, ports), Responses.stated(ports.pulses, only=True))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -334,7 +370,7 @@ def test_devices_of_the_user_and_plants_are_driven(own, options, name, capsys):
         (["--actuator", "bench_devices:ports"], "sensor: expected one beside"),
         (["--sensor", "bench_devices:ports"], "actuator: expected one beside"),
         (["--actuator", "foo", "--sensor", "physics"], "sensor: expected physics with an actuator"),
-        (["--actuator", "foo", "--sensor", "bar"], "actuator: expected physics:KIND, serial:"),
+        (["--actuator", "foo", "--sensor", "bar"], "actuator: expected coils:FILE, physics:KIND"),
         (["--actuator", "physics:roll", "--sensor", "bar:foo"], "sensor: expected physics"),
         (["--actuator", "a:b", "--sensor", "a:b", "--rig", "simulated"], "either --rig or two"),
         (["--actuator", "tcp:x:1", "--sensor", "tcp:x:1"], "another device than the actuator"),
