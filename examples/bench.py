@@ -18,7 +18,7 @@ import time
 import tty
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from math import atan2, degrees, hypot
+from math import atan2, cos, degrees, hypot, radians, sin
 
 import cv2
 import numpy as np
@@ -48,6 +48,17 @@ class Bench:
         self.blank = np.full((rows * SCALE + 2 * MARGIN, cols * SCALE + 2 * MARGIN), 20, np.uint8)
         free = np.kron(vessel.free, np.ones((SCALE, SCALE), dtype=bool))
         self.blank[MARGIN:-MARGIN, MARGIN:-MARGIN][free] = 60
+        self.look(0.0, 0.0, False)
+
+    def look(self, turn, shear, mirror):
+        """Turn the camera by an angle in degrees, shear its picture, and mirror it."""
+        height, width = self.blank.shape
+        cosine, sine = cos(radians(turn)), sin(radians(turn))
+        linear = np.array([[cosine, -sine], [sine, cosine]]) @ [[1, shear], [0, 1]]
+        linear = linear @ np.diag([-1 if mirror else 1, 1])
+        corners = np.array([(0, 0), (width, 0), (0, height), (width, height)]) @ linear.T
+        self.view = np.column_stack([linear, -corners.min(axis=0)])
+        self.size = tuple(int(side) for side in np.ceil(np.ptp(corners, axis=0)))
 
     def take(self, line):
         """Carry out a line, and return the answer."""
@@ -82,6 +93,7 @@ class Bench:
                 round((y * SCALE + MARGIN - 0.5) * 16),
             )
             cv2.circle(picture, middle, radius, 230, -1, cv2.LINE_AA, shift=4)
+        picture = cv2.warpAffine(picture, self.view, self.size, borderValue=20)
         self.picture = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
 
     def run(self, terminal):
@@ -134,11 +146,15 @@ def main():
     parser.add_argument("--particles", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--radius", type=float, default=0.35, help="of the particles, in cells")
+    parser.add_argument("--turn", type=float, default=0.0, help="angle of the camera in degrees")
+    parser.add_argument("--shear", type=float, default=0.0, help="of the picture")
+    parser.add_argument("--mirror", action="store_true", help="mirror the picture")
     parser.add_argument("--pty", required=True, help="name of the pseudo-terminal of the coils")
     parser.add_argument("--port", type=int, default=8090, help="of the camera")
     options = parser.parse_args()
     vessel = open_map(options.map)
     bench = Bench(vessel, options.particles, options.seed, radius=options.radius)
+    bench.look(options.turn, options.shear, options.mirror)
     terminal, other = os.openpty()
     tty.setraw(terminal)
     tty.setraw(other)

@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from shoal.core.checks import parse_json, parse_toml, read_text, validation_message
 from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic
 from shoal.rigs.physics import ANGLES
 
 Points = NDArray[np.float64]
@@ -247,9 +248,15 @@ class BenchCalibration(_Form):
         return float(np.linalg.norm(motion))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the calibration as a JSON file."""
+        """Write the calibration as a JSON file.
+
+        Raises
+        ------
+        OutputError
+        """
         text = json.dumps(self.model_dump(mode="json", exclude_none=True), indent=1)
-        Path(path).write_text(text + "\n", encoding="utf-8")
+        with atomic(Path(path)) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> BenchCalibration:

@@ -73,6 +73,7 @@ class TestPulse:
     ids: NDArray[np.int64]
 
 
+LEAP = 1.3  # cells, from which on a particle may come to lie two cells ahead
 DRIFT = 0.05  # cells a second, from which on a drift is told
 LONGEST = 1.15  # cells that a command may move particles without a note
 ASKEW = 5.0  # degrees that it may lead aside without a note
@@ -388,7 +389,7 @@ def calibrate(
     cell: float | None = None,
     size: tuple[int, int] | None = None,
     cell_size: float | None = None,
-    aim: float = AIM,
+    aim: float | None = None,
     wait: float = 0.5,
     limit: float = RESIDUAL,
 ) -> BenchCalibration:
@@ -412,8 +413,9 @@ def calibrate(
         Without a tie: side of a cell, and width and height of the picture, in pixels.
     cell_size : float, optional
         Side of a cell in mm.
-    aim : float
-        Length of the pulse of a command, in cells.
+    aim : float, optional
+        Length of the pulse of a command, in cells. By default `AIM`, or less if the field is so uneven
+        that one particle in twenty would move by more than `LEAP`.
     wait : float
         Time after a pulse until particles are at rest and the camera shows it, in seconds.
     limit : float
@@ -455,6 +457,8 @@ def calibrate(
     noise = run.noise * 2**0.5 / cell
     responses = fit_responses(_groups(done, tie.matrix, noise), known)
     _check_headings(responses)
+    if aim is None:
+        aim = min(AIM, LEAP / _fastest(done, tie.matrix, responses))
     if not whole:  # once more with corrected pulses of full length
         wanted = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
         full = {letter: responses.pulse_for(motion) for letter, motion in wanted.items()}
@@ -530,6 +534,18 @@ def _check_headings(responses: Responses) -> None:
                 f" {TURNED:g} degrees of {angle:g}, got {angle + heading:.0f}: the"
                 " marks or the actuator are turned or mirrored"
             )
+
+
+def _fastest(pulses: Sequence[TestPulse], matrix: Points, responses: Responses) -> float:
+    """Return the speed that one particle in twenty exceeds, as a share of the usual one, of all
+    particles that moved by at least half.
+    """
+    shares = []
+    for pulse in pulses:
+        motion = responses.displacement(pulse.angle, pulse.seconds)
+        along = motions_of(pulse, matrix) @ motion / float(motion @ motion)
+        shares.append(along[along > 0.5])
+    return max(1.0, float(np.quantile(np.concatenate(shares), 0.95)))
 
 
 def _own_gain(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,38 +14,33 @@ from shoal.views.drawing.charts import (
     ORANGE,
     new_figure,
     plain_axes,
-    save_figure,
     set_title,
 )
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from shoal.rigs.calibration import BenchCalibration
 
 Points = NDArray[np.float64]
 MOST_LINES = 60  # lines of the grid, of which more would hide the picture
 
 
-def draw_calibration(
+def calibration_figure(
     calibration: BenchCalibration,
-    path: str | os.PathLike[str],
     *,
     points: Points,
     picture: NDArray[Any] | None = None,
-) -> None:
+) -> Figure:
     """Draw the grid over the picture of the camera, and the motion that each stated pulse causes.
 
     Parameters
     ----------
     calibration : BenchCalibration
-    path : path
     points : ndarray of float64, shape (n, 2)
         Particles in pixels (x, y).
     picture : ndarray, optional
         Picture of the camera. Without it, the particles alone are drawn.
-
-    Raises
-    ------
-    OutputError
     """
     figure = new_figure(9.0, 4.6)
     left, right = figure.subplots(1, 2, width_ratios=[1.5, 1])
@@ -64,7 +58,9 @@ def draw_calibration(
         left.plot(*calibration.to_pixels(np.column_stack([edge, np.full(9, column)])).T, **style)
     left.plot(*points.T, "o", ms=4, mfc="none", color=ORANGE)
     corner = calibration.to_pixels([[0.0, 0.0]])[0]
-    left.annotate("0, 0", corner, color=INK, fontsize=8, ha="center", va="center")
+    label: dict[str, Any] = {"fontsize": 8, "ha": "center", "va": "center"}
+    box = {"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8}
+    left.annotate("0, 0", corner, color=INK, bbox=box, **label)
     left.set_aspect("equal")
     if picture is None:
         left.invert_yaxis()
@@ -86,9 +82,9 @@ def draw_calibration(
         heading = calibration.responses.heading(letter)
         away = motion / np.linalg.norm(motion) * (gain + 0.25)
         text = f"{letter}: {gain:.2f}\n{heading:+.1f}°"
-        right.annotate(text, away, ha="center", va="center", fontsize=8, color=INK)
+        right.annotate(text, away, color=INK, **label)
     right.set(xlim=(-most - 0.6, most + 0.6), ylim=(-most - 0.6, most + 0.6), aspect="equal")
     plain_axes(right)
     right.set_xlabel("cells", color=INK)
     set_title(right, "Pulses: stated, corrected (bar)")
-    save_figure(figure, path)
+    return figure

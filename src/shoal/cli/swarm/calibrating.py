@@ -120,7 +120,8 @@ def calibrate_bench(
 ) -> None:
     """Calibrate two devices, write the file and its picture, and print what was found."""
     from shoal.rigs.measuring import calibrate, pulses_of
-    from shoal.views.calibration import draw_calibration
+    from shoal.views.calibration import calibration_figure
+    from shoal.views.drawing.charts import save_figure
 
     actuator, sensor = devices
     view = shape or (None if truth is None else truth.shape)
@@ -136,11 +137,9 @@ def calibrate_bench(
     )
     picture = getattr(sensor, "picture", lambda: None)()
     points = sensor.observe().points
-    try:
-        found.save(into)
-        draw_calibration(found, into.with_suffix(".png"), points=points, picture=picture)
-    except OSError as error:
-        raise OutputError(f"calibrate: cannot write {str(into)!r}: {error.strerror}") from None
+    figure = calibration_figure(found, points=points, picture=picture)
+    found.save(into)
+    save_figure(figure, into.with_suffix(".png"))
     _report(found, into, json_=json_)
 
 
