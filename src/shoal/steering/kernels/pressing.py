@@ -443,7 +443,7 @@ def grow(nodes, total, rounds, goal, tolerance, most, pressing, world, rng, last
         x, y = missing(state, goal, pressing)
         depth = nodes.depths[node] + count
         away = sqrt(x * x + y * y)
-        key = away / size + 0.02 * depth
+        key = away / size + 0.03 * depth
         if key >= nodes.keys[node] and rng.random() > WORSE and away > tolerance:
             continue
         copy(state, states[total])

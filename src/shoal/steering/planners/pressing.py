@@ -53,21 +53,24 @@ class PressingSearch:
         )
 
     def plans(
-        self, start: Points, goal: Points, *, tolerance: float, moves: int, rounds: int, wanted: int
+        self, start: Points, goal: Points, *, tolerance: float, moves: int, rounds: int, wanted: int, shorter: bool = False
     ) -> list[Points]:
         """Return at most ``wanted`` plans (float64, shape (moves, 2)) that end within the tolerance
-        if there are no errors.
+        if there are no errors. With ``shorter``, no plan has more moves than the plan before it.
         """
         nodes, total, last = self._nodes, 1, np.zeros((kernels.STEPS, 2))
-        nodes.states[0], nodes.keys[0], nodes.tries[0] = start, 4.0, 0
+        nodes.states[0], nodes.tries[0] = start, 0
         goal = np.ascontiguousarray(goal, dtype=np.float64)
         found = []
         x, y = kernels.missing(nodes.states[0], goal, self.pressing)
+        nodes.keys[0] = hypot(x, y) / self.world.walls.size
         if hypot(x, y) <= tolerance:
             state = np.array(start, dtype=np.float64, order="C")
             count = kernels.finish(state, goal, tolerance, self.pressing, self.world, last, 0)
             if 0 <= count <= moves:
                 found.append(last[:count].copy())
+                if shorter:
+                    return found
         while rounds > 0 and len(found) < wanted and total < NODES:
             total, rounds, count = kernels.grow(
                 nodes,
@@ -83,6 +86,7 @@ class PressingSearch:
             )
             if count >= 0:
                 found.append(np.concatenate([self._path(total - 1), last[:count]]))
+                moves = min(moves, len(found[-1])) if shorter else moves
         return found
 
     def _path(self, node: int) -> Points:
