@@ -248,15 +248,19 @@ def _follow(
     progress: float | None = None
     reached_at = 0.0
     searched = farthest = 0.0
-    nearest = np.inf  # to the end
+    nearest = np.inf  # to the beginning of the path, and then to its end
     stretches: list[list[Floats]] = []
     before: float | None = None  # time of the last position that followed the path
     for point, now in zip(points, times.tolist(), strict=True):
         here = shapely.Point(point)
         if progress is None:
-            if np.hypot(*(point - path[0])) > side / 2:
+            left = float(np.hypot(*(point - path[0])))
+            if left > side / 2 or left < nearest:
+                nearest = left  # on its way out, the camera takes no images
+                begin = point
                 continue
-            progress, reached_at = 0.0, now
+            progress, reached_at, before, nearest = 0.0, now, now, np.inf
+            stretches.append([begin])
         ahead = side + _FASTEST * speed * (now - reached_at)
         window = _part(line, max(0.0, progress - side), min(total, progress + ahead))
         distance = float(window.distance(here))

@@ -17,6 +17,7 @@ pytest.importorskip("pymavlink")
 from dataclasses import replace
 
 from shoal.robots import modes, uploading
+from shoal.robots.flight_logs import read_tracks
 from shoal.robots.mavlink import Station
 from shoal.robots.onboard import pair, read_cargos, read_seats
 from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
@@ -149,7 +150,7 @@ def test_a_lost_ground_station_or_a_low_battery_brings_the_vehicle_home(folder):
     assert all(vehicle.position[2] == 0 for vehicle in link.vehicles)
 
 
-def test_the_commands_start_only_with_arm(folder, capsys, monkeypatch):
+def test_the_commands_start_only_with_arm(folder, tmp_path, capsys, monkeypatch):
     vehicles = two()
     link = SimulatedLink(vehicles)
     monkeypatch.setattr(uploading, "stations", lambda _links: nullcontext([Station(link)]))
@@ -158,7 +159,7 @@ def test_the_commands_start_only_with_arm(folder, capsys, monkeypatch):
     def report(name, *more):
         code = run(["missions", name, *about, *more])
         out, err = capsys.readouterr()
-        return code, json.loads(out), err
+        return code, json.loads(out) if out else None, err
 
     code, _, err = report("start", "--arm")
     assert code == 1
@@ -176,10 +177,22 @@ def test_the_commands_start_only_with_arm(folder, capsys, monkeypatch):
     assert [vehicle.armed for vehicle in vehicles] == [True, False]
     code, found, _ = report("watch", "--robots", "1")
     assert (code, found["robots"][0]["armed"], vehicles[0].armed) == (0, False, False)
+    log = tmp_path / "second.tlog"
+    watching = ["--arm", "--at", "+1", "--watch", "--log", str(log), "--robots", "2"]
+    code, found, err = report("start", *watching)
+    assert (code, found["robots"][0]["status"], vehicles[1].armed) == (0, "started", False)
+    assert "armed in mission, item" in err
+    highest = {track.system: max(track.heights) for track in read_tracks(log)}
+    assert highest == pytest.approx({1: 0, 2: 30}, abs=2)
+    code, _, err = report("start", *watching)
+    assert (code, "expected a new file" in err) == (2, True)
+    for without in (["--at", "+1"], ["--delay-tolerance", "3"], ["--watch"]):
+        code, _, err = report("start", *without)
+        assert (code, "expected --arm together with it" in err) == (2, True)
 
 
-@pytest.mark.parametrize("at", ["25:00", "soon", "+-1", "12:60", ""])
+@pytest.mark.parametrize("at", ["25:00", "soon", "+-1", "12:60"])
 def test_a_wrong_time_is_refused(folder, capsys, at):
     about = [str(folder), "--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2"]
-    assert run(["missions", "start", *about, "--at", at]) == 2
+    assert run(["missions", "start", *about, "--arm", "--at", at]) == 2
     assert "at: expected" in capsys.readouterr().err

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +18,7 @@ from shoal.core.interruption import patient
 
 if TYPE_CHECKING:
     from shoal.missions.options import CheckOptions
+    from shoal.robots.mavlink import Station
     from shoal.robots.onboard import Cargo, Seat
     from shoal.robots.starting import Launch
     from shoal.robots.uploading import Delivery
@@ -69,6 +70,14 @@ Robots = Annotated[
     str | None,
     typer.Option(
         "--robots", metavar="ROBOTS", help="Only these robots, such as 1,3. Default: all robots."
+    ),
+]
+Log = Annotated[
+    Path | None,
+    typer.Option(
+        "--log",
+        metavar="FILE.tlog",
+        help="New flight log of all vehicles, for shoal missions flown and other programs.",
     ),
 ]
 Sortie = Annotated[int, typer.Option("--sortie", help="Number of the robots' sortie.", min=1)]
@@ -157,29 +166,36 @@ def start(
         ),
     ] = False,
     at: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--at",
             metavar="TIME",
             help=(
                 "Common start time: a time of today such as 14:30 or 14:30:00 on the clock of this"
-                " computer, or +SECONDS after the checks."
+                " computer, or +SECONDS after the checks. Default: +0."
             ),
         ),
-    ] = "+0",
+    ] = None,
     delay_tolerance: Annotated[
-        float,
+        float | None,
         typer.Option(
             "--delay-tolerance",
-            help="Seconds by which a start may be late. A later vehicle does not start.",
+            help=(
+                "Seconds by which a start may be late. A later vehicle does not start. Default: 10."
+            ),
         ),
-    ] = 10.0,
+    ] = None,
     lowest_battery: Annotated[
         int,
         typer.Option(
             "--lowest-battery", min=0, max=100, help="Battery that each vehicle needs, in percent."
         ),
     ] = 30,
+    watch_: Annotated[
+        bool,
+        typer.Option("--watch", help="After the starts, watch until all vehicles are back."),
+    ] = False,
+    log: Log = None,
     json_: Json = False,
 ) -> None:
     """Check that each vehicle has its mission on board and can be armed, and with --arm start each
@@ -189,16 +205,19 @@ def start(
     the kind of vehicle, the arming checks that the vehicle reports, and its battery. Only with
     --arm, and only if all vehicles are ready, it waits for the common start time, and arms and
     starts each vehicle at its own start time in missions.json. The exit code is 0 if all vehicles
-    are ready or, with --arm, have started.
+    are ready or, with --arm, have started. Ctrl-C ends the command, and no flight.
     """
     from shoal.core.checks import check_number
-    from shoal.robots.starting import Fleet, check_fleet, start_missions
-    from shoal.robots.uploading import stations
+    from shoal.robots.starting import Fleet, check_fleet, start_missions, watch_fleet
 
-    check_number(delay_tolerance, what="delay-tolerance", above=0)
-    waiting = _seconds_until(at)
+    for name, value in (("at", at), ("delay-tolerance", delay_tolerance), ("watch", watch_)):
+        if value and not arm:
+            raise InvalidInputError(f"{name}: expected --arm together with it, got none")
+    tolerance = 10.0 if delay_tolerance is None else delay_tolerance
+    check_number(tolerance, what="delay-tolerance", above=0)
+    waiting = _seconds_until("+0" if at is None else at)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with patient(), stations(links) as heard_by:
+    with _logged_stations(links, log) as heard_by:
         fleet = Fleet(pairs, heard_by)
         ready = check_fleet(fleet, lowest_battery=lowest_battery)
         if arm and ready:
@@ -208,7 +227,10 @@ def start(
                     f"at: expected a time after the checks, got {at}, which was {-left:.0f} s ago"
                 )
             say(f"all vehicles are ready; the common start is in {left:.0f} s")
-            start_missions(fleet, begin=fleet.now() + left, tolerance=delay_tolerance, on_event=say)
+            start_missions(fleet, begin=fleet.now() + left, tolerance=tolerance, on_event=say)
+            started = [one.robot for one in fleet.launches.values() if one.status == "started"]
+            if watch_ and started:
+                watch_fleet(fleet, of=started, on_report=_say_telemetry)
         elif arm:
             say("shoal: no vehicle was armed, because not all are ready")
         launches = [*fleet.launches.values()]
@@ -216,6 +238,7 @@ def start(
     for one in wrong:
         if one.faults:
             say(f"shoal: {one.sentence}")
+    wrong += _breached(launches)
     if json_:
         print_json({"armed": bool(arm and ready), "robots": [one.report() for one in launches]})
     else:
@@ -237,14 +260,7 @@ def watch(
     every: Annotated[
         float, typer.Option("--every", help="Seconds between two reports.", show_default=True)
     ] = 5.0,
-    log: Annotated[
-        Path | None,
-        typer.Option(
-            "--log",
-            metavar="FILE.tlog",
-            help="New flight log of all vehicles, for shoal missions flown and other programs.",
-        ),
-    ] = None,
+    log: Log = None,
     json_: Json = False,
 ) -> None:
     """Watch vehicles fly their missions: mode, progress, battery and breaches of the fence.
@@ -255,37 +271,19 @@ def watch(
     """
     from shoal.core.checks import check_number
     from shoal.robots.starting import Fleet, watch_fleet
-    from shoal.robots.uploading import stations
 
     check_number(every, what="every", above=0)
     if seconds is not None:
         check_number(seconds, what="seconds", above=0)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    if log is not None and (log.suffix.lower() != ".tlog" or log.exists()):
-        raise InvalidInputError(f"log: expected a new file with the suffix .tlog, got {log}")
-    with (
-        patient(),
-        stations(links) as heard_by,
-        nullcontext() if log is None else open(log, "xb") as file,
-    ):
-        for station in heard_by:
-            station.log = file
+    with _logged_stations(links, log) as heard_by:
         fleet = Fleet(pairs, heard_by)
-
-        def tell(launches: list[Launch]) -> None:
-            for one in launches:
-                if one.robot in fleet.found:
-                    total = len(fleet.cargos[one.robot].mission.waypoints)
-                    say(f"robot {one.robot}: {telemetry_text(one)}; {total} waypoints")
-
-        watch_fleet(fleet, seconds=seconds, every=every, on_report=tell)
+        watch_fleet(fleet, seconds=seconds, every=every, on_report=_say_telemetry)
         launches = [*fleet.launches.values()]
     lost = [one for one in launches if one.faults]
     for one in lost:
         say(f"shoal: {one.sentence}")
-    breached = [one for one in launches if one.telemetry.breaches]
-    for one in breached:
-        say(f"shoal: robot {one.robot} (system {one.system}): it has breached its fence")
+    breached = _breached(launches)
     if json_:
         names = ("robot", "system", "faults")
         print_json(
@@ -306,11 +304,41 @@ def watch(
         raise typer.Exit(1)
 
 
+@contextmanager
+def _logged_stations(links: list[str], log: Path | None) -> Iterator[list[Station]]:
+    """Open stations on links, and a log of what they hear."""
+    from shoal.robots.uploading import stations
+
+    if log is not None and (log.suffix.lower() != ".tlog" or log.exists()):
+        raise InvalidInputError(f"log: expected a new file with the suffix .tlog, got {log}")
+    with (
+        patient(),
+        stations(links) as heard_by,
+        nullcontext() if log is None else open(log, "xb") as file,
+    ):
+        for station in heard_by:
+            station.log = file
+        yield heard_by
+
+
+def _breached(launches: list[Launch]) -> list[Launch]:
+    """Return the vehicles that have breached their fence, and say so."""
+    breached = [one for one in launches if one.telemetry.breaches]
+    for one in breached:
+        say(f"shoal: robot {one.robot} (system {one.system}): it has breached its fence")
+    return breached
+
+
+def _say_telemetry(launches: list[Launch]) -> None:
+    for one in launches:
+        say(f"robot {one.robot}: {telemetry_text(one)}")
+
+
 def telemetry_text(launch: Launch) -> str:
     """Return what a vehicle has told of itself as text."""
     told = launch.telemetry
     parts = [f"{'armed' if told.armed else 'disarmed'} in {told.mode}"]
-    parts += [f"item {told.item}"] if told.item is not None else []
+    parts += [f"item {told.item} of {launch.items}"] if told.item is not None else []
     parts += [f"battery {told.battery} %"] if told.battery is not None else []
     parts += [f"{told.height:.0f} m above home"] if told.height is not None else []
     parts += [f"{told.breaches} breaches of the fence"] if told.breaches else []
@@ -559,7 +587,8 @@ def _flown_rows(report: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(
             (
                 "not seen",
-                f"{report['uncovered_m2']:.4g} m², of which {report['rest_m2']:.4g} m² are the rest",
+                f"{report['uncovered_m2']:.4g} m², of which {report['rest_m2']:.4g} m² are in parts"
+                " large enough for a new search",
             )
         )
     near = report["nearest_approach"]
