@@ -307,7 +307,7 @@ def _seen(
     import shapely
 
     footprint, vehicle = options.sides, options.chosen_vehicle
-    least = float(np.min(footprint))
+    least = float(np.min(np.array(footprint, dtype=np.float64)))
     image = None if vehicle is None or footprint != vehicle.row_spacing else image_of(vehicle)
     angle = options.angle if options.angle is not None else angle
     if angle is None:
