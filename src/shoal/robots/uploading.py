@@ -196,10 +196,14 @@ def find_vehicles(
 
 def check_type(cargo: Cargo, vehicle: HeardVehicle) -> str | None:
     """Return a clause if a vehicle is of another kind than its mission, and None if it may fly it.
-    A vehicle that does not say what it is counts as the right one.
+    A vehicle that does not say what it is counts as the right one. A ``.waypoints`` file does not
+    say whether what flies is a multirotor, unless it has an airspeed.
     """
     kinds = KINDS_OF_TYPES.get(vehicle.type)
-    if kinds is None or cargo.mission.kind in kinds:
+    meant = {cargo.mission.kind}
+    if cargo.file.suffix != ".plan" and cargo.mission.kind == "multirotor":
+        meant.add("fixed-wing")
+    if kinds is None or meant & kinds:
         return None
     return f"expected a {cargo.mission.kind} for {cargo.file.name}, got a {type_text(vehicle)}"
 
@@ -248,6 +252,9 @@ def upload_missions(
     deliveries = {cargo.robot: new_delivery(cargo, seat) for cargo, seat in pairs}
     cargos = {cargo.robot: cargo for cargo, _ in pairs}
     found, missing = find_vehicles([seat for _, seat in pairs], heard_by)
+    for station in heard_by:
+        for system in sorted(station.vehicles.keys() - {seat.system for _, seat in pairs}):
+            on_event(f"system {system} on {station.link.name} is no robot's: nothing is sent to it")
     wrong = False
     for robot, (status, clause) in missing.items():
         deliveries[robot].status = status

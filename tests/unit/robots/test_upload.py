@@ -236,6 +236,24 @@ def test_nothing_is_sent_if_a_vehicle_is_silent_or_of_the_wrong_type(folder):
         assert not vehicle.stored[MISSION]
 
 
+def test_a_file_that_does_not_say_what_flies_fits_a_fixed_wing(tmp_path):
+    for form, status in (("plan", "refused"), ("wpl", "equal")):
+        write_missions(missions(1), tmp_path / form, formats=[form])
+        made, _ = uploaded(tmp_path / form, SimulatedVehicle(1, kind="fixed-wing"), systems={1: 1})
+        assert made[1].status == status
+    made, _ = uploaded(tmp_path / "wpl", SimulatedVehicle(1, kind="rover"), systems={1: 1})
+    assert made[1].status == "refused"
+
+
+def test_nothing_is_sent_to_a_system_that_is_no_robots(folder):
+    vehicles = (*two(), SimulatedVehicle(9))
+    said = []
+    link = SimulatedLink(vehicles)
+    upload_missions(pairs_of(folder), [Station(link)], on_event=said.append)
+    assert "system 9 on simulated is no robot's" in said[0]
+    assert vehicles[2]._taken == 0
+
+
 def test_an_armed_vehicle_gets_nothing(folder):
     vehicles = two()
     vehicles[0].armed = True
