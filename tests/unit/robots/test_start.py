@@ -177,15 +177,16 @@ def test_the_commands_start_only_with_arm(folder, tmp_path, capsys, monkeypatch)
     assert [vehicle.armed for vehicle in vehicles] == [True, False]
     code, found, _ = report("watch", "--robots", "1")
     assert (code, found["robots"][0]["armed"], vehicles[0].armed) == (0, False, False)
-    log = tmp_path / "second.tlog"
-    watching = ["--arm", "--at", "+1", "--watch", "--log", str(log), "--robots", "2"]
+    out = tmp_path / "second"
+    watching = ["--arm", "--at", "+1", "--watch", "--out", str(out), "--robots", "2"]
     code, found, err = report("start", *watching)
     assert (code, found["robots"][0]["status"], vehicles[1].armed) == (0, "started", False)
     assert "armed in mission, item" in err
-    highest = {track.system: max(track.heights) for track in read_tracks(log)}
+    highest = {track.system: max(track.heights) for track in read_tracks(out / "flight.tlog")}
     assert highest == pytest.approx({1: 0, 2: 30}, abs=2)
     code, _, err = report("start", *watching)
-    assert (code, "expected a new file" in err) == (2, True)
+    assert (code, "expected a folder without flight.tlog" in err) == (2, True)
+    assert json.loads((out / "start.json").read_text()) == found
     for without in (["--at", "+1"], ["--delay-tolerance", "3"], ["--watch"]):
         code, _, err = report("start", *without)
         assert (code, "expected --arm together with it" in err) == (2, True)

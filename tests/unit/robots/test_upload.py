@@ -404,10 +404,11 @@ def test_the_command_uploads_over_real_sockets(folder, capsys, on_air):
 
 
 def test_a_dry_run_opens_no_link(folder, capsys):
-    code, robots, _ = report(
-        capsys, folder, "--connect", "tcp:127.0.0.1:9", "--systems", "1=1,2=2", "--dry-run"
-    )
+    out = folder / "out"
+    given = ("--connect", "tcp:127.0.0.1:9", "--systems", "1=1,2=2", "--dry-run", "--out", out)
+    code, robots, _ = report(capsys, folder, *given)
     assert code == 0
+    assert json.loads((out / "upload.json").read_text()) == {"robots": robots}
     assert [(one["status"], one["different"], one["mission"]) for one in robots] == [
         ("dry-run", None, 9)
     ] * 2

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.cli.options import Json
+from shoal.cli.options import Json, UnusedSeed
 from shoal.cli.output import check_folder, print_columns, print_json, print_table, say
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
@@ -72,14 +72,22 @@ Robots = Annotated[
         "--robots", metavar="ROBOTS", help="Only these robots, such as 1,3. Default: all robots."
     ),
 ]
-Log = Annotated[
+Report = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FOLDER", help="Folder for the report as upload.json."),
+]
+Flights = Annotated[
     Path | None,
     typer.Option(
-        "--log",
-        metavar="FILE.tlog",
-        help="New flight log of all vehicles, for shoal missions flown and other programs.",
+        "--out",
+        metavar="FOLDER",
+        help=(
+            "Folder for the report as a JSON file, and for flight.tlog, a new flight log of all"
+            " vehicles for shoal missions flown and other programs."
+        ),
     ),
 ]
+FLIGHT_LOG = "flight.tlog"
 Sortie = Annotated[int, typer.Option("--sortie", help="Number of the robots' sortie.", min=1)]
 
 
@@ -96,6 +104,8 @@ def upload(
             help="Check the files, the systems and the links, and send nothing: no link is opened.",
         ),
     ] = False,
+    out: Report = None,
+    seed: UnusedSeed = 0,
     json_: Json = False,
 ) -> None:
     """Upload missions, fences and rally points to vehicles, and read back what is on board.
@@ -108,13 +118,15 @@ def upload(
     """
     from shoal.robots.uploading import PLANNED, new_delivery, stations, upload_missions
 
+    if out is not None:
+        check_folder(out)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
     if dry_run:
         deliveries = [new_delivery(cargo, seat, PLANNED) for cargo, seat in pairs]
     else:
         with patient(), stations(links) as heard_by:
             deliveries = upload_missions(pairs, heard_by, on_event=say)
-    _report(deliveries, json_=json_)
+    _report(deliveries, out, json_=json_)
 
 
 def robot_numbers(text: str | None) -> list[int]:
@@ -127,7 +139,7 @@ def robot_numbers(text: str | None) -> list[int]:
     return [int(part) for part in parts]
 
 
-def _report(deliveries: list[Delivery], *, json_: bool) -> None:
+def _report(deliveries: list[Delivery], out: Path | None, *, json_: bool) -> None:
     """Print what became of each upload; exit with 1 if a vehicle does not have what it should."""
     wrong = [one for one in deliveries if one.status not in ("equal", "dry-run")]
     for one in deliveries:
@@ -135,8 +147,10 @@ def _report(deliveries: list[Delivery], *, json_: bool) -> None:
             say(f"shoal: robot {one.robot}: {note}")
     for one in wrong:
         say(f"shoal: {one.sentence}")
+    report = {"robots": [one.report() for one in deliveries]}
+    written = _write(report, out, "upload")
     if json_:
-        print_json({"robots": [one.report() for one in deliveries]})
+        print_json(report)
     else:
         print_columns(
             ["robot", "system"],
@@ -144,6 +158,8 @@ def _report(deliveries: list[Delivery], *, json_: bool) -> None:
             [_row(vars(one)) for one in deliveries],
             title="items on board",
         )
+        for path in written:
+            print(f"written  {path}")
     if wrong:
         raise typer.Exit(1)
 
@@ -195,7 +211,8 @@ def start(
         bool,
         typer.Option("--watch", help="After the starts, watch until all vehicles are back."),
     ] = False,
-    log: Log = None,
+    out: Flights = None,
+    seed: UnusedSeed = 0,
     json_: Json = False,
 ) -> None:
     """Check that each vehicle has its mission on board and can be armed, and with --arm start each
@@ -217,7 +234,7 @@ def start(
     check_number(tolerance, what="delay-tolerance", above=0)
     waiting = _seconds_until("+0" if at is None else at)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with _logged_stations(links, log) as heard_by:
+    with _logged_stations(links, out) as heard_by:
         fleet = Fleet(pairs, heard_by)
         ready = check_fleet(fleet, lowest_battery=lowest_battery)
         if arm and ready:
@@ -239,10 +256,16 @@ def start(
         if one.faults:
             say(f"shoal: {one.sentence}")
     wrong += _breached(launches)
+    report = {"armed": bool(arm and ready), "robots": [one.report() for one in launches]}
+    written = _write(report, out, "start")
     if json_:
-        print_json({"armed": bool(arm and ready), "robots": [one.report() for one in launches]})
+        print_json(report)
     else:
-        _print_launches(launches)
+        rows = [
+            (f"robot {one.robot}", f"{one.status}, start {one.start:g} s; {telemetry_text(one)}")
+            for one in launches
+        ]
+        print_table(rows, title="starts", written=written)
     if wrong:
         raise typer.Exit(1)
 
@@ -260,7 +283,8 @@ def watch(
     every: Annotated[
         float, typer.Option("--every", help="Seconds between two reports.", show_default=True)
     ] = 5.0,
-    log: Log = None,
+    out: Flights = None,
+    seed: UnusedSeed = 0,
     json_: Json = False,
 ) -> None:
     """Watch vehicles fly their missions: mode, progress, battery and breaches of the fence.
@@ -276,7 +300,7 @@ def watch(
     if seconds is not None:
         check_number(seconds, what="seconds", above=0)
     pairs, links = _pairs(folder, systems, connect, robots, sortie)
-    with _logged_stations(links, log) as heard_by:
+    with _logged_stations(links, out) as heard_by:
         fleet = Fleet(pairs, heard_by)
         watch_fleet(fleet, seconds=seconds, every=every, on_report=_say_telemetry)
         launches = [*fleet.launches.values()]
@@ -284,41 +308,56 @@ def watch(
     for one in lost:
         say(f"shoal: {one.sentence}")
     breached = _breached(launches)
+    names = ("robot", "system", "faults")
+    report = {
+        "robots": [
+            {name: vars(one)[name] for name in names} | vars(one.telemetry) for one in launches
+        ]
+    }
+    written = _write(report, out, "watch")
     if json_:
-        names = ("robot", "system", "faults")
-        print_json(
-            {
-                "robots": [
-                    {name: vars(one)[name] for name in names} | vars(one.telemetry)
-                    for one in launches
-                ]
-            }
-        )
+        print_json(report)
     else:
-        print_table(
-            [(f"robot {one.robot}", telemetry_text(one)) for one in launches],
-            title="vehicles",
-            written=[] if log is None else [log],
-        )
+        rows = [(f"robot {one.robot}", telemetry_text(one)) for one in launches]
+        print_table(rows, title="vehicles", written=written)
     if lost or breached:
         raise typer.Exit(1)
 
 
 @contextmanager
-def _logged_stations(links: list[str], log: Path | None) -> Iterator[list[Station]]:
-    """Open stations on links, and a log of what they hear."""
+def _logged_stations(links: list[str], out: Path | None) -> Iterator[list[Station]]:
+    """Open stations on links, and a log of what they hear in the folder ``out``."""
     from shoal.robots.uploading import stations
 
-    if log is not None and (log.suffix.lower() != ".tlog" or log.exists()):
-        raise InvalidInputError(f"log: expected a new file with the suffix .tlog, got {log}")
+    log = None
+    if out is not None:
+        log = check_folder(out) / FLIGHT_LOG
+        if log.exists():
+            raise InvalidInputError(f"out: expected a folder without {FLIGHT_LOG}, got {out}")
     with (
         patient(),
         stations(links) as heard_by,
-        nullcontext() if log is None else open(log, "xb") as file,
+        nullcontext() if log is None else _new_file(log) as file,
     ):
         for station in heard_by:
             station.log = file
         yield heard_by
+
+
+def _new_file(path: Path) -> IO[bytes]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.open("xb")
+
+
+def _write(report: dict[str, Any], out: Path | None, name: str) -> list[Path]:
+    """Write a report into a folder, if there is one, and return the written files."""
+    if out is None:
+        return []
+    from shoal.core.files import write_json
+
+    write_json(out / f"{name}.json", report)
+    log = out / FLIGHT_LOG
+    return [out / f"{name}.json", *([log] if name != "upload" else [])]
 
 
 def _breached(launches: list[Launch]) -> list[Launch]:
@@ -347,18 +386,6 @@ def telemetry_text(launch: Launch) -> str:
 
 
 _SILENT = 3.0  # seconds
-
-
-def _print_launches(launches: list[Launch]) -> None:
-    print_columns(
-        ["robot", "system"],
-        ["start", "status", "vehicle"],
-        [
-            [str(one.robot), str(one.system), f"{one.start:g} s", one.status, telemetry_text(one)]
-            for one in launches
-        ],
-        title="starts",
-    )
 
 
 def _pairs(
@@ -483,6 +510,7 @@ def flown(
             help="Folder for flown.json and, if some of the region was not seen, rest.geojson.",
         ),
     ] = None,
+    seed: UnusedSeed = 0,
     json_: Json = False,
 ) -> None:
     """Compare flight logs with their missions: what was flown and seen, and what is left.
