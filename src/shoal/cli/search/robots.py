@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 UPLOAD_EXAMPLE = (
     "Example: shoal missions upload missions --connect udpin:0.0.0.0:14550 --systems 1=1,2=2"
+    " --dry-run"
 )
 
 START_EXAMPLE = (
