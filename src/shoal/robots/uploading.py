@@ -4,7 +4,7 @@ on board.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import field
@@ -322,12 +322,14 @@ def deliver(station: Station, vehicle: HeardVehicle, cargo: Cargo, delivery: Del
         delivery.faults.append(f"{error}; nothing was sent")
         return
     left = [kind for kind in ORDER if kind not in lacking]
+    sent: set[str] = set()
     compared: dict[str, ItemComparison] = {}
     fault: LinkError | None = None
     try:
         for _ in range(station.limits.attempts):
             for kind in left:
                 known = before[kind] is not None or before[MISSION] is None
+                sent.add(kind)
                 try:
                     upload_items(
                         station, vehicle, kind, items[kind], unanswered=None if known else _FEW
@@ -355,7 +357,9 @@ def deliver(station: Station, vehicle: HeardVehicle, cargo: Cargo, delivery: Del
     if fault is None and not left:
         return
     lost = isinstance(fault, UnansweredError) and (fault.silent or before[MISSION] is None)
-    delivery.faults.append(_UNKNOWN if lost else _put_back(station, vehicle, before, lacking))
+    delivery.faults.append(
+        _UNKNOWN if lost else _put_back(station, vehicle, before, sent - lacking.keys())
+    )
 
 
 def _read_before(
@@ -429,17 +433,17 @@ def _put_back(
     station: Station,
     vehicle: HeardVehicle,
     before: Mapping[str, list[MissionItem] | None],
-    lacking: Mapping[str, str],
+    kinds: Collection[str],
 ) -> str:
     """Restore what was on board before, or clear what is not known, and return a clause that says
     what is on board now, as it was read back.
     """
     outcomes: dict[str, list[str]] = {}
-    for kind in (kind for kind in ORDER if kind not in lacking):
+    for kind in (kind for kind in ORDER if kind in kinds):
         outcomes.setdefault(_put_back_kind(station, vehicle, kind, before[kind]), []).append(
             _NAMES[kind]
         )
-    return "; ".join(f"{', '.join(kinds)}: {outcome}" for outcome, kinds in outcomes.items())
+    return "; ".join(f"{', '.join(names)}: {outcome}" for outcome, names in outcomes.items())
 
 
 def _put_back_kind(
