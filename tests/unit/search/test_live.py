@@ -34,10 +34,10 @@ from shoal.search.simulation.live import (
     run_live,
     supervisor,
 )
-from shoal.search.simulation.live import agent as cell_locks
-from shoal.search.simulation.live.agent import MovingPoint
+from shoal.search.simulation.live import vehicle as cell_locks
 from shoal.search.simulation.live.radio import LiveTask
 from shoal.search.simulation.live.supervisor import covered_share, searched_by
+from shoal.search.simulation.live.vehicle import MovingPoint
 from shoal.search.simulation.scenario import Scenario
 
 
@@ -65,7 +65,9 @@ def live(brief: Brief, starts, **options) -> LiveOutcome:
 
 def radio_of(channel, number=1, *, key=b"", **options):
     receiver = Receiver(key, robots=3, cells=100)
-    return radio.Radio(channel, Sender(number, key), receiver, random=Random(0), **options)
+    port = options.pop("port", 0)
+    on_air = radio.LoopbackRadio(channel, port)
+    return radio.Messenger(on_air, Sender(number, key), receiver, random=Random(0), **options)
 
 
 def left_over(ids: list[int]) -> list[int]:
@@ -495,7 +497,7 @@ def test_vehicle_stops_before_a_cell_until_it_may_enter():
 def test_only_one_process_is_in_a_cell_and_death_frees_it():
     with tempfile.TemporaryFile() as ground:
         code = (
-            "import os, sys; from shoal.search.simulation.live import agent as cell_locks; ground ="
+            "import os, sys; from shoal.search.simulation.live import vehicle as cell_locks; ground ="
             " int(sys.argv[1])\nprint(cell_locks.enter(ground, 3), cell_locks.enter(ground, 4),"
             " flush=True); sys.stdin.read()"
         )
@@ -522,9 +524,9 @@ def test_radios_hear_one_another_and_not_themselves():
     one, other = radio_of("unicast", 1), radio_of("unicast", 2)
     deaf = radio_of("unicast", 3, loss=1.0)
     beacon = Beacon(1, (Heartbeat(1, 1, 0, 1.0, "searching"),))
-    ports = [one.port, other.port, deaf.port]
+    ports = [each.radio.port for each in (one, other, deaf)]
     for each in (one, other, deaf):
-        each.tell(ports)
+        each.radio.tell(ports)
     one.send(beacon)
     for each in (other, deaf):
         assert select.select([each], [], [], 30)[0]

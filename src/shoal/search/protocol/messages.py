@@ -288,6 +288,20 @@ def _seal(key: bytes, message: bytes) -> bytes:
     )
 
 
+class RefusedMessageError(InvalidInputError):
+    """Raised for a message that a receiver refuses.
+
+    Attributes
+    ----------
+    reason : str
+        The reason in a few words, by which refused messages are counted.
+    """
+
+    def __init__(self, text: str, reason: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
 class Sender:
     """An object that creates the messages of one robot.
 
@@ -369,27 +383,30 @@ class Receiver:
         """
         end = len(message) - (_SIGNATURE if self._key else _CHECKSUM)
         if not end >= _HEAD or len(message) > self.most or message[0] != VERSION:
-            raise InvalidInputError(
+            raise RefusedMessageError(
                 f"message: expected at most {self.most} bytes of version {VERSION}, got"
-                f" {len(message)} bytes of another version or length"
+                f" {len(message)} bytes of another version or length",
+                "broken",
             )
         sender, stamp = (
             int.from_bytes(message[1:3], "little"),
             int.from_bytes(message[3:9], "little"),
         )
         if not 1 <= sender <= self._robots or abs(stamp - clock) > self._window:
-            raise InvalidInputError(
+            raise RefusedMessageError(
                 f"message: expected a present time and a robot from 1 to {self._robots}, got"
-                f" another time or robot {sender}"
+                f" another time or robot {sender}",
+                "time stamp" if 1 <= sender <= self._robots else "unknown robot",
             )
         if stamp <= self._floors.get(sender, -1) or stamp in self._stamps.get(sender, ()):
-            raise InvalidInputError(
-                f"message: expected a new message, got an old message of robot {sender}"
+            raise RefusedMessageError(
+                f"message: expected a new message, got an old message of robot {sender}", "repeated"
             )
         if not hmac.compare_digest(message[end:], _seal(self._key, message[:end])):
-            raise InvalidInputError(
+            raise RefusedMessageError(
                 "message: expected a signature by the key of this search, or a correct checksum,"
-                " got another"
+                " got another",
+                "another key or search",
             )
         self._count(sender, clock)
         self._remember(sender, stamp)
@@ -403,9 +420,10 @@ class Receiver:
         count = count + 1 if second == clock // 1000 else 1
         self._counts[sender] = clock // 1000, count
         if count > _SHARE:
-            raise InvalidInputError(
+            raise RefusedMessageError(
                 f"message: expected at most {_SHARE} messages per second of robot {sender}, got"
-                " more"
+                " more",
+                "too many",
             )
 
     def _remember(self, sender: int, stamp: int) -> None:

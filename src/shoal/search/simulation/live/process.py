@@ -22,9 +22,11 @@ from typing import Any
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import ShoalError
 from shoal.search.allocation.allocate import partition
+from shoal.search.problem.network import true_rate
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.simulation.live.agent import Agent
-from shoal.search.simulation.live.radio import LiveTask
+from shoal.search.simulation.live.radio import LiveTask, LoopbackRadio
+from shoal.search.simulation.live.vehicle import PointVehicle, ScenarioSensor
 
 Report = dict[str, Any]
 _STARTER = 0  # standard input
@@ -262,21 +264,26 @@ def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> 
         os.write(reports, json.dumps(report, separators=(",", ":")).encode() + b"\n")
 
     try:
-        radio = task.radio(number)
+        radio = LoopbackRadio(task.channel, task.port)
+        robot, scenario = task.robot(number), task.scenario
         tell({"kind": "ready", "port": radio.port, "process": os.getpid()})
         word = _first_line(orders)
         if word is None:
             return 1
         radio.tell(word["ports"])
+        epoch = word["epoch"]
+        place = tuple(float(x) for x in robot.brief.tour_cost.points[robot.start])
         pilot = Agent(
             task,
-            task.robot(number),
-            radio,
-            ground=file,
-            lifeline=orders,
-            epoch=word["epoch"],
+            robot,
+            task.messenger(number, radio),
+            PointVehicle(place, lambda time: true_rate(robot.rate, scenario.faults, number, time)),
+            ScenarioSensor(scenario, number, file),
+            clock=lambda: (time.monotonic() - epoch) * task.speed,
             tell=tell,
+            lifeline=orders,
         )
+        time.sleep(max(0.0, epoch - time.monotonic()))
         return 0 if pilot.run() else 1
     except BrokenPipeError:
         return 1

@@ -6,6 +6,7 @@ import socket
 import struct
 import sys
 import time
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from random import Random
@@ -16,6 +17,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.protocol.messages import LONGEST, Beacon, Receiver, Sender
 from shoal.search.protocol.state import Robot
+from shoal.search.simulation.live.ports import Radio
 from shoal.search.simulation.scenario import Scenario
 
 Channel = Literal["multicast", "unicast"]
@@ -82,36 +84,21 @@ def reserve(group: str = GROUP, port: int = 0) -> socket.socket | None:
     return None
 
 
-class Radio:
-    """The radio of one robot.
+class LoopbackRadio:
+    """A radio on the loopback interface.
 
     Parameters
     ----------
     channel : str
         Channel of the messages: "multicast" or "unicast".
-    sender : Sender
-        Object that creates the robot's messages.
-    receiver : Receiver
-        Object that opens messages of other robots.
     port : int
         Port of the multicast group. With unicast, the robot uses a free port of its own.
-    loss : float
-        Probability that the radio discards a message of another robot, to simulate loss.
-    random : random.Random
-        Generator of the random numbers that decide which messages are lost.
     """
 
-    def __init__(
-        self,
-        channel: Channel,
-        sender: Sender,
-        receiver: Receiver,
-        *,
-        port: int = 0,
-        loss: float = 0.0,
-        random: Random,
-    ) -> None:
-        self._sender, self._receiver, self._loss, self._random = sender, receiver, loss, random
+    most = LARGEST
+    fault = ""
+
+    def __init__(self, channel: Channel, port: int = 0) -> None:
         self._mouth = speaker(channel)
         self._ear = listener(GROUP, port) if channel == "multicast" else self._mouth
         self._ear.setblocking(False)
@@ -120,9 +107,6 @@ class Radio:
         self.port = int(self._own[1])
         self._channel = channel
         self._others: list[tuple[str, int]] = [(GROUP, port)] if channel == "multicast" else []
-        self.sent = self.heard = self.lost = self.dropped = 0
-        self._refused: dict[object, int] = {}
-        self._forgiven = self.rest_until = 0.0
 
     def fileno(self) -> int:
         """Return the file descriptor of the socket on which messages arrive."""
@@ -133,17 +117,110 @@ class Radio:
         if self._channel == "unicast":
             self._others = [(LOOPBACK, port) for port in ports if port != self.port]
 
-    def send(self, beacon: Beacon) -> None:
-        """Broadcast a beacon. If the operating system refuses to send a message, the radio counts
-        the message as lost.
+    def broadcast(self, message: bytes) -> int:
+        """Send a message to all others. Return the number of copies that the operating system
+        refused to send.
         """
+        return send_to_all(self._mouth, message, self._others)
+
+    def receive(self) -> tuple[bytes, object] | None:
+        """Return a message from another, and where it came from."""
+        return receive_from_others(self._ear, self._own)
+
+    def close(self) -> None:
+        """Close the sockets of the radio."""
+        self._ear.close()
+        self._mouth.close()
+
+
+def send_to_all(mouth: socket.socket, message: bytes, others: Sequence[tuple[str, int]]) -> int:
+    """Send a datagram to each address. Return the number of datagrams that the operating system
+    refused to send.
+    """
+    refused = 0
+    for other in others:
+        try:
+            mouth.sendto(message, other)
+        except OSError:
+            refused += 1
+    return refused
+
+
+def receive_from_others(ear: socket.socket, own: object) -> tuple[bytes, object] | None:
+    """Return a datagram that is not our own, and its source; None if there is none."""
+    while True:
+        try:
+            data, source = ear.recvfrom(LARGEST + 1)
+        except BlockingIOError:
+            return None
+        except ConnectionError:  # some systems report here that another robot's port is closed
+            continue
+        if source != own:
+            return data, source
+
+
+class Messenger:
+    """What turns the beacons of a robot into messages on its radio, and messages into beacons.
+
+    Parameters
+    ----------
+    radio : Radio
+    sender : Sender
+        Object that creates the robot's messages.
+    receiver : Receiver
+        Object that opens messages of other robots.
+    loss : float
+        Probability that a message of another robot is discarded, to simulate loss.
+    random : random.Random
+        Generator of the random numbers that decide which messages are lost.
+
+    Attributes
+    ----------
+    sent, heard, lost : int
+        Numbers of messages.
+    refused : Counter of str
+        Numbers of refused messages by reason.
+    """
+
+    def __init__(
+        self,
+        radio: Radio,
+        sender: Sender,
+        receiver: Receiver,
+        *,
+        loss: float = 0.0,
+        random: Random,
+    ) -> None:
+        self.radio = radio
+        self._sender, self._receiver, self._loss, self._random = sender, receiver, loss, random
+        self.sent = self.heard = self.lost = 0
+        self.refused: Counter[str] = Counter()
+        self._refused_of: dict[object, int] = {}
+        self._forgiven = self.rest_until = 0.0
+
+    @property
+    def dropped(self) -> int:
+        """Number of refused messages."""
+        return self.refused.total()
+
+    @property
+    def counts(self) -> tuple[int, int, int, int]:
+        """Numbers of messages sent, heard, lost and refused."""
+        return self.sent, self.heard, self.lost, self.dropped
+
+    def fileno(self) -> int:
+        """Return the radio's file descriptor."""
+        return self.radio.fileno()
+
+    def refuse(self, reason: str) -> None:
+        """Count a refused message."""
+        self.refused[reason] += 1
+
+    def send(self, beacon: Beacon) -> None:
+        """Broadcast a beacon. Messages that the radio cannot send count as lost."""
         for message in self._sender.messages(beacon, _clock()):
             self.sent += 1
-            for other in self._others:
-                try:
-                    self._mouth.sendto(message, other)
-                except OSError:
-                    self.lost += 1
+            self.lost += self.radio.broadcast(message)
 
     def receive(self) -> list[Beacon]:
         """Return the beacons in messages that have arrived from other robots of this search, and
@@ -153,32 +230,28 @@ class Radio:
         of messages costs the robot little time.
         """
         beacons: list[Beacon] = []
-        longest, clock, now = self._receiver.most + 1, _clock(), time.monotonic()
+        clock, now = _clock(), time.monotonic()
         if now > self._forgiven:
-            self._refused, self._forgiven = {}, now + _BANNED
+            self._refused_of, self._forgiven = {}, now + _BANNED
         last = self.dropped + _REFUSED
         for _ in range(_AT_ONCE):
             if self.dropped >= last:
                 self.rest_until = now + _REST
                 break
-            try:
-                data, source = self._ear.recvfrom(longest)
-            except BlockingIOError:
+            came = self.radio.receive()
+            if came is None:
                 break
-            except ConnectionError:  # some systems report here that another robot's port is closed
-                continue
-            if source == self._own:
-                continue
-            if self._refused.get(source, 0) > _REFUSED:
-                self.dropped += 1
+            data, source = came
+            if self._refused_of.get(source, 0) > _REFUSED:
+                self.refuse("too many refused messages of one source")
                 continue
             try:
                 beacon = self._receiver.open(data, clock)
-            except InvalidInputError:
-                self._refused[source] = self._refused.get(source, 0) + 1
-                self.dropped += 1
+            except InvalidInputError as error:
+                self._refused_of[source] = self._refused_of.get(source, 0) + 1
+                self.refuse(getattr(error, "reason", "content"))
                 continue
-            self._refused.pop(source, None)
+            self._refused_of.pop(source, None)
             self.heard += 1
             if self._random.random() < self._loss:
                 self.lost += 1
@@ -187,9 +260,8 @@ class Radio:
         return beacons
 
     def close(self) -> None:
-        """Close the sockets of the radio."""
-        self._ear.close()
-        self._mouth.close()
+        """Close the radio."""
+        self.radio.close()
 
 
 def _clock() -> int:
@@ -256,9 +328,9 @@ class LiveTask:
             self.scenario.widths[number - 1],
         )
 
-    def radio(self, number: int) -> Radio:
-        """Return the radio of the robot with a given number."""
-        scenario, most = self.scenario, self.scenario.packet or LONGEST
+    def messenger(self, number: int, radio: Radio) -> Messenger:
+        """Return the messenger of the robot with a given number."""
+        scenario, most = self.scenario, min(self.scenario.packet or LONGEST, radio.most)
         receiver = Receiver(
             self.key, robots=len(scenario.starts), cells=len(scenario.brief.tour_cost), most=most
         )
@@ -266,14 +338,7 @@ class LiveTask:
         loss = next(
             (medium.numbers[0] for medium in scenario.network.media if medium.kind == "loss"), 0.0
         )
-        return Radio(
-            self.channel,
-            Sender(number, self.key, most),
-            receiver,
-            port=self.port,
-            loss=loss,
-            random=random,
-        )
+        return Messenger(radio, Sender(number, self.key, most), receiver, loss=loss, random=random)
 
     def robot(self, number: int) -> Robot:
         """Return the initial state of the robot with a given number."""
