@@ -524,9 +524,12 @@ class _Driver:
             check_number_seen(self.rig, self.particles, len(first_scan), noise)
         swarm = self._make_swarm(first_scan)
         swarm.scanning, swarm.scans = scanning, 1
-        if self.tests and (self.cautious or self.problem.noise is not None):
+        expects = self.cautious or self.problem.noise is not None
+        if self.tests and expects and self.rig.rule != "tilt":
             noise = self.problem.noise or Noise(**TOLD)
-            self.first_moves = FirstMoves(self.rig.shape, first_scan, noise, self.goal)
+            self.first_moves = FirstMoves(
+                self.rig.shape, first_scan, noise, self.goal, rule=self.rig.rule
+            )
         if self.log is not None:
             self.log.begin(
                 self.rig,
@@ -568,7 +571,7 @@ class _Driver:
         """From now on, expect the usual errors of a rig."""
         every = self.problem.scan_every if isinstance(self.problem.scan_every, int) else 1
         place = self.problem.place
-        told = self.problem.replaced(**TOLD, rule="block", scan_every=every)
+        told = self.problem.replaced(**TOLD, scan_every=every)
         self.problem = told.at_place(place)
         rates = ", ".join(f"--{name} {rate:g}" for name, rate in TOLD.items())
         why = (
@@ -835,7 +838,8 @@ class _Driver:
             scans = tuple(swarm.observations[: 1 + int(about["trace"].scanned.sum())])
             problem = (
                 self.problem.replaced(map=workspace, start=start)
-                if goal.mapping  # noise excludes other tasks on maps, but not on rigs
+                # noise excludes other tasks and rules on maps, but not on rigs
+                if goal.mapping and swarm.rule == "block"
                 else self.problem.at_place(workspace)
             )
             return SwarmEpisode(problem=problem, observations=scans, goal=goal, **about)

@@ -523,8 +523,9 @@ class NoisyRigSwarm(RigSwarm):
         confidence: float,
     ) -> None:
         super().__init__(rig, goal, first_scan)
-        cells, self.rule = first_scan, "block"
-        self.noisy = goal.noisy(Board.of_cells(self.layout, cells), noise, confidence)
+        cells = first_scan
+        seen = Board.of_cells(self.layout, cells)
+        self.noisy = goal.noisy(seen, noise, confidence, rule=self.rule)
         self.monitor = NoiseMonitor(rig.shape, noise)
         self.monitor.count(cells)
         self._confidence, self._shown, self.counted = confidence, False, True
@@ -756,7 +757,8 @@ class NoisyRigSwarm(RigSwarm):
         that of the end; the command; the command before it; and what the scan shows.
         """
         seen = Board.of_cells(self.layout, self.first_scan)
-        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, loss=loss)
+        about: dict[str, Any] = {"loss": loss, "rule": self.rule}
+        belief = NoisyBelief(self.layout.shape, seen, self.noisy.noise, self._confidence, **about)
         belief.state.logit[:] = self.noisy.state.logit
         if number is not None:
             belief.assume_number(number)

@@ -249,7 +249,13 @@ class SwarmEpisode(WithTrace, Episode):
         if self.observations is not None:
             goal = self.goal or Goal(make_task("mapping"))
             return ObservedReplay(
-                self.workspace.shape, *about, self.trace, self.observations, self.truth, goal
+                self.workspace.shape,
+                *about,
+                self.trace,
+                self.observations,
+                self.truth,
+                goal,
+                self.rule,
             )
         if problem.noise is not None:
             return NoisyReplay(

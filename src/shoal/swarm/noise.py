@@ -176,6 +176,8 @@ class NoisyBelief:
     prior : ndarray of float64, optional
         Log-odds that each cell is free before the first scan, for the cells of the workspace and of
         a rim that is one cell wide.
+    rule : str
+        "block" or "merge".
 
     Notes
     -----
@@ -210,6 +212,7 @@ class NoisyBelief:
         *,
         loss: float = 0.0,
         prior: NDArray[np.float64] | None = None,
+        rule: str = "block",
         noisy: kernels.NoisyState
         | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
@@ -222,6 +225,7 @@ class NoisyBelief:
         self._field = new_field(self.layout)
         self._first = seen
         self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
+        self.state.rates.merge = rule == "merge"
         if prior is not None:
             inner_of(self.state.logit, shape, rim=1)[...] = prior
         self._show(seen)

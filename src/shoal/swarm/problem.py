@@ -450,7 +450,7 @@ class SwarmProblem(Problem):
                 )
             return
         object.__setattr__(self, "measures", (*self.measures, *NOISE_MEASURES))
-        if self.rule != "block":
+        if self.rule != "block" and not (self.rule == "merge" and self.map == RIG):
             raise InvalidInputError(f"noise: expected rule block, got {self.rule}")
         if self.task_name != "mapping" and self.map != RIG:
             raise InvalidInputError(f"noise: expected the task mapping, got {self.task_name}")

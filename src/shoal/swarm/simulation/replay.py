@@ -281,6 +281,7 @@ class ObservedReplay(_BeliefReplay):
         The true free cells, or None if the true map is unknown.
     goal : Goal
         The task, with the map that was known beforehand.
+    rule : str
     """
 
     shape: tuple[int, ...]
@@ -290,6 +291,7 @@ class ObservedReplay(_BeliefReplay):
     observations: tuple[NDArray[np.int64], ...]
     truth: NDArray[np.bool_] | None
     goal: Goal
+    rule: str
 
     def _truth(self) -> NDArray[np.bool_] | None:
         return self.truth
@@ -301,7 +303,7 @@ class ObservedReplay(_BeliefReplay):
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
-        belief = self.goal.noisy(seen, self.noise, self.confidence)
+        belief = self.goal.noisy(seen, self.noise, self.confidence, rule=self.rule)
         yield belief, seen.mask
         for command, scanned in zip(
             decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
