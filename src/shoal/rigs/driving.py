@@ -43,7 +43,7 @@ from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise import Noise
+from shoal.swarm.noise import MOST, Noise
 from shoal.swarm.policies import POLICIES, Manual, View
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
@@ -53,6 +53,7 @@ ROUNDS = 12
 NOISY_CLOSING = 120  # the same on a rig with noise, where several scans establish a motion
 UNLIKELY = 1e-3  # probability of a first scan from which on the expected number cannot be true
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
+EVERY = 50  # moves after which the observed error rates are compared with unstated ones
 MOST_TRIALS = 60  # commands at the end of a drive that may show that the rig makes no errors
 
 
@@ -151,6 +152,16 @@ class Drive(WithTrace):
 
 class Convicted(AlarmRaised):
     """Raised if the first commands show what is wrong with the rig, which no errors explain."""
+
+
+class RatesTooLow(AlarmRaised):
+    """Raised if a rig, of which nobody has stated error rates, makes more errors than expected."""
+
+    def __init__(self, low: dict[str, Rate], noise: Noise | None, move: int) -> None:
+        seen = ", ".join(f"{name} {rate.observed:.3f}" for name, rate in low.items())
+        super().__init__(Alarm("rates", move, f"more errors than expected are observed: {seen}"))
+        raised = {name: min(MOST, round(1.2 * rate.observed, 3)) for name, rate in low.items()}
+        self.rates = vars(noise) | raised
 
 
 class DriveError(RigError):
@@ -469,7 +480,7 @@ class _Driver:
         self.recorder = Recorder()
         self.runs = None if self.recorded is None else _RecordedRuns(self.recorded)
         self.alarms: list[Alarm] = []
-        self.convicted = False
+        self.convicted = self.usual = False  # usual: nobody has stated the error rates
         self.notes: list[str] = []
         self.first_moves: FirstMoves | None = None  # during the first moves, if they are tested
         self.watched = 0  # commands that it has taken into account
@@ -555,10 +566,16 @@ class _Driver:
                 self._expect_noise(raised)
         assert self.problem.noise is not None
         about = self.problem.noise, self.problem.confidence
-        return NoisyRigSwarm(self.rig, self.goal, first_scan, *about)
+        swarm = NoisyRigSwarm(self.rig, self.goal, first_scan, *about)
+        swarm.usual = self.usual
+        return swarm
 
     def _may_expect_noise(self, raised: Exception) -> bool:
-        """Return whether the drive may go on with noise after a contradiction."""
+        """Return whether the drive may go on with noise, or with more noise, after a
+        contradiction.
+        """
+        if isinstance(raised, RatesTooLow):
+            return True
         return (
             not isinstance(raised, Convicted)
             and self.problem.noise is None
@@ -571,16 +588,19 @@ class _Driver:
         """From now on, expect the usual errors of a rig."""
         every = self.problem.scan_every if isinstance(self.problem.scan_every, int) else 1
         place = self.problem.place
-        told = self.problem.replaced(**TOLD, scan_every=every)
-        self.problem = told.at_place(place)
-        rates = ", ".join(f"--{name} {rate:g}" for name, rate in TOLD.items())
+        expected = raised.rates if isinstance(raised, RatesTooLow) else TOLD
+        self.problem = self.problem.replaced(**expected, scan_every=every).at_place(place)
+        self.usual = True
+        rates = ", ".join(f"--{name} {rate:g}" for name, rate in expected.items())
         why = (
-            raised.alarm.text
+            f"move {self.swarm.moves}: {raised.alarm.text}"
+            if isinstance(raised, RatesTooLow)
+            else raised.alarm.text
             if isinstance(raised, ModelBroken)
             else f"move {self.swarm.moves if hasattr(self, 'swarm') else 0}: the positions do not"
             " follow from the commands if the rig makes no errors"
         )
-        self.notes.append(f"{why}; the drive goes on and expects the usual errors: {rates}")
+        self.notes.append(f"{why}; the drive goes on and expects errors: {rates}")
         if self.log is not None and hasattr(self, "swarm"):
             self.log.event("noise", {"text": self.notes[-1]})
 
@@ -599,13 +619,16 @@ class _Driver:
         """Carry out the task. After a contradiction that errors of the rig may explain, go on with
         noise. Return the status.
         """
-        try:
-            return self._try_to_explore()
-        except (AlarmRaised, OnRimError) as raised:
-            if not self._may_expect_noise(raised):
-                raise
-            self._go_on_with_noise(raised)
-        return self._try_to_explore()
+        raised: AlarmRaised | OnRimError | None = None
+        while True:
+            try:
+                if raised is not None:
+                    self._go_on_with_noise(raised)
+                return self._try_to_explore()
+            except (AlarmRaised, OnRimError) as error:
+                if not self._may_expect_noise(error):
+                    raise
+                raised = error
 
     def _try_to_explore(self) -> Status:
         """Test the rig, run the policy, and test the rig again if its last commands moved nothing.
@@ -726,8 +749,16 @@ class _Driver:
             alarm = test.alarm(self.watched)
             if alarm is not None:
                 raise Convicted(alarm)
-        if test is None or not test.cycle:  # the test says more exactly what is wrong
-            self.swarm.check()
+        if test is not None and test.cycle:
+            return  # the test says more exactly what is wrong
+        self.swarm.check()
+        if self.usual and self.swarm.moves % EVERY == 0:
+            low = {name: rate for name, rate in self.swarm.rates().items() if rate.too_low}
+            if low:
+                raise RatesTooLow(low, self.problem.noise, self.swarm.moves)
+        if self.cautious and self.problem.noise is None and not self.goal.mapping:
+            for wrong in self.swarm.wrong_map():  # or a particle has slipped
+                raise AlarmRaised(wrong)
 
     def _stop_rig(self, failure: BaseException | None) -> BaseException | None:
         """Stop the rig. Return the failure that ended the drive, or Ctrl-C during the stop."""

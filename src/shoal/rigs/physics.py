@@ -602,9 +602,12 @@ class PhysicsRig:
         self.plant.push(ANGLES[command], seconds=self.plant.apparatus.pulse)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the camera sees particles (int64, shape (k, 2))."""
+        """Return the cells in which the camera sees particles (int64, shape (k, 2)). A cell occurs
+        as often as particles are seen in it.
+        """
         _, centroids = self.plant.picture()
-        return np.unique(self.plant.cells_of(centroids), axis=0)
+        cells = self.plant.cells_of(centroids)
+        return cells[np.lexsort(cells.T[::-1])]
 
     def stop(self) -> None:
         """Turn the field off. The rig then refuses further commands."""

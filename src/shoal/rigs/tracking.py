@@ -535,6 +535,8 @@ class NoisyRigSwarm(RigSwarm):
         self._sent: list[tuple[str, bool]] = []  # all commands, and whether a scan followed
         self._take_over()
         self.observations = [cells]
+        # whether scans have shown two particles in one cell; the error rates are those of nobody
+        self.shared, self.usual = has_twins(cells), False
         self.start, self.first_frontier = self.state.cells, self.noisy.remaining
 
     @property
@@ -677,6 +679,7 @@ class NoisyRigSwarm(RigSwarm):
             )
         classified = self.noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
+        self.shared = self.shared or has_twins(cells)
         self._take_over()
         shown = self.monitor.count(cells)
         self._shown = self._shown or shown
@@ -701,7 +704,13 @@ class NoisyRigSwarm(RigSwarm):
         """Return the alarms that mark the result: rates far from the stated ones, drift, another
         number of particles.
         """
-        marks = self.monitor.marks(self.moves)
+        rates = self.rates()
+        marks = [
+            mark
+            for mark in self.monitor.marks(self.moves)
+            # that a rig makes fewer errors than any rig might make is no reason to doubt the map
+            if not (self.usual and mark.kind == "rates" and not any_too_low(rates, mark.text))
+        ]
         if not self.state.occupied:
             text = (
                 "no particle is left that scans show: every cell that is still unclassified"
@@ -723,7 +732,12 @@ class NoisyRigSwarm(RigSwarm):
         """
         counts = np.array([len(cells) for cells in self.observations])
         numbers = numbers_in_question(counts, self.noisy.noise.miss)
-        change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
+        if self.shared:  # the belief has one particle in a cell, so that only the scans count
+            miss = max(self.noisy.noise.miss, 1e-3)
+            weighed = {n: chance_of_count(counts[1:], n, miss) for n in numbers if n}
+            change = find_change(weighed, np.zeros_like(counts))
+        else:
+            change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
         misdeed = find_misdeed(self._weigh_deeds())
         if change is not None and (misdeed is None or misdeed.evidence < change[2]):
             return [Alarm("number", self.moves, change_text(*change[:2]))]
@@ -779,6 +793,29 @@ class NoisyRigSwarm(RigSwarm):
     def _take_over(self) -> None:
         self.belief, self.state = self.noisy.belief, SwarmState(self.noisy.occupied)
         self._once_free = self._once_free | self.noisy.confirmed
+
+
+def has_twins(cells: NDArray[np.int64]) -> bool:
+    """Return whether sorted cells contain a cell twice."""
+    return bool((cells[1:] == cells[:-1]).all(axis=1).any())
+
+
+def any_too_low(rates: dict[str, Rate], text: str) -> bool:
+    """Return whether the rate that an alarm is about was stated too low."""
+    return any(text.startswith(f"{name}:") and rate.too_low for name, rate in rates.items())
+
+
+def chance_of_count(counts: NDArray[np.int64], number: int, miss: float) -> NDArray[np.float64]:
+    """Return the log-likelihood that a scan shows as many particles as each of ``counts``, of
+    ``number`` particles. A scan may also show a particle twice, or a ghost, now and then.
+    """
+    from scipy.special import gammaln, xlog1py, xlogy
+
+    seen = np.minimum(counts, number)
+    chance = gammaln(number + 1) - gammaln(seen + 1) - gammaln(number - seen + 1)
+    chance += xlog1py(seen, -miss) + xlogy(number - seen, miss)
+    found: NDArray[np.float64] = np.maximum(chance, np.log(1e-3)) - 4.0 * (counts > number)
+    return found
 
 
 def cells_classified(number: int) -> str:
