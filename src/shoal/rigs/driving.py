@@ -26,6 +26,7 @@ from shoal.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.rigs.monitor import Rate, tail
 from shoal.rigs.physics import TOLD
 from shoal.rigs.remote import LinkCounts
+from shoal.rigs.resume import check_resumable, check_same_rig, go_on, is_finished
 from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
 from shoal.rigs.suspects import MOVES, FirstMoves
 from shoal.rigs.tracking import (
@@ -40,11 +41,11 @@ from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import RULES, Board, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
-from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.state import Belief
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import MOST, Noise
-from shoal.swarm.policies import POLICIES, Manual, View
+from shoal.swarm.policies import POLICIES, Manual
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
 
@@ -196,6 +197,7 @@ def drive(
     rule: str | None = None,
     known: GridWorkspace | None = None,
     exact: bool | None = None,
+    resume: str | os.PathLike[str] | RecordedRig | None = None,
     **fields: Any,
 ) -> Drive:
     """Map the workspace of a rig, or carry out another task in it. The policy knows only the positions that the rig reports.
@@ -237,6 +239,13 @@ def drive(
         the answer of the attribute ``exact`` of the rig, if it has one, or else False: a drive
         without stated error rates then expects none until the first contradiction, and goes on with
         the usual rates (`shoal.rigs.physics.TOLD`) from there.
+    resume : path or RecordedRig, optional
+        Log of a drive that was interrupted and goes on, or what `read_log` has read from it. The
+        log is replayed, and the drive goes on where the particles are now; ``log`` is the same log
+        if it is not given. All settings are those of the log, except that ``max_moves`` may be
+        larger. Open a rig behind a connection with ``open_rig(..., resume=read_log(LOG).session)``,
+        so that it can tell whether it has carried out the last command. A drive that was finished
+        is only replayed.
     **fields
         Fields of `SwarmProblem`, such as ``task``. The list `shoal.swarm.problem.DRIVEN` contains the fields of
         `SwarmProblem` that are valid for a rig. If ``slip``, ``misplace`` or ``miss`` is given,
@@ -296,25 +305,27 @@ def drive(
         raise InvalidInputError(f"rule: expected {rule}, got {rig.rule} from the rig {rig.name}")
     if particles is not None:
         check_integer(particles, what="particles", least=1)
-    if known is not None and not isinstance(known, GridWorkspace):
-        raise InvalidInputError(f"known: expected a GridWorkspace, got {shortened(known)}")
-    if known is not None and known.shape != tuple(rig.shape):
-        raise InvalidInputError(
-            f"known: expected a map of shape {tuple(rig.shape)}, as the rig {rig.name} sees, got"
-            f" {known.name} of shape {known.shape}"
+    past = None
+    if resume is not None:
+        past = resume if isinstance(resume, RecordedRig) else read_log(resume)
+        check_same_rig(rig, past)
+        seed, problem = _settings(past, seed, fields)
+        check_resumable(past, problem.max_moves)
+        if is_finished(past):
+            return replay_log(past)[0]
+        test_move, spacing, known, cautious = (
+            past.test_move,
+            past.spacing,
+            past.known,
+            past.cautious,
         )
+        log = DriveLog(past.path, append=True) if log is None else log
+    else:
+        problem, cautious = _told(rig, known, exact, fields)
     if isinstance(log, str | os.PathLike):
         log = DriveLog(log)
     elif log is not None and not isinstance(log, DriveLog):
         raise InvalidInputError(f"log: expected a DriveLog or a path, got {shortened(log)}")
-    problem = SwarmProblem("rig", rule=rig.rule, **fields)
-    problem = _in_view(problem, tuple(rig.shape), known)
-    problem.check_at_place()
-    if exact and problem.noise is not None:
-        raise InvalidInputError("exact: expected a rig without error rates, got error rates")
-    cautious = problem.noise is None and not (
-        getattr(rig, "exact", False) if exact is None else exact
-    )
     goal = _goal(problem, known, seed)
     load_drive_kernels(problem)
     about: dict[str, Any] = {
@@ -324,8 +335,31 @@ def drive(
         "spacing": spacing,
         "particles": particles,
         "cautious": cautious,
+        "past": past,
     }
     return _Driver(rig, problem, goal, seed, **about).run()
+
+
+def _told(
+    rig: Rig, known: GridWorkspace | None, exact: bool | None, fields: dict[str, Any]
+) -> tuple[SwarmProblem, bool]:
+    """Return the problem that the arguments of `drive` state, and whether the drive may go on with
+    noise.
+    """
+    if known is not None and not isinstance(known, GridWorkspace):
+        raise InvalidInputError(f"known: expected a GridWorkspace, got {shortened(known)}")
+    if known is not None and known.shape != tuple(rig.shape):
+        raise InvalidInputError(
+            f"known: expected a map of shape {tuple(rig.shape)}, as the rig {rig.name} sees, got"
+            f" {known.name} of shape {known.shape}"
+        )
+    problem = SwarmProblem("rig", rule=rig.rule, **fields)
+    problem = _in_view(problem, tuple(rig.shape), known)
+    problem.check_at_place()
+    if exact and problem.noise is not None:
+        raise InvalidInputError("exact: expected a rig without error rates, got error rates")
+    unsure = not (getattr(rig, "exact", False) if exact is None else exact)
+    return problem, problem.noise is None and unsure
 
 
 def _goal(problem: SwarmProblem, known: GridWorkspace | None, seed: int) -> Goal:
@@ -339,12 +373,36 @@ def _goal(problem: SwarmProblem, known: GridWorkspace | None, seed: int) -> Goal
     return Goal(setup.task, known, targets)
 
 
-def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
+def _settings(past: RecordedRig, seed: int, fields: dict[str, Any]) -> tuple[int, SwarmProblem]:
+    """Return the seed and the problem of a log, with a larger limit of moves if it is given.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if another argument contradicts the log.
+    """
+    problem = past.problem.replaced(**fields) if fields else past.problem
+    told = {"seed": past.seed} | {name: getattr(past.problem, name) for name in fields}
+    given = {"seed": seed or past.seed} | {name: getattr(problem, name) for name in fields}
+    for name in told:
+        if name != "max_moves" and told[name] != given[name]:
+            raise InvalidInputError(
+                f"{name}: expected {told[name]} as in {past.path}, got {given[name]}"
+            )
+    problem = _in_view(problem, past.shape, past.known)
+    problem.check_at_place()
+    return past.seed, problem
+
+
+def replay_log(
+    path: str | os.PathLike[str] | RecordedRig, *, trust: bool = False
+) -> tuple[Drive, Verification]:
     """Replay the commands of a log, and compare the final map and the status with the log.
 
     Parameters
     ----------
-    path : path
+    path : path or RecordedRig
+        The log, or what `read_log` has read from it.
     trust : bool
         Whether Shoal may run a third-party task that the log names.
 
@@ -355,7 +413,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
     RigError
         Raised if the recorded positions violate the move rule.
     """
-    rig = read_log(path, trust=trust)
+    rig = path if isinstance(path, RecordedRig) else read_log(path, trust=trust)
     problem = _in_view(rig.problem, rig.shape, rig.known)
     about: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious}
     result = _Driver(rig, problem, _goal(problem, rig.known, rig.seed), rig.seed, **about).run()
@@ -466,6 +524,7 @@ class _Driver:
     spacing: tuple[float, ...] | None = None
     particles: int | None = None  # expected
     cautious: bool = False  # goes on with noise after the first contradiction
+    past: RecordedRig | None = None  # of a drive that goes on
 
     def __post_init__(self) -> None:
         self.recorded = self.rig if isinstance(self.rig, RecordedRig) else None
@@ -478,7 +537,9 @@ class _Driver:
         else:
             self.policy, self.most = self.recorded.policy, len(self.recorded.commands)
         self.recorder = Recorder()
-        self.runs = None if self.recorded is None else _RecordedRuns(self.recorded)
+        source = self.recorded or self.past
+        self.runs = None if source is None else _RecordedRuns(source)
+        self.was_complete = False  # in the replay of a log
         self.alarms: list[Alarm] = []
         self.convicted = self.usual = False  # usual: nobody has stated the error rates
         self.notes: list[str] = []
@@ -527,27 +588,32 @@ class _Driver:
 
     def _begin(self) -> None:
         """Scan the particles for the first time, and begin the log."""
+        source = self.rig if self.past is None else self.past
         began = time.perf_counter()
-        first_scan = observe(self.rig, 0)
+        first_scan = observe(source, 0)
         scanning = time.perf_counter() - began
-        if self.particles is not None:
+        if self.particles is not None and self.past is None:
             noise = self.problem.noise or (Noise(**TOLD) if self.cautious else None)
             check_number_seen(self.rig, self.particles, len(first_scan), noise)
         swarm = self._make_swarm(first_scan)
-        swarm.scanning, swarm.scans = scanning, 1
+        swarm.rig, swarm.scanning, swarm.scans = source, scanning, 1
         expects = self.cautious or self.problem.noise is not None
         if self.tests and expects and self.rig.rule != "tilt":
             noise = self.problem.noise or Noise(**TOLD)
             self.first_moves = FirstMoves(
                 self.rig.shape, first_scan, noise, self.goal, rule=self.rig.rule
             )
-        if self.log is not None:
+        if self.log is not None and self.past is not None:
+            self.log.go_on(self.rig, self.past)
+            swarm.log = self.log
+        elif self.log is not None:
             self.log.begin(
                 self.rig,
                 policy=self.policy,
                 seed=self.seed,
                 problem=self.header,
                 spacing=self.spacing,
+                test_move=self.test_move,
                 known=self.goal.known,
                 cautious=self.cautious,
             )
@@ -601,18 +667,22 @@ class _Driver:
             " follow from the commands if the rig makes no errors"
         )
         self.notes.append(f"{why}; the drive goes on and expects errors: {rates}")
-        if self.log is not None and hasattr(self, "swarm"):
-            self.log.event("noise", {"text": self.notes[-1]})
+        if self.log is not None and hasattr(self, "swarm") and self.swarm.rig is self.rig:
+            self.log.event("noise", {"move": self.swarm.moves, "text": self.notes[-1]})
 
     def _go_on_with_noise(self, raised: Exception) -> None:
         """Begin a belief with noise, and take over all commands and scans so far."""
         self._expect_noise(raised)
         old, swarm = self.swarm, self._make_swarm(self.swarm.first_scan)
         swarm.sending, swarm.scanning, swarm.scans = old.sending, old.scanning, old.scans
-        swarm.log, self.swarm, self.recorder = old.log, swarm, Recorder()
-        for sent in old.sent:
-            rows, scanned = swarm.repeat(sent)
-            self.recorder.add(sent[0], rows, scanned=scanned)
+        swarm.rig, swarm.log, self.swarm, self.recorder = old.rig, old.log, swarm, Recorder()
+        placed, self.was_complete = list(old.placed), False
+        for sent in (*old.sent, None):
+            while placed and placed[0].move == swarm.moves:
+                swarm.place(placed[0].cells, since=placed.pop(0).since)
+            if sent is not None:
+                rows, scanned = swarm.repeat(sent)
+                self.recorder.add(sent[0], rows, scanned=scanned)
         self._check()
 
     def _explore(self) -> Status:
@@ -635,11 +705,18 @@ class _Driver:
         Return the status.
         """
         if self.runs is not None:
-            return self._replay(self.runs)
+            status = self._replay(self.runs)
+            if self.past is None:
+                return self._checked_end(status)
+            if self.swarm.rig is self.past:
+                go_on(self.rig, self.swarm, self.past, self.log, self.recorder)
+                self._check()
         if self.tests:
             self._test_rig()
         swarm = self.swarm
-        decider = make_decider(self.problem.setup, swarm.belief, trial_rng(self.seed), swarm.noisy)
+        # after an interruption, a policy with random decisions draws others
+        rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
+        decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
         for _ in range(CLOSING):
             status = self._follow(decider)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
@@ -692,10 +769,33 @@ class _Driver:
         return Status.STALLED if complete and not self.swarm.finished else status
 
     def _replay(self, runs: _RecordedRuns) -> Status:
-        status = self._follow(runs)
-        for command, steps in runs.rest():  # the closing moves, after the map was complete
-            self._carry_out(command, steps, scan=runs.due)
-        return self._checked_end(status)
+        """Carry out the commands of a log, of which some may be carried out already."""
+        if not self.swarm.moves:
+            self._place_as_in(runs.rig)
+        for command, steps in runs.rest():
+            self._note_completion()
+            if runs.unknown:
+                for _ in range(steps):
+                    runs.rig.send(command)
+                self.recorder.add(command, self.swarm.skip(command, steps), scanned=False)
+            else:
+                self._carry_out(command, steps, scan=runs.due)
+            self._place_as_in(runs.rig)
+        self._note_completion()
+        return Status.COMPLETE if self.was_complete else Status.LIMIT
+
+    def _note_completion(self) -> None:
+        # the moves after the completion show that the rig acts
+        swarm = self.swarm
+        self.was_complete = self.was_complete or (swarm.belief.complete and swarm.finished)
+
+    def _place_as_in(self, recorded: RecordedRig) -> None:
+        """Take over the scans that showed particles elsewhere when the drive went on."""
+        move = self.swarm.moves
+        for cells in recorded.placed.get(move, ()):
+            found = np.array(cells, dtype=np.int64).reshape(-1, len(recorded.shape))
+            known = (0, *recorded.scans, *(at for at in recorded.placed if at < move))
+            self.swarm.place(found, since=max(at for at in known if at <= move))
 
     def _test_rig(self) -> None:
         """Send commands in all directions in turn until it is clear whether they move particles."""
@@ -752,6 +852,10 @@ class _Driver:
         if test is not None and test.cycle:
             return  # the test says more exactly what is wrong
         self.swarm.check()
+        if self.runs is not None and self.problem.noise is None:
+            for event in self.runs.rig.events:
+                if event["event"] == "noise" and event.get("move") == self.swarm.moves:
+                    raise AlarmRaised(Alarm("rates", self.swarm.moves, event.get("text", "")))
         if self.usual and self.swarm.moves % EVERY == 0:
             low = {name: rate for name, rate in self.swarm.rates().items() if rate.too_low}
             if low:
@@ -764,13 +868,23 @@ class _Driver:
         """Stop the rig. Return the failure that ended the drive, or Ctrl-C during the stop."""
         try:
             with interruption_held():
+                self._tell_log("stop", {})
                 self.rig.stop()
+                interrupted = failure is not None and not isinstance(failure, Exception)
+                if interrupted and (ask := getattr(self.rig, "carried_out", None)):
+                    self._tell_log("stopped", {"seq": ask()})
         except KeyboardInterrupt as error:
             return failure or error
         except BaseException as error:  # whatever a rig of others raises: the map must not be lost
             text = f"the rig may still move, as its stop failed: {_text_of(error)}"
             self.alarms.append(Alarm("stop", self.recorder.moves, text))
         return failure
+
+    def _tell_log(self, event: str, details: dict[str, Any]) -> None:
+        """Write an event to the log. A full disk must not keep the rig from being stopped."""
+        if self.log is not None and self.recorded is None:
+            with suppress(OutputError):
+                self.log.event(event, details)
 
     def _nothing_moved(self) -> Alarm:
         text = (
@@ -834,6 +948,10 @@ class _Driver:
         targets = self.goal.targets
         n_targets = None if targets is None else int(targets.sum())
         left = len(swarm.belief.frontier) + len(swarm.unvisited)
+        before = 0 if self.past is None else len(self.past.commands)
+        sent, scans = swarm.moves - before, swarm.scans
+        if self.past is not None:
+            scans -= len(self.past.scans)
         return Drive(
             belief=swarm.found,
             cells=swarm.state.cells,
@@ -846,8 +964,8 @@ class _Driver:
             targets=n_targets,
             visited=None if n_targets is None else n_targets - left,
             notes=tuple(self.notes),
-            seconds_per_command=swarm.sending / swarm.moves if timed and swarm.moves else None,
-            seconds_per_scan=swarm.scanning / swarm.scans if timed and swarm.scans else None,
+            seconds_per_command=swarm.sending / sent if timed and sent > 0 else None,
+            seconds_per_scan=swarm.scanning / scans if timed and scans > 0 else None,
             **about,
         )
 
@@ -863,7 +981,7 @@ class _Driver:
             return None
         start = tuple(map(tuple, swarm.start.tolist())) or None
         about = about | {"start": swarm.start, "seed": self.seed, "targets": goal.targets}
-        about |= {"first_frontier": swarm.first_frontier}
+        about |= {"first_frontier": swarm.first_frontier, "placed": tuple(swarm.placed)}
         workspace = GridWorkspace(free, name=self.rig.name, spacing=self.spacing)
         if swarm.observations is not None:
             scans = tuple(swarm.observations[: 1 + int(about["trace"].scanned.sum())])
@@ -915,37 +1033,36 @@ class _RecordedRuns:
     """Divides the commands of a log into runs: equal commands up to the next scan."""
 
     def __init__(self, rig: RecordedRig) -> None:
-        self._rig, self._at = rig, 0
+        self.rig, self._at = rig, 0
 
     @property
     def due(self) -> bool:
         """Whether the log contains a scan after the last run of commands."""
-        return self._at in self._rig.scans
+        return self._at in self.rig.scans
+
+    @property
+    def unknown(self) -> bool:
+        """Whether nobody knows what the last run of commands has done: particles were placed before
+        the next scan.
+        """
+        later = [at for at in self.rig.placed if at >= self._at]
+        return bool(later) and not any(self._at <= at <= min(later) for at in self.rig.scans)
 
     def rest(self) -> Iterator[tuple[str, int]]:
         """Yield the runs that are left."""
         while (run := self._next()) is not None:
             yield run
 
-    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the command of the next run and the number of commands in the run. If no commands
-        are left, return None.
-        """
-        return self._next()
-
     def _next(self) -> tuple[str, int] | None:
-        commands, first = self._rig.commands, self._at
+        commands, first = self.rig.commands, self._at
         if first == len(commands):
             return None
         self._at += 1
         while (
-            self._rig.rule != "tilt"
-            and self._at not in self._rig.scans
+            self.rig.rule != "tilt"
+            and self._at not in self.rig.scans
+            and self._at not in self.rig.placed
             and commands[self._at : self._at + 1] == commands[first]
         ):
             self._at += 1
         return commands[first], self._at - first
-
-    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Return true. The log determines when a scan is made."""
-        return True

@@ -19,7 +19,7 @@ from shoal.core.dataclass import dataclass
 from shoal.rigs.checks import Alarm
 from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import Board, GridLayout, letters_of
-from shoal.swarm.noise import Noise, NoisyBelief
+from shoal.swarm.noise import LOSS, Noise, NoisyBelief
 
 MOVES = 10  # commands within which what is wrong is said
 PROVEN = 14.0  # log-likelihood ratio from which on a model is better than "as commanded": 10^6
@@ -177,7 +177,7 @@ class FirstMoves:
         for each in self.suspicions:
             slip = noise.slip if each.slip is None else max(each.slip, noise.slip)
             told = Noise(max(slip, 1e-3), max(noise.misplace, 1e-3), max(noise.miss, 1e-3))
-            about: dict[str, Any] = {"prior": self._prior(goal), "rule": rule}
+            about: dict[str, Any] = {"prior": self._prior(goal), "rule": rule, "loss": LOSS}
             self._beliefs.append(NoisyBelief(self._shape, seen, told, **about))
         self.logs = np.zeros(len(self.suspicions))
         self.noise = noise

@@ -18,18 +18,21 @@ from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
 from shoal.rigs.monitor import (
+    FEW_GHOSTS,
+    IMPOSSIBLE,
     NoiseMonitor,
     Rate,
     change_text,
     find_change,
     find_misdeed,
     numbers_in_question,
+    weigh_counts,
     with_number,
 )
 from shoal.rigs.rig import PositionError, Rig
 from shoal.swarm.goals import Goal, NoisyVisits
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
-from shoal.swarm.grid.scans import AXES, Row, states_of_run
+from shoal.swarm.grid.scans import AXES, Placement, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.grid.world import GridWorld
@@ -103,6 +106,7 @@ class RigSwarm(ABC):
         self.log: DriveLog | None = None
         self.sending = self.scanning = 0.0
         self.scans = 0
+        self.placed: list[Placement] = []
 
     @property
     def found(self) -> Belief:
@@ -167,6 +171,19 @@ class RigSwarm(ABC):
         ``steps`` times.
 
         Return the trace entries (classified, frontier, travelled) of each command.
+        """
+
+    @abstractmethod
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect. `place` follows.
+
+        Return the trace entries of each command, as `update` does.
+        """
+
+    @abstractmethod
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain, as the drive was interrupted: the
+        particles are in ``cells`` now. ``since`` is the number of commands whose effect is known.
         """
 
     def marks(self, *, quick: bool = False) -> list[Alarm]:
@@ -378,6 +395,22 @@ class ExactRigSwarm(RigSwarm):
             self.unproven += len(self.shown.known) - known
         return rows
 
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect: learn nothing."""
+        self.moves += steps
+        self.sent.append((command, steps, None))
+        return [(0, len(self.belief.frontier), 0)] * steps
+
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain: particles are in ``cells`` now."""
+        self.placed.append(Placement(self.moves, since, cells))
+        self.state = self._state_at(cells)
+        here = self.state.occupied
+        self.shown = self.shown.with_particles(here)
+        if not isinstance(self.goal.task, Mapping):
+            self._goal = self._goal.with_particles(here & self._goal.open)
+        self.belief = self._believed()
+
     @property
     def needs_proof(self) -> bool:
         """Whether a mapping rests on walls from commands at which nothing was seen to move."""
@@ -533,10 +566,10 @@ class NoisyRigSwarm(RigSwarm):
         self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
         self._sent: list[tuple[str, bool]] = []  # all commands, and whether a scan followed
+        self._newest: NDArray[np.int64] | None = cells  # a scan since the last command
         self._take_over()
         self.observations = [cells]
-        # whether scans have shown two particles in one cell; the error rates are those of nobody
-        self.shared, self.usual = has_twins(cells), False
+        self.usual = False  # whether nobody has stated the error rates
         self.start, self.first_frontier = self.state.cells, self.noisy.remaining
 
     @property
@@ -661,6 +694,7 @@ class NoisyRigSwarm(RigSwarm):
         """
         for _ in range(steps):
             self.noisy.spread(command)
+            self._newest = None
         self._sent += [(command, False)] * steps
         self._take_over()
         return [(0, self.noisy.remaining, 0)] * steps
@@ -670,16 +704,13 @@ class NoisyRigSwarm(RigSwarm):
         unknown travelled distance.
         """
         rows = self.predict(command, steps - 1)
-        alone = not self._sent or self._sent[-1][1]
         self._sent.append((command, True))
-        if alone:
+        if self._newest is not None:
             inside = self.noisy.state.inside.reshape(padded_shape(self.layout.shape))
-            self.monitor.compare(
-                command, self.observations[-1], cells, inside, self._once_free.mask
-            )
+            self.monitor.compare(command, self._newest, cells, inside, self._once_free.mask)
         classified = self.noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
-        self.shared = self.shared or has_twins(cells)
+        self._newest = cells
         self._take_over()
         shown = self.monitor.count(cells)
         self._shown = self._shown or shown
@@ -693,6 +724,19 @@ class NoisyRigSwarm(RigSwarm):
         if not self.goal.mapping:  # cells in which particles were seen rest on no motion
             self._classified[command] = self._recent = self.unproven = 0
         return [*rows, (classified, self.noisy.remaining, 0)]
+
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect."""
+        self.moves += steps
+        self.sent.append((command, steps, None))
+        return self.predict(command, steps)
+
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain: particles are about ``cells`` now."""
+        self.noisy.place(Board.of_cells(self.layout, cells))
+        self._newest = cells
+        self._take_over()
+        self.placed.append(Placement(self.moves, since, cells))
 
     def check(self) -> None:
         """Raise an alarm if the scans so far contradict the commands."""
@@ -731,14 +775,20 @@ class NoisyRigSwarm(RigSwarm):
         commands were carried out.
         """
         counts = np.array([len(cells) for cells in self.observations])
-        numbers = numbers_in_question(counts, self.noisy.noise.miss)
-        if self.shared:  # the belief has one particle in a cell, so that only the scans count
-            miss = max(self.noisy.noise.miss, 1e-3)
-            weighed = {n: chance_of_count(counts[1:], n, miss) for n in numbers if n}
-            change = find_change(weighed, np.zeros_like(counts))
+        if any((cells[1:] == cells[:-1]).all(axis=1).any() for cells in self.observations):
+            change = find_change(weigh_counts(counts), counts, ghosts=True)  # several in one cell
         else:
-            change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
-        misdeed = find_misdeed(self._weigh_deeds())
+            numbers = numbers_in_question(counts, self.noisy.noise.miss)
+            change = find_change(
+                {n: self._weigh_number(n) for n in numbers},
+                counts,
+                ghosts=self.monitor.ghosts > FEW_GHOSTS,
+            )
+        deeds = self._weigh_deeds()
+        if self.monitor.leap_alone:  # a command twice, also as one that came late
+            deeds[:, 4] = np.where(deeds[:, 4] == deeds[:, 2], IMPOSSIBLE, deeds[:, 4])
+            deeds[:, 2] = IMPOSSIBLE
+        misdeed = find_misdeed(deeds)
         if change is not None and (misdeed is None or misdeed.evidence < change[2]):
             return [Alarm("number", self.moves, change_text(*change[:2]))]
         return [] if misdeed is None else [Alarm(misdeed.kind, self.moves, misdeed.text)]
@@ -778,7 +828,11 @@ class NoisyRigSwarm(RigSwarm):
             belief.assume_number(number)
             with_number(belief.state.inside, number)
         scans, before = iter(self.observations[1:]), ""
-        for command, scanned in self._sent:
+        for move, (command, scanned) in enumerate(self._sent):
+            for _, _, cells in (one for one in self.placed if one.move == move):
+                belief.place(Board.of_cells(self.layout, cells))
+                belief.state.logit[:] = self.noisy.state.logit
+                before = ""
             if scanned:
                 yield belief, command, before, Board.of_cells(self.layout, next(scans))
                 belief.state.logit[:] = self.noisy.state.logit
@@ -795,27 +849,9 @@ class NoisyRigSwarm(RigSwarm):
         self._once_free = self._once_free | self.noisy.confirmed
 
 
-def has_twins(cells: NDArray[np.int64]) -> bool:
-    """Return whether sorted cells contain a cell twice."""
-    return bool((cells[1:] == cells[:-1]).all(axis=1).any())
-
-
 def any_too_low(rates: dict[str, Rate], text: str) -> bool:
     """Return whether the rate that an alarm is about was stated too low."""
     return any(text.startswith(f"{name}:") and rate.too_low for name, rate in rates.items())
-
-
-def chance_of_count(counts: NDArray[np.int64], number: int, miss: float) -> NDArray[np.float64]:
-    """Return the log-likelihood that a scan shows as many particles as each of ``counts``, of
-    ``number`` particles. A scan may also show a particle twice, or a ghost, now and then.
-    """
-    from scipy.special import gammaln, xlog1py, xlogy
-
-    seen = np.minimum(counts, number)
-    chance = gammaln(number + 1) - gammaln(seen + 1) - gammaln(number - seen + 1)
-    chance += xlog1py(seen, -miss) + xlogy(number - seen, miss)
-    found: NDArray[np.float64] = np.maximum(chance, np.log(1e-3)) - 4.0 * (counts > number)
-    return found
 
 
 def cells_classified(number: int) -> str:

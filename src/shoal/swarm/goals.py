@@ -101,6 +101,11 @@ class NoisyVisits(NoisyBelief):
         super().update(command, seen)
         return self._visit(command, seen)
 
+    def place(self, seen: Board) -> None:
+        """Believe that the particles were put elsewhere, and that a scan then shows ``seen``."""
+        super().place(seen)
+        self._held = self._surely_seen(seen)
+
     def _visit(self, command: str, seen: Board) -> int:
         held, left = self._surely_seen(seen), len(self._goal.frontier)
         self._goal = self.task.update(self._goal, command, self._held, held)

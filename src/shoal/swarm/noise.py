@@ -41,6 +41,12 @@ Without it, a particle that no scan shows any more stays in the belief for ever.
 0.0005, 0.005 and 0.02, the largest gives the fewest wrong cells if particles disappear, and as few
 as the others if none does (`python -m benchmarks.rigs`).
 """
+GHOSTS = 1e-3
+"""On a rig: probability that a scan shows a particle in a given cell, although none is near it.
+
+Cameras see dust and reflections. With less, a ghost in a cell that is known to be free counts as a
+particle; with more, particles that stood behind another one are found again later.
+"""
 
 
 @dataclass(frozen=True)
@@ -172,7 +178,8 @@ class NoisyBelief:
         obstacle, is at least ``confidence``. The confidence must exceed 0.75.
     loss : float
         Probability that a particle disappears at a move. With a loss above 0, a particle that scans
-        do not show for longer than the miss rate explains loses its probability.
+        do not show for longer than the miss rate explains loses its probability, and scans may show
+        `GHOSTS`, as those of a rig.
     prior : ndarray of float64, optional
         Log-odds that each cell is free before the first scan, for the cells of the workspace and of
         a rim that is one cell wide.
@@ -226,6 +233,7 @@ class NoisyBelief:
         self._first = seen
         self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
         self.state.rates.merge = rule == "merge"
+        self.state.rates.clutter = GHOSTS if loss > 0 else kernels.CLUTTER
         if prior is not None:
             inner_of(self.state.logit, shape, rim=1)[...] = prior
         self._show(seen)
@@ -299,6 +307,17 @@ class NoisyBelief:
         odds = free * density / (1 - density) * shown
         state.inside[:] = odds / (1 + odds)
         state.inside[free < 1 - self.confidence] = 0
+
+    def place(self, seen: Board) -> None:
+        """Believe that the particles were put elsewhere, and that a scan then shows ``seen``. Their
+        number and the log-odds of the cells stay, except that a cell with a detection is more
+        likely free.
+        """
+        number = max(1, round(max(self.particles, len(seen))))
+        self._show(seen)
+        kernels.first_belief(self.state)
+        self.assume_number(number)
+        kernels.refresh(self.state, self._field, self.guard)
 
     def learn(self, code: np.int8) -> int:
         """Update the belief after one command and one scan, as `update` does. ``code`` is the
@@ -656,12 +675,23 @@ def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np
     looks = (UNKNOWN + np.clip(np.rint(share * LEVELS), -inner, inner)).astype(np.uint8)
     known = belief.belief
     free, obstacles = known.open.mask, known.obstacles.mask
-    looks[free], looks[obstacles] = FREE, OBSTACLE
-    looks[known.frontier.mask] += FRONTIER
+    _shade(looks, known)
     if truth is not None:
         looks[free & ~truth] = FALSE_FREE
         looks[obstacles & truth] = FALSE_OBSTACLE
     return np.asarray(looks)
+
+
+def exact_looks(known: Belief) -> NDArray[np.uint8]:
+    """Return the shade of each cell in a picture of a belief without noise."""
+    looks = np.full(known.open.layout.window, UNKNOWN, dtype=np.uint8)
+    _shade(looks, known)
+    return looks
+
+
+def _shade(looks: NDArray[np.uint8], known: Belief) -> None:
+    looks[known.open.mask], looks[known.obstacles.mask] = FREE, OBSTACLE
+    looks[known.frontier.mask] += FRONTIER
 
 
 def truth_of(
@@ -814,7 +844,9 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
         staying=np.zeros(size),
         moved=np.zeros(size),
         offsets=np.array([steps[letter] for letter in letters_of(layout.ndim)], dtype=np.int64),
-        rates=new_record(kernels.RATES, **vars(about), bound=bound_of(confidence)),
+        rates=new_record(
+            kernels.RATES, **vars(about), clutter=kernels.CLUTTER, bound=bound_of(confidence)
+        ),
         layers=layout.layers,
         rows=layout.rows,
         columns=layout.columns,
