@@ -41,7 +41,7 @@ from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import RULES, Board, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
-from shoal.swarm.grid.state import Belief
+from shoal.swarm.grid.state import Belief, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import MOST, Noise
@@ -196,11 +196,13 @@ def drive(
     particles: int | None = None,
     rule: str | None = None,
     known: GridWorkspace | None = None,
+    inlet: tuple[int, ...] | None = None,
     exact: bool | None = None,
     resume: str | os.PathLike[str] | RecordedRig | None = None,
     **fields: Any,
 ) -> Drive:
-    """Map the workspace of a rig, or carry out another task in it. The policy knows only the positions that the rig reports.
+    """Map the workspace of a rig, or carry out another task in it. The policy knows only the
+    positions that the rig reports.
 
     At the end of the run, the function stops the rig, even after an error or Ctrl-C. Kernels are
     compiled before the first scan.
@@ -234,6 +236,8 @@ def drive(
     known : GridWorkspace, optional
         A map that is known beforehand, as of an earlier drive. A task such as coverage needs one. A
         mapping begins with it as prior knowledge, and checks every cell of it.
+    inlet : tuple of int, optional
+        A cell at which particles may come in, so that a growing number is no reason for an alarm.
     exact : bool, optional
         Whether the rig makes no errors, so that the first contradiction ends the drive. By default,
         the answer of the attribute ``exact`` of the rig, if it has one, or else False: a drive
@@ -322,6 +326,8 @@ def drive(
         log = DriveLog(past.path, append=True) if log is None else log
     else:
         problem, cautious = _told(rig, known, exact, fields)
+        if inlet is not None:
+            inlet = tuple(check_cells([inlet], rig.shape, what="inlet", rim=0)[0].tolist())
     if isinstance(log, str | os.PathLike):
         log = DriveLog(log)
     elif log is not None and not isinstance(log, DriveLog):
@@ -336,6 +342,7 @@ def drive(
         "particles": particles,
         "cautious": cautious,
         "past": past,
+        "inlet": inlet if past is None else past.inlet,
     }
     return _Driver(rig, problem, goal, seed, **about).run()
 
@@ -359,6 +366,11 @@ def _told(
     if exact and problem.noise is not None:
         raise InvalidInputError("exact: expected a rig without error rates, got error rates")
     unsure = not (getattr(rig, "exact", False) if exact is None else exact)
+    if "confidence" in fields and problem.noise is None and not unsure:
+        raise InvalidInputError(
+            "confidence: expected a confidence only for a rig that makes errors, got"
+            f" {problem.confidence:g}"
+        )
     return problem, problem.noise is None and unsure
 
 
@@ -415,7 +427,7 @@ def replay_log(
     """
     rig = path if isinstance(path, RecordedRig) else read_log(path, trust=trust)
     problem = _in_view(rig.problem, rig.shape, rig.known)
-    about: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious}
+    about: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious, "inlet": rig.inlet}
     result = _Driver(rig, problem, _goal(problem, rig.known, rig.seed), rig.seed, **about).run()
     ended = rig.ended
     if ended is None or ended["map"] is None:
@@ -523,6 +535,7 @@ class _Driver:
     test_move: bool = True
     spacing: tuple[float, ...] | None = None
     particles: int | None = None  # expected
+    inlet: tuple[int, ...] | None = None
     cautious: bool = False  # goes on with noise after the first contradiction
     past: RecordedRig | None = None  # of a drive that goes on
 
@@ -592,7 +605,8 @@ class _Driver:
         began = time.perf_counter()
         first_scan = observe(source, 0)
         scanning = time.perf_counter() - began
-        if self.particles is not None and self.past is None:
+        # particles may come in later
+        if self.particles is not None and self.past is None and self.inlet is None:
             noise = self.problem.noise or (Noise(**TOLD) if self.cautious else None)
             check_number_seen(self.rig, self.particles, len(first_scan), noise)
         swarm = self._make_swarm(first_scan)
@@ -615,6 +629,7 @@ class _Driver:
                 spacing=self.spacing,
                 test_move=self.test_move,
                 known=self.goal.known,
+                inlet=self.inlet,
                 cautious=self.cautious,
             )
             self.log.scan(0, first_scan)
@@ -625,14 +640,14 @@ class _Driver:
         self.header = self.problem.to_dict()
         if self.problem.noise is None:
             try:
-                return ExactRigSwarm(self.rig, self.goal, first_scan)
+                return ExactRigSwarm(self.rig, self.goal, first_scan, inlet=self.inlet)
             except (AlarmRaised, OnRimError) as raised:
                 if not self._may_expect_noise(raised):
                     raise
                 self._expect_noise(raised)
         assert self.problem.noise is not None
         about = self.problem.noise, self.problem.confidence
-        swarm = NoisyRigSwarm(self.rig, self.goal, first_scan, *about)
+        swarm = NoisyRigSwarm(self.rig, self.goal, first_scan, *about, inlet=self.inlet)
         swarm.usual = self.usual
         return swarm
 
@@ -660,7 +675,7 @@ class _Driver:
         rates = ", ".join(f"--{name} {rate:g}" for name, rate in expected.items())
         why = (
             f"move {self.swarm.moves}: {raised.alarm.text}"
-            if isinstance(raised, RatesTooLow)
+            if isinstance(raised, AlarmRaised) and raised.alarm.kind == "rates"
             else raised.alarm.text
             if isinstance(raised, ModelBroken)
             else f"move {self.swarm.moves if hasattr(self, 'swarm') else 0}: the positions do not"

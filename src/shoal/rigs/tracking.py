@@ -57,6 +57,8 @@ class RigSwarm(ABC):
     goal : Goal
     first_scan : ndarray of int64, shape (k, ndim)
         The cells in which the first scan shows particles (`observe`).
+    inlet : tuple of int, optional
+        A cell at which particles may come in.
 
     Attributes
     ----------
@@ -100,7 +102,15 @@ class RigSwarm(ABC):
     unproven: int = 0
     noisy: NoisyBelief | None = None
 
-    def __init__(self, rig: Rig, goal: Goal, first_scan: NDArray[np.int64]) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        goal: Goal,
+        first_scan: NDArray[np.int64],
+        *,
+        inlet: tuple[int, ...] | None = None,
+    ) -> None:
+        self.inlet = inlet
         self.rig, self.rule, self.layout, self.moves = rig, rig.rule, GridLayout(rig.shape), 0
         self.goal, self.first_scan, self.sent = goal, first_scan, list[Sent]()
         self.log: DriveLog | None = None
@@ -301,8 +311,15 @@ class ExactRigSwarm(RigSwarm):
         Raised if the commands cannot explain the change of the positions between two observations.
     """
 
-    def __init__(self, rig: Rig, goal: Goal, first_scan: NDArray[np.int64]) -> None:
-        super().__init__(rig, goal, first_scan)
+    def __init__(
+        self,
+        rig: Rig,
+        goal: Goal,
+        first_scan: NDArray[np.int64],
+        *,
+        inlet: tuple[int, ...] | None = None,
+    ) -> None:
+        super().__init__(rig, goal, first_scan, inlet=inlet)
         self.start = first_scan
         self.state = self._state_at(self.start)
         here = self.state.occupied
@@ -383,6 +400,13 @@ class ExactRigSwarm(RigSwarm):
         AlarmRaised
             Raised if the commands cannot explain the change of the observed positions.
         """
+        here = np.array(self.inlet if self.inlet else (-9,) * self.layout.ndim)
+        if len(cells) == self.state.n_particles + 1 and (cells == here).all(axis=1).any():
+            # the particle in the cell of the inlet came in after the commands
+            came_in = int(np.flatnonzero((cells == here).all(axis=1))[0])
+            rows = self.update(command, steps, np.delete(cells, came_in, axis=0))
+            self.place(cells, since=self.moves)
+            return rows
         after = self._state_at(cells)
         moved, known = after != self.state, len(self.shown.known)
         able = self._room_in(self.shown.open, command) > 0
@@ -554,8 +578,10 @@ class NoisyRigSwarm(RigSwarm):
         first_scan: NDArray[np.int64],
         noise: Noise,
         confidence: float,
+        *,
+        inlet: tuple[int, ...] | None = None,
     ) -> None:
-        super().__init__(rig, goal, first_scan)
+        super().__init__(rig, goal, first_scan, inlet=inlet)
         cells = first_scan
         seen = Board.of_cells(self.layout, cells)
         self.noisy = goal.noisy(seen, noise, confidence, rule=self.rule)
@@ -789,6 +815,8 @@ class NoisyRigSwarm(RigSwarm):
             deeds[:, 4] = np.where(deeds[:, 4] == deeds[:, 2], IMPOSSIBLE, deeds[:, 4])
             deeds[:, 2] = IMPOSSIBLE
         misdeed = find_misdeed(deeds)
+        if change is not None and change[1] > change[0] and self.inlet is not None:
+            change = None  # particles came in
         if change is not None and (misdeed is None or misdeed.evidence < change[2]):
             return [Alarm("number", self.moves, change_text(*change[:2]))]
         return [] if misdeed is None else [Alarm(misdeed.kind, self.moves, misdeed.text)]

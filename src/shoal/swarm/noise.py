@@ -902,6 +902,14 @@ class NoisyWorld:
         """Move the particles by one command. Each particle may slip."""
         kernels.move_noisy(self.state, encode(command, ndim=len(self.shape))[0], self.rng)
 
+    def enter(self, cell: tuple[int, ...]) -> bool:
+        """Let a particle come in at a free cell, and return whether there was room for it."""
+        there = inner_of(self.state.there, self.shape)
+        if there[cell]:
+            return False
+        there[cell] = True
+        return True
+
     def scan(self) -> NDArray[np.int64]:
         """Return the cells in which a new scan shows particles (int64, shape (k, ndim)).
 
