@@ -619,9 +619,11 @@ class NoisyRigSwarm(RigSwarm):
 
         Or by a command that was never seen to move a particle, although the map has room for it.
         """
-        return self.unproven > self._allowed or any(
-            self.belief.open.shifted(letter) & self.belief.open for letter in self.unshown
-        )
+        if self.unproven > self._allowed:
+            return True
+        unshown, once = self.unshown, self._once_free
+        # room that has been seen once counts: particles that stay make a wall of a free cell
+        return any(once.shifted(letter) & once for letter in unshown)
 
     @property
     def _allowed(self) -> float:
