@@ -523,11 +523,11 @@ def _draw_not_seen(axes: Axes, history: SearchHistory) -> None:
 
 
 def _draw_findings(axes: Axes, history: SearchHistory) -> None:
-    found = history.episode.findings
-    for finding in found:
+    findings = history.episode.findings
+    for finding in findings:
         place = history.place_of(finding)
         axes.plot(*place, "D", mfc="#ffd54a", mec=INK, mew=1.1, ms=6.5, zorder=6)
-        if len(found) <= _NAMED:
+        if len(findings) <= _NAMED:
             _label(axes, f"{100 * finding.confidence:.3g} %", place, (6, 5))
 
 
