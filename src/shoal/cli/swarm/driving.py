@@ -166,11 +166,13 @@ def drive(
     code 1. The page docs/concepts/rigs.md describes the checks, and the messages between Shoal and
     a rig.
     """
+    from shoal.cli.swarm.keyboard import keyboard, stop_until_confirmed
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
     from shoal.rigs.log import read_log
     from shoal.rigs.remote import open_rig
     from shoal.rigs.resume import check_resumable, is_finished, rebuild
+    from shoal.swarm.grid.board import letters_of
     from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
 
@@ -244,11 +246,16 @@ def drive(
         failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)
-            result = drive_rig(opened, **options, **fields)
-        except BaseException as error:
-            if not hasattr(error, "drive"):  # nothing was scanned
-                raise
-            failure, result = error, error.drive
+            with keyboard(letters_of(len(opened.shape))) as keys:
+                options["on_rest"] = None if keys is None else keys.rest
+                try:
+                    result = drive_rig(opened, **options, **fields)
+                except BaseException as error:
+                    if not hasattr(error, "drive"):  # nothing was scanned
+                        raise
+                    failure, result = error, error.drive
+                if keys is not None and any(alarm.kind == "stop" for alarm in result.alarms):
+                    stop_until_confirmed(opened)
         finally:
             getattr(opened, "close", lambda: None)()
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
