@@ -436,6 +436,16 @@ def is_connection(spec: str) -> bool:
     return spec.partition(":")[0] in REMOTE
 
 
+def runs_code(spec: str) -> bool:
+    """Return whether a text that names a device makes Shoal run code that is not Shoal's: a
+    program, a module, or the device adapters of a configuration of Micro-Manager.
+
+    Such a text counts only if the user has typed it, and never if a file holds it.
+    """
+    kind, colon, _ = spec.partition(":")
+    return bool(colon) and kind not in ("serial", "tcp", "coils", "physics", "opencv")
+
+
 def is_camera(spec: str) -> bool:
     """Return whether a text names a camera."""
     return spec.partition(":")[0] in CAMERAS

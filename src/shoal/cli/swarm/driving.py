@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
@@ -34,7 +35,7 @@ from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from shoal.core.episode import Verification
     from shoal.rigs import Drive, DriveLog, RecordedRig, Rig
@@ -215,6 +216,7 @@ def drive(
     code 1. The page docs/concepts/rigs.md describes the checks, and the messages between Shoal and
     a rig.
     """
+    from shoal.cli.swarm.keyboard import keyboard, stop_until_confirmed
     from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
@@ -222,6 +224,7 @@ def drive(
     from shoal.rigs.ports import is_connection, open_own_rig
     from shoal.rigs.remote import open_rig
     from shoal.rigs.resume import check_resumable, is_finished, rebuild
+    from shoal.swarm.grid.board import letters_of
     from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
 
@@ -328,18 +331,25 @@ def drive(
         failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)
-            result = drive_rig(opened, **options, **fields)
-        except BaseException as error:
-            if not hasattr(error, "drive"):  # nothing was scanned
-                raise
-            failure, result = error, error.drive
+            with keyboard(letters_of(len(opened.shape))) as keys:
+                options["on_rest"] = None if keys is None else keys.rest
+                try:
+                    result = drive_rig(opened, **options, **fields)
+                except BaseException as error:
+                    if not hasattr(error, "drive"):  # nothing was scanned
+                        raise
+                    failure, result = error, error.drive
+                if keys is not None and any(alarm.kind == "stop" for alarm in result.alarms):
+                    stop_until_confirmed(opened)
         finally:
             getattr(opened, "close", lambda: None)()
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
         book_path = None if book is None else book.path
+        named = [("rig", rig)] if devices is None else [*zip(DEVICES, devices, strict=True)]
+        outputs["named"] = named
         _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=book_path, **outputs)
         if isinstance(failure, KeyboardInterrupt | SystemExit):
-            say(_how_to_go_on(result, book_path, out))
+            say(_how_to_go_on(result, book_path, out, named))
         if failure is not None:
             raise failure
     unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
@@ -374,6 +384,7 @@ def _check_effect(
         )
 
 
+DEVICES = ("actuator", "sensor")
 NOT_LOGGED = ("log", "json_", "resume")
 MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves", "out", "film")
 """Options that may differ when a drive goes on: the way to the rig may be another, but the rig's
@@ -408,6 +419,14 @@ def _with_logged(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None
         if past.options is not None and name not in MAY_CHANGE and value != expected:
             raise InvalidInputError(
                 f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
+            )
+    from shoal.rigs.ports import runs_code
+
+    for name in ("rig", "actuator", "sensor"):
+        if name not in given and runs_code(str(logged.get(name) or "")):
+            raise InvalidInputError(
+                f"{name}: expected --{name} {shlex.quote(str(logged[name]))} beside --resume, as no"
+                " file alone makes Shoal run a program or a module, got none"
             )
     source = ctx.get_parameter_source("resume")
     assert source is not None
@@ -458,7 +477,17 @@ def _show_finished(
     _report(result, past, log=past.path, verified=verified, **about, **outputs)
 
 
-def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
+def _command_to_go_on(log: Path, named: Iterable[tuple[str, str]]) -> str:
+    """Return the command that goes on with a drive. ``named`` are the options that name devices."""
+    from shoal.rigs.ports import runs_code
+
+    again = [f" --{name} {shlex.quote(value)}" for name, value in named if runs_code(value)]
+    return f"shoal drive --resume {log}{''.join(again)}"
+
+
+def _how_to_go_on(
+    result: Drive, log: Path | None, out: Path | None, named: Iterable[tuple[str, str]]
+) -> str:
     """Return what can be done after an interruption. A new drive begins with the particles where
     they are.
     """
@@ -467,7 +496,7 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
         shown = f"{shown}, and {replay}" if shown else replay
-        again = f"to go on: 'shoal drive --resume {log}'"
+        again = f"to go on: '{_command_to_go_on(log, named)}'"
     else:
         again = (
             "to go on, start the drive again, with --log: it begins with the particles where they"
@@ -709,6 +738,7 @@ def _report(
     truth: GridWorkspace | None = None,
     log: Path | None = None,
     verified: Verification | None = None,
+    named: Iterable[tuple[str, str]] = (),
 ) -> None:
     from shoal.cli.swarm.exploration import write_outputs
 
@@ -786,7 +816,7 @@ def _report(
             )
         )
     if result.status is Status.INTERRUPTED and log is not None and verified is None:
-        rows.append(("go on", f"shoal drive --resume {log}"))
+        rows.append(("go on", _command_to_go_on(log, named)))
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
