@@ -5,7 +5,7 @@ the number of particles.
 from __future__ import annotations
 
 import itertools
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from math import log, sqrt
 
@@ -41,10 +41,10 @@ MISSES, SURPLUS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.01, 0.1, 0.3, 1.0, 3.0)  # t
 FEW_GHOSTS = 5  # detections without a particle up to which scans may show no ghosts
 WINDOW = 30  # scans that suggest a number of particles at the start and at the end
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
+JAMMED = 3  # pushes of one particle in one direction from which on more of them show nothing new
 RECENT = 100  # commands of which it is remembered whether they moved particles
-LEAPS = (
-    0.3  # share of motions that lead two cells far, up to which particles may do so by themselves
-)
+# share of motions that lead two cells far, up to which particles may do so by themselves
+LEAPS = 0.3
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,8 @@ class NoiseMonitor:
         self.missed, self.stayed, self.aside, self.leapt = Tally(), Tally(), Tally(), Tally()
         # detections where neither the belief before nor the scan after shows a particle
         self.ghosts, self._expected = 0, np.zeros(0)
+        # since a command last moved particles: how often each cell kept one, by command
+        self._held: dict[str, Counter[int]] = {letter: Counter() for letter in letters}
         self._leaps_by_command: list[tuple[int, int]] = []  # and motions, where there are any
         # by the axis of the command and the axis of the motion; positive along the command
         self.advance = np.zeros((self.ndim, self.ndim))
@@ -125,7 +127,7 @@ class NoiseMonitor:
         self.drift = np.zeros(self.ndim)
         # of particles with a free cell ahead, how many stayed and how many there were: at the latest
         # commands that had any, and at all commands by letter
-        self.recent: deque[tuple[int, int]] = deque(maxlen=RECENT)
+        self.recent: deque[tuple[str, int, int]] = deque(maxlen=RECENT)
         self.stays: dict[str, list[tuple[int, int]]] = {letter: [] for letter in letters}
         # pairs ahead minus pairs behind for each command, and the variance of this number if
         # nothing moves
@@ -191,10 +193,8 @@ class NoiseMonitor:
         if len(cells):
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
-            stays = self._see_motion(cells, ahead, first, second, inside, free)
-            if stays[1]:
-                self.recent.append(stays)
-                self.stays[command].append(stays)
+            cells_held, able = self._see_motion(cells, ahead, first, second, inside, free)
+            self._remember_stays(command, cells_held, able)
             self._follow(cells, before, after, ahead, inside)
 
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -228,9 +228,9 @@ class NoiseMonitor:
         second: NDArray[np.int64],
         inside: NDArray[np.float64],
         free: NDArray[np.bool_],
-    ) -> tuple[int, int]:
-        """Return how many particles stayed, and of how many, and count them: those with a free cell
-        ahead and no other particle in their line.
+    ) -> tuple[list[int], int]:
+        """Return in which cells particles stayed, and of how many, and count them: those with a
+        free cell ahead and no other particle in their line.
         """
         able = np.ones(len(cells), dtype=bool)
         for distance in (-1, 1, 2):
@@ -246,7 +246,26 @@ class NoiseMonitor:
         there, here = there[able], np.isin(self._flat(cells[able]), second)
         stayed = here[here ^ there]
         self.stayed.add(int(stayed.sum()), len(stayed))
-        return int(stayed.sum()), len(stayed)
+        return self._flat(cells[able])[here & ~there].tolist(), len(stayed)
+
+    def _remember_stays(self, letter: str, stays: list[int], able: int) -> None:
+        """Remember in which cells particles stayed at a command, of those that were able to move.
+
+        A particle that is jammed at a corner stays at each push, and is in the end the only one
+        with room ahead. As long as a command moves nothing, each cell therefore counts once for the
+        command, and `JAMMED` times for the apparatus.
+        """
+        if not able:
+            return
+        held, once, often = self._held[letter], able, able
+        if len(stays) < able:
+            held.clear()
+        else:
+            held.update(stays)
+            once = sum(held[cell] <= 1 for cell in stays)
+            often = sum(held[cell] <= JAMMED for cell in stays)
+        self.stays[letter].append((min(len(stays), once), once))
+        self.recent.append((letter, min(len(stays), often), often))
 
     def _follow(
         self,
@@ -423,31 +442,29 @@ class NoiseMonitor:
         the commands is carried out twice, and if particles leap one by one.
 
         Near a strong coil, a particle that stands in the front of its cell may be pulled over two
-        borders: at the same command, some particles leap and others do not. If a command is carried
+        borders: at the same command, some particles leap and most do not. If a command is carried
         out twice, all particles leap that have room. With k_t leaps among n_t motions at command t,
-        the binomial probabilities B(k, n, p), and the probability e that a scan misplaces a particle
-        along its line, the first probability is the product over t of
-        (1 - s) B(k_t, n_t, e) + s B(k_t, n_t, q), and the second one that of B(k_t, n_t, p), each
-        averaged over its parameters s, q and e, or p.
+        and the binomial probabilities B(k, n, p), both are the product over t of
+        (1 - s) B(k_t, n_t, e) + s B(k_t, n_t, q), averaged over s, e and q: for commands that are
+        carried out twice, e is the probability that a scan misplaces a particle along its line and q
+        is at least one half; for particles that leap by themselves, both are at most `LEAPS`.
         """
-        from scipy.special import betaln
-
         counted = np.array(self._leaps_by_command, dtype=np.float64).reshape(-1, 2)
         leaps, stays = counted[:, 0], counted[:, 1] - counted[:, 0]
 
-        def likelihoods(chances: list[float]) -> list[NDArray[np.float64]]:
-            return [leaps * log(chance) + stays * log(1 - chance) for chance in chances]
+        def weigh(usual: list[float], sometimes: list[float]) -> float:
+            logs = {p: leaps * log(p) + stays * log(1 - p) for p in (*usual, *sometimes)}
+            sums = [
+                float(np.logaddexp(log(1 - share) + logs[e], log(share) + logs[q]).sum())
+                for e in usual
+                for q in sometimes
+                for share in SHARES
+            ]
+            return float(np.logaddexp.reduce(sums)) - log(len(sums))
 
         wrong = self.noise.misplace / self.ndim + 1e-3
-        together = [
-            float(np.logaddexp(log(1 - share) + once, log(share) + twice).sum())
-            for once in likelihoods([wrong, wrong / 10])
-            for twice in likelihoods([0.5, 0.75, 0.95])  # walls hold the other particles
-            for share in SHARES
-        ]
-        events, others = float(leaps.sum()), float(stays.sum())
-        alone = float(betaln(events + 0.5, others + 0.5) - betaln(0.5, 0.5))
-        return float(np.logaddexp.reduce(together)) - log(len(together)) - alone
+        twice = weigh([wrong, wrong / 10], [0.5, 0.75, 0.95])  # walls hold the other particles
+        return twice - weigh([wrong, wrong / 10, LEAPS / 10], [LEAPS / 5, LEAPS / 2, LEAPS])
 
     @property
     def leap_alone(self) -> bool:
@@ -461,6 +478,12 @@ class NoiseMonitor:
             " commands are carried out twice, or move particles too far"
         )
 
+    @property
+    def _still_directions(self) -> int:
+        """Number of different commands among the last ones, at which no particle moved."""
+        still = itertools.takewhile(lambda one: one[1] == one[2], reversed(self.recent))
+        return len({letter for letter, _, _ in still})
+
     def contradiction(self, move: int) -> Alarm | None:
         """Return the alarm that must stop the drive, or None."""
         for axis in range(self.ndim):
@@ -472,8 +495,8 @@ class NoiseMonitor:
                 return Alarm(
                     "direction", move, f"move {move}: {text} (the {axis_name(axis, self.ndim)})"
                 )
-        run = last_stays(self.recent)
-        if self._expected_stay(run) ** run < CRITICAL:
+        run = last_stays([(stays, trials) for _, stays, trials in self.recent])
+        if self._still_directions > 1 and self._expected_stay(run) ** run < CRITICAL:
             text = (
                 f"of the last {count_text(run, 'particle')} with a free cell ahead, none moved,"
                 " which slips do not explain: the magnets do nothing, or the camera shows an old"
@@ -761,8 +784,8 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
 def change_text(first: int, last: int) -> str:
     """Return what a change of the number of particles means, for people."""
     why = (
-        "scans stopped showing a particle, for longer than the miss rate explains, or particles share"
-        " cells"
+        "scans stopped showing a particle, for longer than the miss rate explains, unless two"
+        " particles share a cell"
         if first > last
         else "scans show more particles than at the start"
     )

@@ -115,6 +115,11 @@ class SimulatedRig:
         """Name of the move rule: "block", "merge" or "tilt"."""
         return self._world.rule
 
+    @property
+    def exact(self) -> bool:
+        """True: the rig makes no errors, so that a drive need not expect any."""
+        return True
+
     def send(self, command: str) -> None:
         """Move all particles by one command."""
         if self._stopped:
@@ -163,6 +168,11 @@ class NoisyRig(SimulatedRig):
     ) -> None:
         super().__init__(workspace, start)
         self._noisy = NoisyWorld(workspace, self._state.cells, noise, rng)
+
+    @property
+    def exact(self) -> bool:
+        """False: the rig makes errors."""
+        return False
 
     def _move(self, command: str) -> None:
         self._noisy.step(command)
