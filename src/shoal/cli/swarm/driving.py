@@ -250,7 +250,8 @@ def drive(
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
     _check_effect(rig, devices, problem, **patience)
-    check_calibrating(calibrate, mark, pixel_size, log=log, out=out, film=film, trim=trim)
+    without = {"log": log, "out": out, "film": film, "trim": trim, "calibration": calibration}
+    check_calibrating(calibrate, mark, pixel_size, resume=resume, **without)
     if devices is None:
         for name, value in (("calibrate", calibrate), ("calibration", calibration), ("trim", trim)):
             if value is not None:
@@ -277,7 +278,7 @@ def drive(
                     pixel_size=pixel_size,
                     cell_size=spacing_of(problem.cell_size, 2),
                     shape=shape,
-                    truth=truth,
+                    truth=truth if knowledge is None else knowledge,
                     json_=json_,
                 )
         return
