@@ -248,6 +248,29 @@ def test_custom_commands_keep_their_directions():
     assert trim.pulse("u")[0] == 90
 
 
+def test_the_speed_falls_beyond_the_step_out_frequency():
+    seen = bench(0, heading=0.0)
+    seen.frequency = 4.0
+
+    def turning(f, step_out=9.0):
+        return f if f <= step_out else f - (f**2 - step_out**2) ** 0.5
+
+    def push(angle, seconds):
+        seen.plant.push(angle, seconds=seconds, strength=turning(seen.frequency) / 4)
+        seen._ended = seen.plant.clock
+
+    seen.push = push
+    seen.set_frequency = lambda f: setattr(seen, "frequency", f)
+    found = calibrated(seen, frequencies=[2, 4, 6, 8, 10, 12, 16])
+    assert found.speed.step_out == pytest.approx(9.0, rel=0.12)
+    assert found.speed.slope == pytest.approx(1 / seen.plant.apparatus.pulse / 4, rel=0.12)
+    assert seen.frequency == 4.0
+    with pytest.raises(InvalidInputError, match="at least 3 different ones"):
+        calibrated(seen, frequencies=[2, 4])
+    with pytest.raises(InvalidInputError, match="whose field turns"):
+        calibrated(bench(0), frequencies=[2, 4, 6])
+
+
 def drive_of(plant, *, trim):
     ports = PlantPorts(plant)
     trimmed = PulseTrim(Responses.stated(ports.pulses)) if trim else None
