@@ -248,7 +248,7 @@ class TestRun:
             for power in range(1 if whole else LONGER):
                 share = 1.0 if whole else 2**power / 4
                 steps: dict[str, list[Points]] = {letter: [] for letter in pair}
-                for letter in pair * 2:
+                for letter in pair * CYCLES:
                     angle, seconds = stated[letter]
                     pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
                     steps[letter].append(pulse.after - pulse.before)
@@ -259,7 +259,7 @@ class TestRun:
                 enough = [
                     letter
                     for letter, (motion, free) in moved.items()
-                    if free.sum() >= FEWEST and np.linalg.norm(motion) >= self.cell / 10
+                    if free.sum() >= FEWEST - 1 and np.linalg.norm(motion) >= self.cell / 10
                 ]
                 if len(enough) == 2:
                     break

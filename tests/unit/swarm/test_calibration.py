@@ -178,6 +178,19 @@ def test_gains_and_headings_are_measured_under_any_camera(seed, turn, mirror):
     assert abs(found.responses.heading("r") - plant.heading) < 4
 
 
+def test_one_particle_is_enough():
+    room = open_map("rectangle:9x9")
+    for seed in range(5):
+        matrix, size = view_of(room.shape, turn=50)
+        plant = plant_of(room, 1, seed, coil_gain=0.15, heading=10.0, camera_error=0.0)
+        seen = SeenPlant(plant, matrix, size)
+        cells = np.array([(0, 0), (0, 8), (8, 0), (8, 8)], dtype=float)
+        tie = tie_by_marks(seen.marks(cells))
+        found = calibrate(seen, seen, pulses=PULSES, tie=tie, shape=room.shape)
+        for letter in ANGLES:
+            assert abs(found.responses.heading(letter) - plant.heading) < 5
+
+
 def test_a_calibration_goes_through_its_file(tmp_path):
     seen = bench(1)
     found = calibrated(seen, cell_size=0.5)
