@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Protocol
 
 from shoal.core.checks import check_number
-from shoal.core.errors import RigError
+from shoal.core.errors import InvalidInputError, RigError
 from shoal.core.interruption import interruption_held
 from shoal.rigs.actuation import Actuation, read_actuation
 from shoal.rigs.packets import Packet, Splitter
@@ -149,6 +149,28 @@ class CoilActuator:
                     f"{self.name}: the line {self._line.name} is lost: {error}"
                 ) from None
             raise
+
+    @property
+    def frequency(self) -> float | None:
+        """Turns of the field a second, or None if it does not turn."""
+        field = self.actuation.form.field
+        return None if field is None else field.frequency
+
+    def set_frequency(self, frequency: float) -> None:
+        """Turn the field at another frequency (in Hz) from the next push on.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the field does not turn, or the device cannot turn it so fast.
+        """
+        form = self.actuation.form
+        if form.field is None or form.field.frequency is None:
+            raise InvalidInputError(f"frequency: expected a field that turns, got {self.name}")
+        field = form.field.model_copy(
+            update={"frequency": check_number(frequency, what="frequency", above=0)}
+        )
+        self.actuation = Actuation(form.model_copy(update={"field": field}))
 
     def _make_line(self, address: str) -> CoilLine:
         device, limits = self.actuation.device, self.actuation.limits

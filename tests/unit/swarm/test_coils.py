@@ -362,6 +362,22 @@ def test_without_an_answer_the_field_is_on_for_as_long_as_asked(tmp_path, line):
         actuator.close()
 
 
+def test_the_frequency_of_a_turning_field_can_be_changed(tmp_path):
+    line = Server()
+    text = {"packets": "text", "off": {"text": OFF}, "timed": False, "connection": line.address}
+    about = changed(ROLLER, **{f"device__{name}": value for name, value in text.items()})
+    about["device"]["pulse"] = {"text": "ROT {axis:.0f} {frequency:.0f}"}
+    with Controller(line, lines(lambda line: None)) as device:
+        actuator = CoilActuator(written(tmp_path, about))
+        actuator.set_frequency(25.0)
+        actuator.push(0.0, 0.01)
+        device.wait(lambda log: log == [OFF, "ROT 90 25", OFF])
+        assert actuator.frequency == 25.0
+        with pytest.raises(InvalidInputError, match="frequency: expected a number, above 0"):
+            actuator.set_frequency(0.0)
+        actuator.close()
+
+
 def test_what_is_beyond_a_limit_is_not_sent(tmp_path):
     line = Terminal()
     with Controller(line, lines()) as device:

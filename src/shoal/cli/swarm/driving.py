@@ -22,6 +22,7 @@ from shoal.cli.output import check_outputs, check_seed, print_json, print_table,
 from shoal.cli.swarm.calibrating import (
     CalibrateInto,
     CalibrationFile,
+    Frequencies,
     Marks,
     PixelSize,
     Trim,
@@ -123,6 +124,7 @@ def drive(
     calibrate: CalibrateInto = None,
     mark: Marks = None,
     pixel_size: PixelSize = None,
+    frequency: Frequencies = None,
     calibration: CalibrationFile = None,
     trim: Trim = None,
     size: Size = None,
@@ -253,7 +255,8 @@ def drive(
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
     _check_effect(rig, devices, problem, **patience)
-    check_calibrating(calibrate, mark, pixel_size, log=log, out=out, film=film, trim=trim)
+    without = {"log": log, "out": out, "film": film, "trim": trim, "calibration": calibration}
+    check_calibrating(calibrate, mark, pixel_size, frequency, resume=resume, **without)
     if devices is None:
         for name, value in (("calibrate", calibrate), ("calibration", calibration), ("trim", trim)):
             if value is not None:
@@ -278,9 +281,10 @@ def drive(
                     calibrate,
                     marks=mark,
                     pixel_size=pixel_size,
+                    frequencies=frequency,
                     cell_size=spacing_of(problem.cell_size, 2),
                     shape=shape,
-                    truth=truth,
+                    truth=truth if knowledge is None else knowledge,
                     json_=json_,
                 )
         return
