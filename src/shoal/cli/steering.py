@@ -86,10 +86,28 @@ def print_plan(
                 f"{episode.condition:.3g}{', sensitive: it holds only in exact arithmetic' if episode.sensitive else ''}"
             ),
         ),
+        *_shares(result),
         ("time", f"{episode.seconds:.3f} s"),
         *more,
     ]
     print_table(rows, title=f"{episode.planner} in a {episode.problem.place.kind}", written=written)
+
+
+def _shares(result: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows about plans with stated errors."""
+    rows = []
+    if result.get("holding_share") is not None:
+        rows.append(
+            ("holds", f"{100 * result['holding_share']:.1f} % of 1000 simulations with errors")
+        )
+    if result.get("unreachable_share") is not None:
+        rows.append(
+            (
+                "unreachable",
+                f"{100 * result['unreachable_share']:.1f} % of 200 random goals, provably",
+            )
+        )
+    return rows
 
 
 @takes_problem(SteeringProblem, only=("workspace", "start"))

@@ -14,7 +14,7 @@ from shoal.core.display import displayed
 
 class Status(StrEnum):
     """The way in which an episode ended. The property `done` is true only for the statuses
-    ``complete`` and ``solved``.
+    ``complete``, ``solved`` and ``arrived``.
     """
 
     COMPLETE = "complete"
@@ -23,8 +23,12 @@ class Status(StrEnum):
     """
     SOLVED = "solved"
     """Steering: every particle is within the tolerance of its goal."""
+    ARRIVED = "arrived"
+    """Steering of a rig: a look has shown every particle within the tolerance of its goal."""
+    SLIPPING = "slipping"
+    """Steering of a rig: the walls slip more than was stated, and the particles did not arrive."""
     STALLED = "stalled"
-    """Swarm: the policy could make no more progress."""
+    """The policy could make no more progress."""
     LIMIT = "limit"
     """The episode reached its maximum number of moves."""
     INTERRUPTED = "interrupted"
@@ -49,7 +53,7 @@ class Status(StrEnum):
     @property
     def done(self) -> bool:
         """Return whether the status means that the task is done."""
-        return self in (Status.COMPLETE, Status.SOLVED)
+        return self in (Status.COMPLETE, Status.SOLVED, Status.ARRIVED)
 
 
 @dataclass(frozen=True)

@@ -653,7 +653,7 @@ class _Driver:
         place = self.problem.place
         told = self.problem.replaced(**TOLD, rule="block", scan_every=every)
         self.problem = told.at_place(place)
-        rates = ", ".join(f"{name} {rate:g}" for name, rate in TOLD.items())
+        rates = ", ".join(f"--{name} {rate:g}" for name, rate in TOLD.items())
         why = (
             raised.alarm.text
             if isinstance(raised, ModelBroken)
@@ -896,8 +896,8 @@ class _Driver:
         swarm = self.swarm
         if status is Status.STALLED and swarm.unvisited and not swarm.belief.frontier:
             return Status.ALARM  # the known map is wrong, as the alarm says
-        if not self.goal.mapping and status is Status.COMPLETE and not swarm.moves:
-            return status  # the first scan showed particles in all target cells
+        if not self.goal.mapping and status is Status.COMPLETE:
+            return status  # scans showed particles in all target cells, whatever moved them
         if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
             self.alarms.append(Alarm("still", swarm.moves, swarm.doubts()[0]))
             return Status.ALARM
@@ -988,7 +988,11 @@ class _Driver:
             )
             return SwarmEpisode(problem=problem, observations=scans, goal=goal, **about)
         problem = self.problem.replaced(map=workspace, start=start)
-        if goal.targets is not None and not np.array_equal(free, goal.known.free):
+        if (
+            goal.targets is not None
+            and goal.known is not None
+            and not np.array_equal(free, goal.known.free)
+        ):
             # the episode takes place in the map as it turned out to be
             about["targets"] = goal.targets & free
             episode = SwarmEpisode(problem=problem, **about)

@@ -18,12 +18,15 @@ from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
 from shoal.rigs.monitor import (
+    FEW_GHOSTS,
+    IMPOSSIBLE,
     NoiseMonitor,
     Rate,
     change_text,
     find_change,
     find_misdeed,
     numbers_in_question,
+    weigh_counts,
     with_number,
 )
 from shoal.rigs.rig import PositionError, Rig
@@ -764,9 +767,20 @@ class NoisyRigSwarm(RigSwarm):
         commands were carried out.
         """
         counts = np.array([len(cells) for cells in self.observations])
-        numbers = numbers_in_question(counts, self.noisy.noise.miss)
-        change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
-        misdeed = find_misdeed(self._weigh_deeds())
+        if any((cells[1:] == cells[:-1]).all(axis=1).any() for cells in self.observations):
+            change = find_change(weigh_counts(counts), counts, ghosts=True)  # several in one cell
+        else:
+            numbers = numbers_in_question(counts, self.noisy.noise.miss)
+            change = find_change(
+                {n: self._weigh_number(n) for n in numbers},
+                counts,
+                ghosts=self.monitor.ghosts > FEW_GHOSTS,
+            )
+        deeds = self._weigh_deeds()
+        if self.monitor.leap_alone:  # a command twice, also as one that came late
+            deeds[:, 4] = np.where(deeds[:, 4] == deeds[:, 2], IMPOSSIBLE, deeds[:, 4])
+            deeds[:, 2] = IMPOSSIBLE
+        misdeed = find_misdeed(deeds)
         if change is not None and (misdeed is None or misdeed.evidence < change[2]):
             return [Alarm("number", self.moves, change_text(*change[:2]))]
         return [] if misdeed is None else [Alarm(misdeed.kind, self.moves, misdeed.text)]

@@ -172,8 +172,50 @@ class SteeringEpisode(Episode):
             "seconds": self.seconds,
         }
 
+    @cached_property
+    def holding_share(self) -> float | None:
+        """Share of 1000 simulations with the stated errors in which all particles end within the
+        tolerance of their goals; None if no errors are stated, or without a plan.
+        """
+        if self.problem.bounds is None or not self.moves:
+            return None
+        from shoal.steering.planners.pressing import holding_share
+
+        return holding_share(self._task(), self.inputs, within=self.problem.tolerance)
+
+    @cached_property
+    def unreachable_share(self) -> float | None:
+        """Share of 200 random goals that provably no plan reaches from the starts with the least
+        friction stated; None if no errors are stated, and with obstacles.
+        """
+        if self.problem.bounds is None:
+            return None
+        from shoal.steering.planners.pressing import unreachable_share
+
+        return unreachable_share(self._task())
+
+    def _task(self) -> Any:
+        from shoal.steering.planners.task import SteeringTask
+
+        problem = self.problem
+        return SteeringTask(
+            problem.world(gain=0.0),
+            self.states[0],
+            self.goal,
+            problem.tolerance,
+            problem.max_moves,
+            self.seed,
+            bounds=problem.bounds,
+        )
+
     def report(self) -> dict[str, Any]:
         """Return the JSON object that ``shoal steer`` prints."""
+        stated = self.problem.bounds is not None
+        shares = {
+            "tolerance": self.problem.tolerance,
+            "holding_share": self.holding_share,
+            "unreachable_share": self.unreachable_share,
+        }
         return {
             "status": str(self.status),
             "reason": self.reason,
@@ -189,7 +231,7 @@ class SteeringEpisode(Episode):
             "order": (self.order + 1).tolist(),
             "seed": self.seed,
             "seconds": self.seconds,
-        }
+        } | (shares if stated else {})
 
     def verify(self) -> Verification:
         """Check the episode with a replay of its inputs.
@@ -226,6 +268,7 @@ class SteeringEpisode(Episode):
             self.status == Status.SOLVED
             and self.problem.clearance
             and not self.problem.noisy
+            and self.problem.bounds is None
             and self.sensitive
         ):
             return Verification(
@@ -234,7 +277,8 @@ class SteeringEpisode(Episode):
             )
         # With noise, a planner knows the positions only roughly and may not notice that it has
         # reached the goal.
-        if self.status in (Status.LIMIT, Status.UNREACHABLE) and reached and not self.problem.noisy:
+        exact = not self.problem.noisy and self.problem.bounds is None
+        if self.status in (Status.LIMIT, Status.UNREACHABLE) and reached and exact:
             return Verification(
                 False,
                 f"the status is {self.status}, and all particles end within the tolerance of their"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
-from math import inf
+from functools import cached_property
+from math import inf, radians
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -15,6 +16,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
 from shoal.steering.planners import PLANNERS, make_planner
+from shoal.steering.planners.bounds import Bounds
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.formats import describe, open_workspace, workspace_of
 from shoal.steering.workspaces.region import Region
@@ -187,7 +189,8 @@ class SteeringProblem(Problem):
         "auto",
         help=(
             f"Planner: auto, {', '.join(PLANNERS)} or MODULE:ATTRIBUTE. auto means the planner"
-            " robust for two particles with noise or an uneven field, the planner shortest for two"
+            " conformant if one of --friction-at-least, --angle-error and --gain-error is given, the"
+            " planner robust for two particles with noise or an uneven field, the planner shortest for two"
             " particles in a convex workspace, and the planner sampling in all other cases."
         ),
         check=_check_planner,
@@ -210,6 +213,35 @@ class SteeringProblem(Problem):
         ),
         check=_check_friction,
         dump=_dump_friction,
+    )
+    friction_at_least: float | None = option(
+        None,
+        help=(
+            "Plan for all coefficients of friction of at least this number, such as the lowest that"
+            " is credible. The plan, which uses no observations, then keeps a least angle between"
+            " walls and pushes."
+        ),
+        least=0,
+        metavar="MU",
+    )
+    angle_error: float = option(
+        0.0,
+        help=(
+            "Plan for moves whose angles have errors of this standard deviation, without"
+            " observations."
+        ),
+        unit="degrees",
+        least=0,
+        below=30,
+    )
+    gain_error: float = option(
+        0.0,
+        help=(
+            "Plan for moves whose lengths have relative errors of this standard deviation, and for"
+            " particles whose own gains differ as much, without observations: 0.01 means 1 %."
+        ),
+        least=0,
+        below=0.3,
     )
     particle_radius: float = option(
         0.0, help="Radius of the particles, in the unit of the workspace.", least=0
@@ -284,6 +316,16 @@ class SteeringProblem(Problem):
             raise InvalidInputError(
                 f"varied: expected a particle, 1 to {self.n_particles}, got {self.varied}"
             )
+        least = self.friction_at_least
+        if least is not None and self.friction < least:
+            raise InvalidInputError(
+                f"friction at least: expected at most the friction, {self.friction:g}, got {least:g}"
+            )
+        if self.bounds is not None and (self.noisy or self.particle_radius):
+            raise InvalidInputError(
+                "friction at least, angle error, gain error: expected no execution, measurement,"
+                " gain and particle radius, for which a plan without observations is not made"
+            )
         if not isinstance(self.workspace, str):
             self.check_at_place()
 
@@ -301,6 +343,16 @@ class SteeringProblem(Problem):
         """
         return bool(self.execution or self.measurement or self.gain)
 
+    @cached_property
+    def bounds(self) -> Any:
+        """The errors for which a plan must hold (`shoal.steering.planners.bounds.Bounds`), or None
+        if none are stated.
+        """
+        if self.friction_at_least is None and not self.angle_error and not self.gain_error:
+            return None
+        least = self.friction if self.friction_at_least is None else self.friction_at_least
+        return Bounds(least, radians(self.angle_error), self.gain_error)
+
     @property
     def chosen_planner(self) -> Any:
         """The planner as an object: the requested planner, or the planner that ``auto`` chooses.
@@ -311,6 +363,18 @@ class SteeringProblem(Problem):
             If the planner is unknown or does not support the task.
         """
         two, obstacles = self.n_particles == 2, isinstance(self.place, Region)
+        if self.bounds is not None and self.planner not in ("auto", "conformant"):
+            raise InvalidInputError(
+                "planner: expected auto or conformant with friction at least, angle error or gain"
+                f" error, got {_dump_planner(self.planner)}"
+            )
+        if self.bounds is not None:
+            if not two:
+                raise InvalidInputError(
+                    "friction at least, angle error, gain error: expected 2 particles, got"
+                    f" {self.n_particles}"
+                )
+            return make_planner("conformant")
         if isinstance(self.planner, str) and self.planner == "auto":
             simple = "robust" if self.noisy else "sampling" if obstacles else "shortest"
             return make_planner(simple if two else "sampling")

@@ -17,6 +17,7 @@ from shoal.steering.contact.clearance import why_sensitive
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.planners.clearance import plan_with_clearance
+from shoal.steering.planners.pressing import holding_share, lowest
 from shoal.steering.planners.task import (
     SteeringTask,
     path_length,
@@ -62,6 +63,8 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
     planner = problem.chosen_planner
+    if problem.bounds is not None and "tolerance" not in problem.given:
+        problem = problem.replaced(tolerance=WITHIN * problem.place.size)
     start, goal = problem.endpoints(seed)
     check_can_part(start, goal, problem.tolerance)
     begun, watch = working_time(), Stopwatch()
@@ -82,6 +85,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
             seed,
             clearance=problem.clearance,
             margin=problem.clearance,
+            bounds=problem.bounds,
         )
         if problem.time is not None:  # the remaining planning time is shared
             now = working_time()
@@ -105,6 +109,11 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     )
 
 
+WITHIN = 0.05
+"""Tolerance of plans with stated errors, as a share of the size, if the user states none."""
+HOLDS = 0.9
+"""Share of the simulations with errors that must end at the goals, so that a plan counts as solved.
+"""
 ADVISED = 10
 """Tolerance that the message of a failed plan advises, as a multiple of the noise."""
 
@@ -154,11 +163,13 @@ def _attempt(
         else None
     )
     if why_never is None and simple:
-        why_never = why_unreachable(task)
+        why_never = why_unreachable(lowest(task))
     if why_never is None and hasattr(planner, "control"):
         apparatus = Apparatus(problem, start, seed=task.seed)
         inputs, states = planner.control(task, apparatus)
         remark = apparatus.remark
+    elif why_never is None and task.bounds is not None:
+        inputs = planner.plan(task)
     elif why_never is None and task.error(start) > task.tolerance:
         inputs = plan_with_clearance(task, planner)
     found = 0 if inputs is None else len(inputs)
@@ -167,6 +178,22 @@ def _attempt(
     if states is None:
         states = replay(problem, inputs, seed=task.seed)
     error = task.error(states[-1])
+    if task.bounds is not None and why_never is None and len(inputs):
+        share = holding_share(task, inputs, within=task.tolerance)
+        remark = (
+            f"with the stated errors, {100 * share:.1f} % of simulations end within"
+            f" {task.tolerance:.3g} of all goals"
+        )
+        if share < HOLDS:
+            return _Attempt(
+                order,
+                Status.LIMIT,
+                f"the best plan holds too rarely: {remark}",
+                inputs,
+                states,
+                error,
+                None,
+            )
     if error <= problem.tolerance and why_never is None:
         status, why_not_sure = Status.SOLVED, None
         reason = (
@@ -175,7 +202,7 @@ def _attempt(
         )
         if simple and why_approachable(task) is not None:
             reason += ", which themselves can only be approached"
-        if not problem.noisy:
+        if not problem.noisy and task.bounds is None:
             why_not_sure = why_sensitive(
                 task.world, start, goal, inputs, problem.tolerance, problem.clearance
             )
@@ -194,6 +221,7 @@ def _attempt(
         status, reason = Status.LIMIT, _why_not(problem, found, inputs, error)
     reason += f"; {remark}" if remark else ""
     bounded = simple and not outside.any() and not problem.gain and not problem.execution
+    bounded = bounded and task.bounds is None
     return _Attempt(
         order, status, reason, inputs, states, error, task.lower_bound() if bounded else None
     )

@@ -15,11 +15,11 @@ from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.tasks import Mapping, Task
 from shoal.swarm.grid.world import GridWorld
+from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import LOSS, Noise, NoisyBelief, bound_of, inner_of
 
-TRUSTED = 0.999  # probability that a cell of the known map is right, if the task rests on the map
-CHECKED = 0.9  # the same if the task is to map, so that scans must confirm every cell
+CHECKED = 0.9  # probability that a cell of the known map is right, if the task is to map
 
 
 def prior_of(known: GridWorkspace, confidence: float, *, mapping: bool) -> NDArray[np.float64]:
@@ -35,11 +35,8 @@ def prior_of(known: GridWorkspace, confidence: float, *, mapping: bool) -> NDArr
     >>> np.round(odds[1], 1).tolist()
     [-2.2, 2.2, -2.2, -2.2]
     """
-    surest = float(np.log(CHECKED / (1 - CHECKED)))
-    if mapping:
-        odds = min(surest, bound_of(confidence) / 2)
-    else:
-        odds = max(float(np.log(TRUSTED / (1 - TRUSTED))), bound_of(confidence) + surest)
+    likely = float(np.log(CHECKED / (1 - CHECKED)))
+    odds = min(likely, bound_of(confidence) / 2) if mapping else kernels.SURE
     return np.where(np.pad(known.free, 1), odds, -odds)
 
 
@@ -113,9 +110,8 @@ class NoisyVisits(NoisyBelief):
         return left - len(self._goal.frontier)
 
     def _surely_seen(self, seen: Board) -> Board:
-        inside = inner_of(self.state.inside, self.layout.shape, rim=1)
-        sure = np.asarray(inside >= self.confidence, dtype=np.bool_)
-        return Board(self.layout, self.layout.pack(sure)) & seen
+        sure = inner_of(self.state.inside >= self.confidence, self.layout.shape, rim=1)
+        return Board(self.layout, self.layout.pack(np.array(sure, dtype=np.bool_))) & seen
 
     @property
     def belief(self) -> Belief:

@@ -41,6 +41,12 @@ Without it, a particle that no scan shows any more stays in the belief for ever.
 0.0005, 0.005 and 0.02, the largest gives the fewest wrong cells if particles disappear, and as few
 as the others if none does (`python -m benchmarks.rigs`).
 """
+GHOSTS = 1e-3
+"""On a rig: probability that a scan shows a particle in a given cell, although none is near it.
+
+Cameras see dust and reflections. With less, a ghost in a cell that is known to be free counts as a
+particle; with more, particles that stood behind another one are found again later.
+"""
 
 
 @dataclass(frozen=True)
@@ -172,7 +178,8 @@ class NoisyBelief:
         obstacle, is at least ``confidence``. The confidence must exceed 0.75.
     loss : float
         Probability that a particle disappears at a move. With a loss above 0, a particle that scans
-        do not show for longer than the miss rate explains loses its probability.
+        do not show for longer than the miss rate explains loses its probability, and scans may show
+        `GHOSTS`, as those of a rig.
     prior : ndarray of float64, optional
         Log-odds that each cell is free before the first scan, for the cells of the workspace and of
         a rim that is one cell wide.
@@ -222,6 +229,7 @@ class NoisyBelief:
         self._field = new_field(self.layout)
         self._first = seen
         self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
+        self.state.rates.clutter = GHOSTS if loss > 0 else kernels.CLUTTER
         if prior is not None:
             inner_of(self.state.logit, shape, rim=1)[...] = prior
         self._show(seen)
@@ -832,7 +840,9 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
         staying=np.zeros(size),
         moved=np.zeros(size),
         offsets=np.array([steps[letter] for letter in letters_of(layout.ndim)], dtype=np.int64),
-        rates=new_record(kernels.RATES, **vars(about), bound=bound_of(confidence)),
+        rates=new_record(
+            kernels.RATES, **vars(about), clutter=kernels.CLUTTER, bound=bound_of(confidence)
+        ),
         layers=layout.layers,
         rows=layout.rows,
         columns=layout.columns,

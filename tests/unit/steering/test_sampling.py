@@ -240,8 +240,8 @@ def test_steer_with_it():
     assert episode
     assert episode.planner == "sampling"
     assert steer(problem).planner == "sampling"
-    with pytest.raises(InvalidInputError, match="expected no friction"):
-        steer(problem, planner="sampling", friction=0.5)
+    with pytest.raises(InvalidInputError, match="expected no gain"):
+        steer(problem, planner="sampling", gain=0.5)
     with pytest.raises(
         InvalidInputError, match="planner greedy: expected a convex workspace, got a region"
     ):

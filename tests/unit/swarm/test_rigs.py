@@ -265,7 +265,7 @@ def test_a_whole_line_that_is_no_message_is_the_rigs_fault():
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        ("usb", "expected simulated, physics:KIND, serial:DEVICE"),
+        ("usb", r"rig: expected serial:DEVICE\[@BAUD\], tcp"),
         ("tcp:here", "tcp:HOST:PORT"),
         ("tcp:here:70000", "tcp:HOST:PORT"),
         ("exec:", "exec:COMMAND"),

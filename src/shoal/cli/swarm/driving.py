@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +18,15 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, print_json, print_table, report_moves, say
+from shoal.cli.swarm.calibrating import (
+    CalibrateInto,
+    CalibrationFile,
+    Marks,
+    PixelSize,
+    Trim,
+    calibrate_bench,
+    check_calibrating,
+)
 from shoal.core.checks import check_number, count_text, shape_text
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, RigError
@@ -23,9 +34,13 @@ from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from shoal.core.episode import Verification
     from shoal.rigs import Drive, DriveLog, RecordedRig, Rig
+    from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.physics import PlantProperties
+    from shoal.rigs.ports import Actuator, Sensor
     from shoal.swarm import GridWorkspace, SwarmEpisode
 
 SECONDS = {"repeat_after": 5.0, "end_after": 60.0}
@@ -33,14 +48,41 @@ EXAMPLE = "Example: shoal drive maze:9x7 --rig simulated --particles 4 --log dri
 
 
 RigName = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--rig",
         metavar="RIG",
         help=(
             "Rig: simulated, physics:KIND[,NAME=NUMBER...] (a physical plant; KIND is roll, pull or"
-            " exact), serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that"
-            " uses the protocol on its standard input and output)."
+            " exact), serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND (a program that"
+            " uses the protocol on its standard input and output), or MODULE:ATTRIBUTE (an object"
+            " of your own)."
+        ),
+        show_default="simulated",
+    ),
+]
+ActuatorName = Annotated[
+    str | None,
+    typer.Option(
+        "--actuator",
+        metavar="ACTUATOR",
+        help=(
+            "Device that moves the particles, instead of --rig: coils:FILE (coils that an actuation"
+            " file describes), physics:KIND[,NAME=NUMBER...],"
+            " serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or MODULE:ATTRIBUTE."
+        ),
+    ),
+]
+SensorName = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor",
+        metavar="SENSOR",
+        help=(
+            "Device that sees the particles which --actuator moves: physics (the camera of the"
+            " actuator physics), opencv:INDEX|FILE|ADDRESS or pymmcore:CONFIG (a camera;"
+            " ,NAME=VALUE... says how particles look), serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or"
+            " MODULE:ATTRIBUTE."
         ),
     ),
 ]
@@ -74,7 +116,14 @@ def drive(
             ),
         ),
     ] = None,
-    rig: RigName = "simulated",
+    rig: RigName = None,
+    actuator: ActuatorName = None,
+    sensor: SensorName = None,
+    calibrate: CalibrateInto = None,
+    mark: Marks = None,
+    pixel_size: PixelSize = None,
+    calibration: CalibrationFile = None,
+    trim: Trim = None,
     size: Size = None,
     known: Annotated[
         str | None,
@@ -167,9 +216,11 @@ def drive(
     a rig.
     """
     from shoal.cli.swarm.keyboard import keyboard, stop_until_confirmed
+    from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
     from shoal.rigs.log import read_log
+    from shoal.rigs.ports import is_connection, open_own_rig
     from shoal.rigs.remote import open_rig
     from shoal.rigs.resume import check_resumable, is_finished, rebuild
     from shoal.swarm.grid.board import letters_of
@@ -189,6 +240,7 @@ def drive(
             say(f"shoal: {resume}: the drive was finished, so that nothing is left to do")
             _show_finished(past, map_name, out, film, json_)
             return
+    rig, devices = _named(rig, actuator, sensor)
     apparatus = _apparatus(rig)
     truth = None if map_name is None else open_map(map_name)
     knowledge = None if known is None else open_map(known)
@@ -199,29 +251,61 @@ def drive(
     patience = {name: seconds for name, seconds in given.items() if seconds is not None}
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
-    _check_effect(rig, problem, **patience)
+    _check_effect(rig, devices, problem, **patience)
+    check_calibrating(calibrate, mark, pixel_size, log=log, out=out, film=film, trim=trim)
+    if devices is None:
+        for name, value in (("calibrate", calibrate), ("calibration", calibration), ("trim", trim)):
+            if value is not None:
+                raise InvalidInputError(
+                    f"{name}: expected --actuator and --sensor beside it, got the rig {rig}"
+                )
     if apparatus is not None:
         _check_local(truth, "physics")
         if problem.rule != "block":
             raise InvalidInputError(
                 f"rule: expected block, as a plant's particles push each other, got {problem.rule}"
             )
+    measured = None if calibration is None else BenchCalibration.load(calibration)
+    if calibrate is not None:
+        assert devices is not None
+        with patient():
+            quiet: dict[str, Any] = {"on_event": None, **SECONDS, **patience}
+            pair = _open_devices(devices, truth, problem, seed, apparatus, **quiet)
+            with _closed_after(pair, always=True):
+                calibrate_bench(
+                    pair,
+                    calibrate,
+                    marks=mark,
+                    pixel_size=pixel_size,
+                    cell_size=spacing_of(problem.cell_size, 2),
+                    shape=shape,
+                    truth=truth,
+                    json_=json_,
+                )
+        return
     book = _book(log, past, ctx, out)
     load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any
-        if _is_local(rig):
+        link: dict[str, Any] = {
+            "on_event": None if book is None else book.event,
+            **SECONDS,
+            **patience,
+        }
+        if devices is not None:
+            pair = _open_devices(devices, truth, problem, seed, apparatus, **link)
+            with _closed_after(pair, always=False):
+                view = shape or (None if truth is None else truth.shape)
+                opened = _bench(pair, view, measured, trim)
+        elif _is_local(rig):
             opened = _local_rig(truth, problem, seed, apparatus)
-            if past is not None:
-                rebuild(opened, past)
+        elif is_connection(rig):
+            opened = open_rig(rig, **link, resume=None if past is None else past.session)
         else:
-            opened = open_rig(
-                rig,
-                **SECONDS | patience,
-                on_event=None if book is None else book.event,
-                resume=None if past is None else past.session,
-            )
+            opened = open_own_rig(rig)
+        if past is not None and _is_local(rig):
+            rebuild(opened, past)
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN if name in problem.given}
@@ -272,19 +356,26 @@ def drive(
         raise typer.Exit(1)
 
 
-def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
+def _check_effect(
+    rig: str, devices: tuple[str, str] | None, problem: SwarmProblem, **seconds: float
+) -> None:
     """Refuse options that have no effect on the kind of rig."""
-    if _is_local(rig):
-        given: dict[str, Any] = dict(seconds)
+    from shoal.rigs.ports import is_connection
+
+    without: dict[str, tuple[Any, str]] = {}
+    if not any(map(is_connection, devices or (rig,))):
         expected = "a rig behind a connection, whose answers may be late"
-    else:
-        given = {
-            name: getattr(problem, name) for name in ("start", "placement") if name in problem.given
-        }
+        without |= {name: (value, expected) for name, value in seconds.items()}
+    if not _is_local(rig):
         expected = (
             "the rig simulated or physics, because the particles of a real rig are where they are"
         )
-    for name, value in given.items():
+        without |= {
+            name: (getattr(problem, name), expected)
+            for name in ("start", "placement")
+            if name in problem.given
+        }
+    for name, (value, expected) in without.items():
         raise InvalidInputError(
             f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
         )
@@ -390,6 +481,120 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
             " are now"
         )
     return "; ".join(part for part in (stopped, shown, again) if part)
+
+
+def _named(
+    rig: str | None, actuator: str | None, sensor: str | None
+) -> tuple[str, tuple[str, str] | None]:
+    """Return the name of the rig, and those of its two devices if it is named by them."""
+    if actuator is None and sensor is None:
+        return rig or "simulated", None
+    if actuator is None or sensor is None:
+        given, missing = ("actuator", "sensor") if sensor is None else ("sensor", "actuator")
+        raise InvalidInputError(f"{missing}: expected one beside the option --{given}, got none")
+    if rig is not None:
+        raise InvalidInputError(f"rig: expected either --rig or two devices, got also {rig!r}")
+    plant = actuator.partition(":")[0] == "physics"
+    if plant != (sensor == "physics"):
+        raise InvalidInputError(
+            "sensor: expected physics with an actuator physics:KIND, and only with it, got"
+            f" {sensor!r} with {actuator!r}"
+        )
+    return actuator, (actuator, sensor)
+
+
+def _bench(
+    devices: tuple[Actuator, Sensor],
+    view: tuple[int, ...] | None,
+    measured: BenchCalibration | None,
+    trim: bool | None,
+) -> Rig:
+    """Return a rig of two devices."""
+    from shoal.rigs.calibration import Responses
+    from shoal.rigs.measuring import pulses_of
+    from shoal.rigs.ports import BenchRig
+    from shoal.rigs.trim import PulseTrim
+
+    moves, sees = devices
+    whole = bool(getattr(moves, "whole", False))
+    if whole and trim:
+        raise InvalidInputError(
+            f"trim: expected an actuator whose pulses can be changed, got {moves.name}, which"
+            " carries out whole commands"
+        )
+    longest = getattr(moves, "longest", inf)
+    if measured is None:
+        only = bool(getattr(moves, "only", False))
+        responses = Responses.stated(pulses_of(moves), only=only) if trim else None
+        trimmed = None if responses is None else PulseTrim(responses, longest=longest)
+        return BenchRig(moves, sees, shape=getattr(sees, "shape", view), trim=trimmed)
+    if measured.whole != whole:
+        raise InvalidInputError(
+            f"calibration: expected that of the actuator {moves.name}, got one of an actuator that"
+            f" {'carries out whole commands' if measured.whole else 'takes pulses of any length'}"
+        )
+    trimmed = None
+    if trim is not False and not whole:
+        noise = 2**0.5 * measured.noise / measured.pixels_per_cell
+        trimmed = PulseTrim(measured.responses, noise=noise, longest=longest)
+    simulated = hasattr(sees, "frame_rate")  # its clock is not that of this computer
+    return BenchRig(
+        moves,
+        sees,
+        measured,
+        shape=measured.shape,
+        pulses=measured.pulses,
+        latency=0.0 if simulated else measured.latency,
+        trim=trimmed,
+    )
+
+
+@contextmanager
+def _closed_after(devices: tuple[Actuator, Sensor], *, always: bool) -> Iterator[None]:
+    """Close two devices after a block, always or if it raises an exception."""
+    failed = True
+    try:
+        yield
+        failed = False
+    finally:
+        if failed or always:
+            try:
+                devices[0].close()
+            finally:
+                devices[1].close()
+
+
+def _open_devices(
+    devices: tuple[str, str],
+    truth: GridWorkspace | None,
+    problem: SwarmProblem,
+    seed: int,
+    apparatus: PlantProperties | None,
+    **link: Any,
+) -> tuple[Actuator, Sensor]:
+    """Open two devices, which may be one."""
+    from shoal.rigs.physics import PhysicsRig
+    from shoal.rigs.ports import PlantPorts, Sensor, is_connection, open_actuator, open_sensor
+
+    if apparatus is not None:
+        rig = _local_rig(truth, problem, seed, apparatus)
+        assert isinstance(rig, PhysicsRig)
+        ports = PlantPorts(rig.plant)
+        return ports, ports
+    moved_by, seen_by = devices
+    if moved_by == seen_by and is_connection(moved_by):
+        raise InvalidInputError(
+            f"sensor: expected another device than the actuator (or --rig {moved_by}), got"
+            f" {seen_by!r} for both"
+        )
+    moves = open_actuator(moved_by, **link if is_connection(moved_by) else {})
+    if moved_by == seen_by and isinstance(moves, Sensor):
+        return moves, moves
+    try:
+        return moves, open_sensor(seen_by, **link if is_connection(seen_by) else {})
+    except BaseException:
+        moves.close()
+        raise
 
 
 def _is_local(rig: str) -> bool:
@@ -548,14 +753,16 @@ def _report(
         ("policy", result.policy),
         ("result", f"{result.status}: {result.reason}"),
         ("trust", f"{result.trust.level}: {result.trust.why}"),
-        (
-            "found",
-            f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them",
-        ),
         *(
-            [("visited", f"{result.visited} of {count_text(result.targets, 'target cell')}")]
-            if result.targets is not None
-            else []
+            [
+                (
+                    "found",
+                    f"{about['free_cells']} free cells and {about['obstacles']} wall cells around"
+                    " them",
+                )
+            ]
+            if result.targets is None
+            else [("visited", f"{result.visited} of {count_text(result.targets, 'target cell')}")]
         ),
         ("scans", str(result.scans)),
         *(("alarm", alarm.text) for alarm in result.alarms),

@@ -326,9 +326,14 @@ class RegionWorld(SteeringWorld):
     particle stops at the first edge that holds the particle, and stays at this edge until the end
     of the move. Particles do not collide with each other.
 
+    With finite friction, a particle that is pushed into an edge slides along it as in a
+    `ContactWorld`, and leaves the edge where it ends.
+
     Parameters
     ----------
     workspace : Region
+    friction : float
+        Coefficient of Coulomb friction, at least 0.
     touch : float
         Contact tolerance, as a fraction of the workspace's size: a particle at most this far from
         an edge touches the edge.
@@ -354,8 +359,7 @@ class RegionWorld(SteeringWorld):
     workspace: Region
     touch: float = TOUCH
     pushed: float = PUSHED
-
-    friction = inf
+    friction: float = inf
 
     @cached_property
     def edges(self) -> region_kernels.Edges:
@@ -374,7 +378,15 @@ class RegionWorld(SteeringWorld):
         reflex = cross(before, along) < 0
         size = float(self.workspace.size) * self.touch / TOUCH
         return region_kernels.Edges(
-            edges, normals, lengths, links, reflex, size, _boxes_of_runs(edges), self.pushed
+            edges,
+            normals,
+            lengths,
+            links,
+            reflex,
+            size,
+            _boxes_of_runs(edges),
+            self.pushed,
+            float(self.friction),
         )
 
     def is_held(self, point: Points, move: Points) -> bool:
@@ -588,12 +600,12 @@ def make_world(
     seed : int
     """
     if isinstance(workspace, Region):
-        if friction < inf or gain or radius:
+        if gain or radius:
             raise InvalidInputError(
-                "a region with obstacles: expected no friction, gain or particle radius, which only"
+                "a region with obstacles: expected no gain and no particle radius, which only"
                 " convex workspaces allow"
             )
-        return RegionWorld(workspace)
+        return RegionWorld(workspace, friction=friction)
     gradient = None
     if gain:
         direction = generators(seed)[0].normal(size=workspace.dimensions)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from shoal.steering.kernels.contact import PUSHED, TOUCH
 
 # fraction of the region's size: extension of edges, so that no particle passes between two edges
 GAP = 1e-12
+EVENTS = 256  # most contacts of one slide
 
 
 class Edges(NamedTuple):
@@ -29,6 +30,7 @@ class Edges(NamedTuple):
     is far from a box, the edges in the box need no test."""
     pushed: float = PUSHED
     """Fraction of a move: an edge holds a particle unless the move leads off it by more."""
+    friction: float = inf
 
 
 @in_place_kernel
@@ -160,12 +162,101 @@ def first_edge(point, move, edges):
 
 
 @in_place_kernel
+def slide_at(point, move, edges):
+    """Return the edge along which a particle slides, and its displacement per unit of input.
+
+    The edge is -1 if the particle is free, and -2 if edges hold the particle. A particle that is pushed into an edge slides by ``along - friction * into``.
+    """
+    x, y, touch = point[0], point[1], TOUCH * edges.size
+    length = sqrt(move[0] ** 2 + move[1] ** 2)
+    least = PUSHED * length
+    if not is_held(point, move, edges):
+        return -1, (move[0], move[1])
+    for run in range(edges.boxes.shape[0]):
+        first, last = edges_near(run, x, y, x, y, touch, edges)
+        for edge in range(first, last):
+            if not pushes(move, edge, edges, length) or not is_on(x, y, edge, edges, touch):
+                continue
+            normal_x, normal_y = edges.normals[edge, 0], edges.normals[edge, 1]
+            into = -(normal_x * move[0] + normal_y * move[1])
+            along = normal_y * move[0] - normal_x * move[1]
+            left = abs(along) - edges.friction * max(into, 0.0)
+            place = place_along(x, y, edge, edges)
+            room = edges.lengths[edge] - place if along > 0 else place
+            if left <= least or room <= touch:
+                continue
+            left = left if along > 0 else -left
+            velocity = (left * normal_y, -left * normal_x)
+            if not is_blocked_along(x, y, velocity, edge, edges, touch):
+                return edge, velocity
+    return -2, (0.0, 0.0)
+
+
+@in_place_kernel
+def is_blocked_along(x, y, velocity, sliding, edges, touch):
+    """Return whether an edge that a particle touches, other than ``sliding``, is in the way."""
+    length = sqrt(velocity[0] ** 2 + velocity[1] ** 2)
+    for run in range(edges.boxes.shape[0]):
+        first, last = edges_near(run, x, y, x, y, touch, edges)
+        for edge in range(first, last):
+            if edge == sliding or not is_on(x, y, edge, edges, touch):
+                continue
+            speed = edges.normals[edge, 0] * velocity[0] + edges.normals[edge, 1] * velocity[1]
+            if (
+                speed < -PUSHED * length
+                and not is_excused(x, y, velocity, length, edge, 0, edges, touch)
+                and not is_excused(x, y, velocity, length, edge, 1, edges, touch)
+            ):
+                return True
+    return False
+
+
+@in_place_kernel
+def advance_with_friction(point, move, edges):
+    """Move one particle in place, with Coulomb friction. Return the fraction of the input after
+    which an edge first held or braked the particle, or 1.
+    """
+    ends, normals = edges.ends, edges.normals
+    left, free_until = 1.0, -1.0
+    for _event in range(EVENTS):
+        edge, velocity = slide_at(point, move, edges)
+        if edge != -1 and free_until < 0:
+            free_until = 1.0 - left
+        if edge == -2:
+            break
+        velocity = (left * velocity[0], left * velocity[1])
+        share, met, along = first_edge(point, velocity, edges)
+        if edge >= 0:  # a slide also stops at the end of its edge
+            place = place_along(point[0], point[1], edge, edges)
+            speed = normals[edge, 1] * velocity[0] - normals[edge, 0] * velocity[1]
+            room = edges.lengths[edge] - place if speed > 0 else place
+            if room < abs(speed) * share:
+                share, met = room / abs(speed), edge
+                along = edges.lengths[edge] if speed > 0 else 0.0
+        if met >= 0:
+            point[0] = ends[met, 0] + along * normals[met, 1]
+            point[1] = ends[met, 1] - along * normals[met, 0]
+            left *= 1.0 - share
+            continue
+        point[0] += velocity[0]
+        point[1] += velocity[1]
+        if edge >= 0:
+            away = signed_distance(point[0], point[1], edge, edges)
+            point[0] -= away * normals[edge, 0]
+            point[1] -= away * normals[edge, 1]
+        break
+    return 1.0 if free_until < 0 else free_until
+
+
+@in_place_kernel
 def advance(point, move, edges):
     """Move one particle in place. Return the fraction of the input after which an edge stopped it,
     or 1 if no edge stopped it.
     """
     if move[0] == 0 and move[1] == 0:
         return 1.0
+    if edges.friction < inf:
+        return advance_with_friction(point, move, edges)
     ends, normals = edges.ends, edges.normals
     if is_held(point, move, edges):
         return 0.0

@@ -17,7 +17,7 @@ from shoal.steering.kernels.contact import copy
 class World(NamedTuple):
     """The walls for a simulation."""
 
-    flat: bool  # whether all walls are straight and hold without slip: then ``edges`` count
+    flat: bool  # whether ``edges`` are the walls, and not ``walls``
     edges: region_contact.Edges
     walls: contact.Walls
     wide_edges: region_contact.Edges  # with the largest contact tolerance that plans must stand
@@ -101,7 +101,7 @@ def keeps_clear(state, moves, count, world):
     The moves must also keep all particles away from ``world.corners``. Sliding particles are not
     tested.
     """
-    if world.clear == 0 or (not world.flat and world.walls.friction < np.inf):
+    if world.clear == 0 or world.walls.friction < np.inf:
         return True
     other = np.empty(state.shape)
     for k in range(count):

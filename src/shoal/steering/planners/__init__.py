@@ -42,6 +42,7 @@ PLANNERS.add("greedy", "greedy:Greedy")
 PLANNERS.add("fewest-moves", "fewest_moves:FewestMoves")
 PLANNERS.add("robust", "robust:Robust")
 PLANNERS.add("sampling", "sampling:Sampling")
+PLANNERS.add("conformant", "pressing:Conformant")
 
 
 def make_planner(planner: str | Planner) -> Planner:

@@ -163,8 +163,8 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
         edges = Edges(np.zeros((0, 4)), none, np.zeros(0), ints, bools, size, np.zeros((0, 4)))
     else:
         region = workspace if isinstance(workspace, Region) else Region(workspace.vertices, ())
-        edges = RegionWorld(region).edges._replace(size=size)
-    unused = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), size, np.inf, np.eye(3)[0])
+        edges = RegionWorld(region, friction=world.friction).edges._replace(size=size)
+    unused = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), size, world.friction, np.eye(3)[0])
     walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
     clearance = task.clearance if task is not None else 0.0
     # the kernels multiply the size by the contact tolerance
@@ -184,7 +184,7 @@ def world_of(world: Any, task: SteeringTask | None = None) -> kernels.World:
     push = PUSH * size if world.friction == np.inf else 0.0
     push = push if task is None else min(push, PUSH_SHARE * task.tolerance)
     return kernels.World(
-        bool(not workspace.round and world.friction == np.inf),
+        bool(isinstance(world, RegionWorld) or (not workspace.round and world.friction == np.inf)),
         edges,
         walls,
         wide_edges,

@@ -73,6 +73,8 @@ class SteeringTask(StartAndGoal):
     margin : float
         Fraction of the workspace's size: the clearance for which plans leave room. It is smaller
         than ``clearance`` only where a plan with that much room does not exist.
+    bounds : shoal.steering.planners.pressing.Bounds, optional
+        Errors for which the plan must hold.
     """
 
     world: Any
@@ -84,6 +86,7 @@ class SteeringTask(StartAndGoal):
     deadline: float = inf
     clearance: float = CLEARANCE
     margin: float = CLEARANCE
+    bounds: Any = None
 
     @cached_property
     def aim(self) -> Points:

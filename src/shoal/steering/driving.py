@@ -1,0 +1,565 @@
+"""Closed-loop steering of a rig: any object that looks at its particles and sends inputs."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from itertools import permutations
+from math import atan, inf, tan
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.checks import check_integer, check_points
+from shoal.core.dataclass import dataclass
+from shoal.core.episode import Status
+from shoal.core.errors import InvalidInputError, OutputError, RigError
+from shoal.steering.contact.friction import friction_limit
+from shoal.steering.contact.world import ContactWorld, RegionWorld
+from shoal.steering.estimation import FrictionEstimate, GainEstimate, friction_text
+from shoal.steering.kernels import pressing as kernels
+from shoal.steering.planners.bounds import Bounds
+from shoal.steering.planners.pressing import PressingSearch, pressing_of
+from shoal.steering.planners.robust import _project_inside
+from shoal.steering.planners.sampling import world_of
+from shoal.steering.problem import SteeringProblem
+from shoal.steering.workspaces.convex import Points
+from shoal.steering.workspaces.region import Region
+
+LOOKS = 3  # at the start, which show the error of the camera
+AGAIN = 5  # looks in which particles are missing, until the drive ends
+ANGLE, GAIN = np.radians(1.0), 0.01  # assumed standard deviations of the errors of a move
+LEVELS = (0.2, 0.5, 0.8, 0.95)  # quantiles of the friction, with which plans are tried in turn
+SURE = 0.97  # quantile of the friction with which a goal is proved unreachable
+FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of it
+SCENARIOS = 16  # of errors, in which plans are compared
+STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of a wall
+NO_PLAN = 4  # moves without any plan until the drive ends
+PATIENCE = 40  # moves without progress until the drive ends
+STILL = 3  # moves of which no particle makes a fifth, until the drive ends
+NEAR = 2e-3  # relative to the size: distance up to which a particle is taken to touch a wall
+MOST = 100  # default of the largest number of moves
+WITHIN = 0.02  # default of the tolerance, relative to the size
+
+
+class SteeringRig(Protocol):
+    """A rig for steering.
+
+    The positions are float64 of shape (particles, 2) in the unit of the problem, or an object with
+    such an array in its attribute ``points``. If particles change their order from one look to the
+    next, the drive follows them.
+    """
+
+    def look(self) -> Any:
+        """Return the observed positions of all particles."""
+
+    def send(self, move: NDArray[np.float64], /) -> None:
+        """Move all particles by one shared input, float64 of shape (2,), and wait until it is
+        done.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class SteeringDrive:
+    """The result of a drive. ``bool(drive)`` is true if a look has shown all particles at their
+    goals.
+
+    Parameters
+    ----------
+    problem : SteeringProblem
+    status : Status
+        ``arrived``: the last look showed all particles within the tolerance of their goals.
+        ``slipping``: the walls slip more than stated, and the drive ended without success.
+        ``unreachable``: a proof shows that no plan exists, with the friction observed. ``stalled``:
+        no plan was found, or many moves brought no progress. ``limit``: the maximum number of moves
+        was made. ``alarm``: the particles do not follow the inputs, or were lost.
+    reason : str
+    inputs : ndarray of float64, shape (moves, 2)
+    seen : ndarray of float64, shape (moves + 1, particles, 2)
+        Observed positions at the start and after each move.
+    goal : ndarray of float64, shape (particles, 2)
+        The goal of each particle.
+    estimates : dict
+        What the drive learnt: ``friction`` with ``friction_low`` and ``friction_high`` (between
+        which 90 % of the probability lies; None: so high that nothing slips), ``gain`` and ``angle``
+        in degrees of each particle, ``look_error`` (the standard deviation of the camera), and
+        ``slips``.
+    seconds : float
+    """
+
+    problem: SteeringProblem
+    status: Status
+    reason: str
+    inputs: Points
+    seen: Points
+    goal: Points
+    estimates: dict[str, Any]
+    seconds: float
+
+    def __bool__(self) -> bool:
+        return self.status is Status.ARRIVED
+
+    @property
+    def moves(self) -> int:
+        """Number of inputs sent."""
+        return len(self.inputs)
+
+    @property
+    def error(self) -> float:
+        """Largest observed distance of a particle from its goal at the end."""
+        return float(np.linalg.norm(self.seen[-1] - self.goal, axis=1).max())
+
+    def report(self) -> dict[str, Any]:
+        """Return the JSON object that ``shoal drive --steer`` prints."""
+        return {
+            "status": str(self.status),
+            "reason": self.reason,
+            "policy": "robust",
+            "moves": self.moves,
+            "error": self.error,
+            "tolerance": self.problem.tolerance,
+            "estimates": self.estimates,
+            "inputs": self.inputs.tolist(),
+            "seen": self.seen.tolist(),
+            "goal": self.goal.tolist(),
+            "seconds": round(self.seconds, 4),
+        }
+
+
+class SteeringDriveError(RigError):
+    """Raised if a rig fails during a drive. The attribute ``drive`` holds the result so far."""
+
+    def __init__(self, text: str, drive: SteeringDrive) -> None:
+        super().__init__(text)
+        self.drive = drive
+
+
+class SteeringLog:
+    """A log of a drive as JSON lines, each written at once.
+
+    Raises
+    ------
+    OutputError
+        If the file exists already, or cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        try:
+            self._file = Path(path).open("x", encoding="utf-8")  # noqa: SIM115
+        except FileExistsError:
+            raise OutputError(f"{path}: exists already; a log is never overwritten") from None
+        except OSError as error:
+            raise OutputError(f"{path}: {error.strerror}") from None
+
+    def write(self, **event: Any) -> None:
+        """Write one event."""
+        self._file.write(json.dumps(event) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def drive(
+    problem: SteeringProblem,
+    rig: Any,
+    *,
+    seed: int = 0,
+    log: str | os.PathLike[str] | None = None,
+    on_move: Callable[[int, float], None] | None = None,
+) -> SteeringDrive:
+    """Steer the two particles of a rig to their goals in a closed loop: the policy ``robust``.
+
+    The loop uses ``rig.look()`` and ``rig.send(input)`` only. It learns the gain and the angle of
+    each particle's motion and the friction of the walls from what it sees, and plans anew after
+    each move.
+
+    Parameters
+    ----------
+    problem : SteeringProblem
+        Workspace, goals and tolerance (2 % of the size unless given). The field ``start`` names
+        which particle is which, and is otherwise not used: the particles are where the first look
+        shows them. ``friction_at_least``, else ``friction``, is the least friction of the walls
+        that the user states.
+    rig : SteeringRig
+    seed : int
+        Seed of the random decisions of the planner.
+    log : path, optional
+        New file for the log.
+    on_move : callable, optional
+        Function called after each move with the number of moves and the largest distance from a
+        goal.
+
+    Raises
+    ------
+    InvalidInputError
+        If the problem does not have two particles in a plane workspace.
+    SteeringDriveError
+        If the rig fails; its attribute ``drive`` holds the result so far.
+    OutputError
+        If the log exists already, or cannot be written.
+
+    Examples
+    --------
+    >>> from shoal.steering.simulation import Apparatus
+    >>> problem = SteeringProblem("square", [(0.2, 0.3), (0.5, 0.35)], [(0.6, 0.2), (0.7, 0.4)])
+    >>> rig = Apparatus(problem.replaced(friction=2.0), problem.start, seed=1)
+    >>> drive(problem, rig).status
+    <Status.ARRIVED: 'arrived'>
+    """
+    seed = check_integer(seed, what="seed", least=0)
+    for name in ("look", "send"):
+        if not callable(getattr(rig, name, None)):
+            raise InvalidInputError(
+                f"rig: expected an object with look() and send(input), got {type(rig).__name__}"
+            )
+    place = problem.place
+    if problem.n_particles != 2 or place.dimensions != 2:
+        raise InvalidInputError(
+            "a drive: expected two particles in a plane workspace, got"
+            f" {problem.n_particles} in a {place.kind}"
+        )
+    if "tolerance" not in problem.given:
+        problem = problem.replaced(tolerance=WITHIN * float(place.size))
+    problem.check_at_place()
+    book = None if log is None else SteeringLog(log)
+    try:
+        return _Loop(problem, rig, seed, book, on_move).run()
+    finally:
+        if book is not None:
+            book.close()
+
+
+class _Ended(Exception):
+    """Raised inside a loop when it ends."""
+
+    def __init__(self, status: Status, reason: str) -> None:
+        super().__init__(reason)
+        self.status, self.reason = status, reason
+
+
+class _Loop:
+    """One run of the closed loop."""
+
+    def __init__(
+        self,
+        problem: SteeringProblem,
+        rig: Any,
+        seed: int,
+        log: SteeringLog | None,
+        on_move: Callable[[int, float], None] | None,
+    ) -> None:
+        self.problem, self.rig, self.log, self.on_move = problem, rig, log, on_move
+        place, radius = problem.place, problem.particle_radius
+        if radius and isinstance(place, Region):
+            raise InvalidInputError(
+                "particle radius: expected 0 in a region with obstacles, whose walls are where the"
+                " centres of the particles stop"
+            )
+        self.space = place.inset(radius) if radius else place
+        self.size = float(place.size)
+        self.world = (RegionWorld if isinstance(place, Region) else ContactWorld)(self.space)
+        self.kernel_world = world_of(self.world)._replace(flat=not self.space.round)
+        self.rng = np.random.default_rng([seed, 6])
+        least = problem.friction_at_least
+        self.friction = FrictionEstimate(problem.friction if least is None else least)
+        self.gains, self.deviation = GainEstimate(), 0.0
+        goal = problem.endpoints(seed)[1]
+        self.given_goal = self.goal = np.ascontiguousarray(goal)
+        self.inputs: list[Points] = []
+        self.seen: list[Points] = []
+        self.planless = self.still = 0
+        self.least_missing, self.progress = inf, 0
+        self.begun = perf_counter()
+
+    def run(self) -> SteeringDrive:
+        """Run the loop until it ends."""
+        status, reason = Status.INTERRUPTED, "the user stopped the drive"
+        try:
+            self._begin()
+            while True:
+                self._check_end()
+                self._send(self._next_move())
+        except _Ended as ended:
+            status, reason = ended.status, ended.reason
+        except RigError as error:
+            if not self.seen:
+                raise
+            raise SteeringDriveError(str(error), self._result(Status.ALARM, str(error))) from error
+        return self._result(status, reason)
+
+    def _result(self, status: Status, reason: str) -> SteeringDrive:
+        if self.friction.slips:
+            stated = friction_text(self.friction.stated)
+            reason += (
+                "; the walls slip more than was stated: a coefficient of friction of about"
+                f" {self.friction.best:g} agrees with the moves, and the stated friction was"
+                f" {'at least ' if self.friction.stated < inf else ''}{stated}"
+            )
+        gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
+        told = [self.friction.quantile(share) for share in (0.5, 0.05, 0.95)]
+        median, low, high = (None if value > 1e8 else value for value in told)
+        result = SteeringDrive(
+            self.problem,
+            status,
+            reason,
+            np.array(self.inputs).reshape(-1, 2),
+            np.array(self.seen),
+            self.goal,
+            {
+                "friction": median if self.friction.contacts else None,
+                "friction_low": low,
+                "friction_high": high,
+                "slips": self.friction.slips,
+                "gain": np.abs(gains).tolist(),
+                "angle": np.degrees(np.angle(gains)).tolist(),
+                "look_error": self.deviation,
+            },
+            perf_counter() - self.begun,
+        )
+        if self.log is not None:
+            self.log.write(end=str(status), reason=reason, estimates=result.estimates)
+        return result
+
+    def _begin(self) -> None:
+        """Look a few times, and find out which particle is which."""
+        looks = [self._look(None) for _ in range(LOOKS)]
+        first = looks[0]
+        if not isinstance(self.problem.start, str):
+            first = _in_order(first, self.problem.start)
+        looks = [_in_order(points, first) for points in looks]
+        self.deviation = float(np.std(looks, axis=0).mean()) * 1.2
+        told = self.problem.measurement
+        self.deviation = max(self.deviation, told, 1e-7 * self.size)
+        self.seen.append(np.mean(looks, axis=0))
+        outside = ~self.space.contains(self.seen[0])
+        for point in self.seen[0][outside]:
+            inside = _project_inside(self.space, point[None])[0]
+            if float(np.linalg.norm(inside - point)) > max(0.05 * self.size, 6 * self.deviation):
+                x, y = point.round(4).tolist()
+                raise InvalidInputError(
+                    "the first look: expected particles inside the workspace, got one at"
+                    f" ({x:g}, {y:g}); is the camera calibrated in the unit of the problem?"
+                )
+        if self.log is not None:
+            self.log.write(
+                log="shoal steering",
+                problem=json.loads(self.problem.canonical()),
+                rig=str(getattr(self.rig, "name", type(self.rig).__name__)),
+                seen=self.seen[0].tolist(),
+            )
+        if self.problem.interchangeable:
+            orders = [self.given_goal[list(order)] for order in permutations(range(2))]
+            counts = []
+            for goal in orders:
+                self.goal = np.ascontiguousarray(goal)
+                plan = self._plan()
+                counts.append(inf if plan is None else len(plan))
+            self.goal = np.ascontiguousarray(orders[int(np.argmin(counts))])
+
+    def _look(self, expected: Points | None) -> Points:
+        """Return the positions of both particles. Particles that are not seen, or not told apart
+        from others, are looked for again.
+        """
+        for _ in range(AGAIN):
+            seen = self.rig.look()
+            points = np.asarray(getattr(seen, "points", seen), dtype=np.float64)
+            if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
+                raise RigError(
+                    "look: expected finite positions of shape (particles, 2), got shape"
+                    f" {points.shape}"
+                )
+            if len(points) == 2:
+                return points if expected is None else _in_order(points, expected)
+            if len(points) > 2 and expected is not None:  # the others are ghosts
+                return _in_order(points, expected)
+        raise _Ended(
+            Status.ALARM, f"{len(points)} particles were seen in {AGAIN} looks, and there are 2"
+        )
+
+    @property
+    def state(self) -> Points:
+        """Where the particles are, as far as is known: inside, and on a wall if they are near."""
+        points = self.seen[-1].copy()
+        outside = ~self.space.contains(points)
+        if outside.any():
+            points[outside] = _project_inside(self.space, points[outside])
+        near, normal = max(2 * self.deviation, NEAR * self.size), np.zeros(2)
+        for p in range(2):
+            if kernels.nearest_wall(points[p], self.kernel_world, normal) <= near:
+                points[p] = _foot(self.space, points[p])
+        return np.ascontiguousarray(points)
+
+    @property
+    def error(self) -> float:
+        """Largest observed distance of a particle from its goal."""
+        return float(np.linalg.norm(self.seen[-1] - self.goal, axis=1).max())
+
+    def _check_end(self) -> None:
+        tolerance, moves = self.problem.tolerance, len(self.inputs)
+        if self.error <= tolerance:
+            text = f"after {moves} moves a look shows all particles within {self.error:.3g} of"
+            raise _Ended(Status.ARRIVED, f"{text} their goals")
+        slips = self.friction.slips
+        text = f"after {moves} moves the particles are {self.error:.3g} from their goals"
+        if moves >= self.problem.max_moves:
+            raise _Ended(Status.SLIPPING if slips else Status.LIMIT, text)
+        if slips or not moves:
+            why = self._why_unreachable()
+            if why is not None:
+                raise _Ended(Status.UNREACHABLE, f"{text}: {why}")
+        missing = float(np.hypot(*kernels.missing(self.state, self.goal, self._pressing(1.0))))
+        missing += 0.1 * self.error
+        if missing < 0.95 * self.least_missing:
+            self.least_missing, self.progress = missing, moves
+        if moves - self.progress > PATIENCE or self.planless > NO_PLAN:
+            why = "no plan was found" if self.planless else f"{PATIENCE} moves brought no progress"
+            raise _Ended(Status.SLIPPING if slips else Status.STALLED, f"{text}: {why}")
+        if self.still >= STILL:
+            raise _Ended(
+                Status.ALARM, f"no particle followed the last {STILL} inputs; is the field on?"
+            )
+
+    def _why_unreachable(self) -> str | None:
+        """Return why no plan exists with the largest credible friction, or None."""
+        if isinstance(self.space, Region) or not self.friction.contacts:
+            return None
+        state = self.state
+        return friction_limit(
+            self.space,
+            self.friction.quantile(SURE) if self.friction.quantile(SURE) < 1e8 else inf,
+            state[1] - state[0],
+            self.goal[1] - self.goal[0],
+            near=2 * self.problem.tolerance + 4 * self.deviation,
+        )
+
+    def _pressing(self, friction: float) -> Any:
+        gain = float(np.hypot(GAIN, min(self.gains.deviation, 0.1)))
+        bounds = Bounds(friction, ANGLE, gain)
+        own = pressing_of(
+            bounds,
+            self.size,
+            certain=1.5,
+            gains=self.gains.mean,
+            apart=2.1 * self.problem.particle_radius,
+        )
+        over = max(own.over, 3 * self.deviation)
+        return own._replace(
+            over=min(over, 0.02 * self.size) if self.deviation < 5e-3 * self.size else over,
+            off=max(0.01 * self.size, 4 * self.deviation),
+            near=max(3 * self.deviation, 1.5 * NEAR * self.size),
+        )
+
+    def _plan(self) -> Points | None:
+        """Return the plan with the fewest moves from here, or None."""
+        tolerance, state = self.problem.tolerance, self.state
+        left = min(self.problem.max_moves - len(self.inputs), 40)
+        levels = list(dict.fromkeys(self.friction.quantile(share) for share in LEVELS))
+        for rounds in (FAST, SLOW):
+            for friction in levels:
+                # a little below, as the value is an estimate
+                own = min(tan(atan(friction) * 0.97), STEEPEST)
+                search = PressingSearch(self.world, self._pressing(own), self.rng)
+                plans = search.plans(
+                    state,
+                    self.goal,
+                    tolerance=0.6 * tolerance,
+                    moves=left,
+                    rounds=rounds,
+                    wanted=WANTED,
+                    shorter=True,
+                )
+                if plans:
+                    return self._surest(search, plans)
+        return None
+
+    def _surest(self, search: PressingSearch, plans: list[Points]) -> Points:
+        """Return a plan with few moves, which often ends at the goals in spite of errors."""
+        bounds = Bounds(search.pressing.friction, ANGLE, GAIN)
+        costs = []
+        for plan in plans:
+            scenarios = bounds.scenarios(SCENARIOS, len(plan), np.random.default_rng(0))
+            scenarios[1][:] = self.gains.mean
+            ends = search.ends(self.state, plan, scenarios)
+            cost = kernels.mean_cost(ends, self.goal, self.problem.tolerance, 4.0)
+            costs.append(len(plan) + cost)
+        return plans[int(np.argmin(costs))]
+
+    def _next_move(self) -> Points:
+        plan = self._plan()
+        if plan is not None and len(plan):
+            self.planless = 0
+            return plan[0]
+        # another state may have a plan, and the move shows more of the walls
+        self.planless += 1
+        low, high = self.space.bounds
+        towards = (np.asarray(low) + high) / 2 - self.state.mean(axis=0)
+        return np.asarray(0.5 * towards + self.rng.normal(scale=0.1 * self.size, size=2))
+
+    def _send(self, move: Points) -> None:
+        """Send an input, look, and learn."""
+        before = self.state
+        move = np.ascontiguousarray(move, dtype=np.float64)
+        self.rig.send(move.copy())
+        self.inputs.append(move)
+        expected, spare, vector = before.copy(), np.empty(2), np.empty(2)
+        believed = kernels.with_friction(self.kernel_world, self.friction.best)
+        kernels.send_both(expected, *move.tolist(), self.gains.mean, believed, vector, spare)
+        seen = self._look(expected)
+        self.seen.append(seen)
+        after, normal = self.state, np.zeros(2)
+        near = max(4 * self.deviation, 2 * NEAR * self.size)
+        free = np.array(
+            [
+                kernels.nearest_wall(before[p], self.kernel_world, normal) > near
+                and kernels.nearest_wall(after[p], self.kernel_world, normal) > near
+                for p in range(2)
+            ]
+        )
+        walls = not free.all()
+        self.gains.learn(move, seen - self.seen[-2], free, self.deviation)
+        if walls:
+            self.friction.learn(
+                before,
+                move,
+                seen,
+                self.gains.mean,
+                self.kernel_world,
+                error=self.deviation,
+                deviation=min(self.gains.deviation, 0.1),
+            )
+        moved = np.linalg.norm(seen - self.seen[-2], axis=1).max()
+        should = np.linalg.norm(expected - before, axis=1).max()
+        if should > 8 * self.deviation + 0.01 * self.size:
+            self.still = self.still + 1 if moved < 0.2 * should else 0
+        if self.log is not None:
+            self.log.write(input=move.tolist(), seen=seen.tolist())
+        if self.on_move is not None:
+            self.on_move(len(self.inputs), self.error)
+
+
+def _in_order(points: Points, expected: Points) -> Points:
+    """Return as many of the points as expected, each the nearest to where it is expected."""
+    from scipy.optimize import linear_sum_assignment
+
+    away = np.linalg.norm(points[None] - expected[:, None], axis=2)
+    _, columns = linear_sum_assignment(away**2)
+    return np.asarray(points[columns])
+
+
+def _foot(space: Any, point: Points) -> Points:
+    """Return the nearest point of the walls."""
+    if space.round:
+        away = point - space.center
+        return np.asarray(
+            space.center + away * (space.radius / max(float(np.hypot(*away)), 1e-300))
+        )
+    import shapely
+
+    line = shapely.shortest_line(space.shape.boundary, shapely.Point(point))
+    return np.array(line.coords[0])
