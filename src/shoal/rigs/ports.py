@@ -382,8 +382,8 @@ class RemoteActuator:
     """
 
     def __init__(self, rig: RemoteRig) -> None:
-        self._rig = rig
-        self.name, self.counts = self._rig.name, self._rig.counts
+        self.rig = rig
+        self.name, self.counts = self.rig.name, self.rig.counts
         self.pulses = {letter: (angle, 1.0) for letter, angle in ANGLES.items()}
         self.whole = True
 
@@ -395,15 +395,15 @@ class RemoteActuator:
                 f"{self.name}: expected whole commands (1 s to 0, 90, 180 or 270 degrees), got"
                 f" {seconds:g} s to {angle:g} degrees"
             )
-        self._rig.send(letter)
+        self.rig.send(letter)
 
     def stop(self) -> None:
         """Turn the field off, and wait until the device confirms it."""
-        self._rig.stop()
+        self.rig.stop()
 
     def close(self) -> None:
         """Close the connection."""
-        self._rig.close()
+        self.rig.close()
 
 
 class RemoteSensor:

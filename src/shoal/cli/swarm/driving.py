@@ -326,7 +326,7 @@ def drive(
             **patience,
         }
         if devices is not None:
-            pair = _open_devices(devices, truth, problem, seed, apparatus, **link)
+            pair = _open_devices(devices, truth, problem, seed, apparatus, past=past, **link)
             with _closed_after(pair, always=False):
                 view = shape or (None if truth is None else truth.shape)
                 opened = _bench(pair, view, measured, trim)
@@ -621,6 +621,8 @@ def _open_devices(
     problem: SwarmProblem,
     seed: int,
     apparatus: PlantProperties | None,
+    *,
+    past: RecordedRig | None = None,
     **link: Any,
 ) -> tuple[Actuator, Sensor]:
     """Open two devices, which may be one."""
@@ -638,7 +640,10 @@ def _open_devices(
             f"sensor: expected another device than the actuator (or --rig {moved_by}), got"
             f" {seen_by!r} for both"
         )
-    moves = open_actuator(moved_by, **link if is_connection(moved_by) else {})
+    session = None if past is None else past.session
+    moves = open_actuator(
+        moved_by, **{**link, "resume": session} if is_connection(moved_by) else {}
+    )
     if moved_by == seen_by and isinstance(moves, Sensor):
         return moves, moves
     try:
