@@ -158,6 +158,8 @@ def main() -> int:
     parser.add_argument("--interruptions", type=int, default=10)
     parser.add_argument("--only", choices=("tcp", "pty", "exec"))
     given = parser.parse_args()
+    # a shell lets its background processes, and thereby the drives, ignore SIGINT
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     broken = 0
     for connection in ("tcp", "pty", "exec"):
         for seed in range(given.drives if given.only in (None, connection) else 0):

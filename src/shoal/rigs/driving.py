@@ -25,7 +25,7 @@ from shoal.rigs.checks import Alarm, AlarmRaised, Trust, trust_of
 from shoal.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.rigs.monitor import Rate, tail
 from shoal.rigs.physics import TOLD
-from shoal.rigs.remote import LinkCounts
+from shoal.rigs.remote import LinkCounts, session_of
 from shoal.rigs.resume import check_resumable, check_same_rig, go_on, is_finished
 from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
 from shoal.rigs.suspects import MOVES, FirstMoves
@@ -867,8 +867,8 @@ class _Driver:
                 self._tell_log("stop", {})
                 self.rig.stop()
                 interrupted = failure is not None and not isinstance(failure, Exception)
-                if interrupted and (ask := getattr(self.rig, "carried_out", None)):
-                    self._tell_log("stopped", {"seq": ask()})
+                if interrupted and (session := session_of(self.rig)) is not None:
+                    self._tell_log("stopped", {"seq": session.carried_out()})
         except KeyboardInterrupt as error:
             return failure or error
         except BaseException as error:  # whatever a rig of others raises: the map must not be lost

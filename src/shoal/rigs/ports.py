@@ -388,14 +388,14 @@ class RemoteActuator:
     """
 
     def __init__(self, rig: RemoteRig) -> None:
-        self._rig = rig
+        self.rig = rig
         self.name, self.counts, self.pulses = rig.name, rig.counts, rig.pulses
         self.whole = "push" not in rig.can
 
     @property
     def values(self) -> dict[str, float]:
         """The newest values that the device has reported, by name."""
-        return self._rig.values
+        return self.rig.values
 
     def push(self, angle: float, seconds: float) -> None:
         """Push the particles, or carry out the command in the direction of ``angle``."""
@@ -405,9 +405,9 @@ class RemoteActuator:
             (one for one, pulse in self.pulses.items() if pulse == (angle % 360, seconds)), None
         )
         if not self.whole:
-            self._rig.push(angle, seconds)
+            self.rig.push(angle, seconds)
         elif letter is not None:
-            self._rig.send(letter)
+            self.rig.send(letter)
         else:
             raise InvalidInputError(
                 f"{self.name}: expected whole commands ({self.pulses['r'][1]:g} s to 0, 90, 180 or"
@@ -416,11 +416,11 @@ class RemoteActuator:
 
     def stop(self) -> None:
         """Turn the field off, and wait until the device confirms it."""
-        self._rig.stop()
+        self.rig.stop()
 
     def close(self) -> None:
         """Close the connection."""
-        self._rig.close()
+        self.rig.close()
 
 
 class RemoteSensor:
@@ -432,17 +432,17 @@ class RemoteSensor:
     """
 
     def __init__(self, rig: RemoteRig) -> None:
-        self._rig = rig
+        self.rig = rig
         self.name, self.shape, self.counts = rig.name, rig.shape, rig.counts
         self.calibration = CellCalibration()
 
     def observe(self) -> Frame:
         """Ask for the positions."""
-        return self._rig.look()
+        return self.rig.look()
 
     def close(self) -> None:
         """Close the connection."""
-        self._rig.close()
+        self.rig.close()
 
 
 def is_connection(spec: str) -> bool:

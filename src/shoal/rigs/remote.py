@@ -646,6 +646,16 @@ class RemoteRig(RigSession):
             )
 
 
+def session_of(rig: Any) -> RigSession | None:
+    """Return the session in which a rig gets its commands: the rig itself, or the session of its
+    actuator if the rig is made of two devices. Return None for a rig without sessions.
+    """
+    for one in (rig, getattr(getattr(rig, "actuator", None), "rig", None)):
+        if isinstance(one, RigSession):
+            return one
+    return None
+
+
 def open_rig(
     spec: str,
     *,

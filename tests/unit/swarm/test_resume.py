@@ -17,7 +17,7 @@ from tests.unit.swarm.test_rigs import ROOT, BenchTransport, bench, example
 
 from shoal import open_map
 from shoal.cli import run as shoal
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, OutputError
 from shoal.rigs import (
     DriveError,
     DriveInterrupted,
@@ -28,6 +28,7 @@ from shoal.rigs import (
     read_log,
     replay_log,
 )
+from shoal.rigs.ports import BenchRig, RemoteActuator, RemoteSensor
 from shoal.rigs.records import write_frames
 from shoal.rigs.resume import rebuild
 from shoal.swarm.maps.files import read_map
@@ -404,3 +405,40 @@ def test_values_that_a_rig_reports_are_in_the_table_of_frames(tmp_path):
     rows = list(csv.DictReader(write_frames(log, tmp_path / "f.csv").read_text().splitlines()))
     assert [row["field_mT"] for row in rows] == ["3.0"] * len(rows)
     assert [row["current_A"] for row in rows[:3]] == ["", "", "0.25"]
+
+
+def test_a_rig_of_two_devices_goes_on(tmp_path):
+    """The actuator knows which command it has carried out; the sensor only looks."""
+    log, rig = tmp_path / "log.jsonl", counted(bench(MAZE, particles=4).rig)
+    eye = example.Rig(rig.swarm, MAZE.shape, name="eye")
+    kinds = ["kill", "ctrl-c", "cable", "kill", None]
+    for turn, kind in enumerate(kinds):
+        past = read_log(log) if turn else None
+        line = Ending(rig, Interrupting(kind, 15 + turn))
+        session = None if past is None else past.session
+        actuator = RemoteRig(line, repeat_after=0.05, end_after=0.1, resume=session)
+        sensor = RemoteRig(BenchTransport(eye), repeat_after=0.05, end_after=0.1)
+        made = BenchRig(RemoteActuator(actuator), RemoteSensor(sensor), name="bench")
+        with contextlib.suppress(DriveError, DriveInterrupted):
+            result = drive(made, **({"resume": log} if turn else {"log": log}))
+    assert (result.status, result.compared(MAZE)["false_free"]) == ("complete", 0)
+    assert result.compared(MAZE)["false_obstacles"] == 0
+    assert result.commands == rig.carried_out
+    assert replay_log(log)[1]
+
+
+def test_two_drives_do_not_write_one_log(tmp_path):
+    log = tmp_path / "log.jsonl"
+    drive_interrupted(log, 20)
+
+    def second(_moves, _send):
+        rig, past = simulated(None), read_log(log)
+        rebuild(rig, past)
+        with pytest.raises(OutputError, match="another drive writes it at the moment"):
+            drive(rig, resume=past)
+        raise KeyboardInterrupt
+
+    rig, past = simulated(None), read_log(log)
+    rebuild(rig, past)
+    with pytest.raises(DriveInterrupted):
+        drive(rig, resume=past, on_rest=second)

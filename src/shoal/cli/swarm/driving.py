@@ -29,7 +29,7 @@ from shoal.cli.swarm.calibrating import (
     calibrate_bench,
     check_calibrating,
 )
-from shoal.core.checks import check_number, count_text, shape_text
+from shoal.core.checks import check_integer, check_number, count_text, shape_text
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, RigError
 from shoal.core.interruption import patient
@@ -38,6 +38,7 @@ from shoal.swarm.problem import DRIVEN, SwarmProblem
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from shoal.cli.swarm.trials import Trials
     from shoal.core.episode import Verification
     from shoal.rigs import Drive, DriveLog, RecordedRig, Rig
     from shoal.rigs.calibration import BenchCalibration
@@ -200,6 +201,27 @@ def drive(
             ),
         ),
     ] = None,
+    trials: Annotated[
+        int,
+        typer.Option(
+            "--trials",
+            help=(
+                "Number of drives after one another, with the seeds SEED, SEED + 1, ..., and with"
+                " the success rate and its interval at the end. --out gets a folder for each."
+            ),
+        ),
+    ] = 1,
+    between: Annotated[
+        str | None,
+        typer.Option(
+            "--between",
+            metavar="COMMAND",
+            help=(
+                "Command that resets a real rig between two of several --trials. Without it, Shoal"
+                " asks on the terminal. A simulated rig or a plant is made anew."
+            ),
+        ),
+    ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
@@ -219,6 +241,7 @@ def drive(
     a rig.
     """
     from shoal.cli.swarm.keyboard import keyboard, stop_until_confirmed
+    from shoal.cli.swarm.trials import run_trials
     from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
@@ -234,16 +257,25 @@ def drive(
     past = None
     if resume is not None:
         past = read_log(resume)
-        if (merged := _with_logged(ctx, past)) is not None:
-            assert ctx.command.callback is not None
-            ctx.command.callback(**merged)
+        if (missing := _missing(ctx, past)) is not None:
+            _run_again(ctx, missing)
             return
         check_resumable(past, problem.max_moves)
         if is_finished(past):
             say(f"shoal: {resume}: the drive was finished, so that nothing is left to do")
             _show_finished(past, map_name, out, film, json_)
             return
+    check_integer(trials, what="trials", least=1)
     rig, devices = _named(rig, actuator, sensor)
+    if trials > 1:
+        _check_trials(log=log, resume=resume, calibrate=calibrate)
+        about: dict[str, Any] = {"out": out, "film": film, "json_": json_, "seed": seed}
+        about |= {"between": between, "local": _is_local(rig)}
+        if not run_trials(lambda changed: _run_again(ctx, changed), ctx, trials, **about):
+            raise typer.Exit(1)
+        return
+    if between is not None:
+        raise InvalidInputError(f"between: expected several --trials beside it, got {trials}")
     apparatus = _apparatus(rig)
     truth = None if map_name is None else open_map(map_name)
     knowledge = None if known is None else open_map(known)
@@ -299,18 +331,18 @@ def drive(
             **patience,
         }
         if devices is not None:
-            pair = _open_devices(devices, truth, problem, seed, apparatus, **link)
+            pair = _open_devices(devices, truth, problem, seed, apparatus, past=past, **link)
             with _closed_after(pair, always=False):
                 view = shape or (None if truth is None else truth.shape)
                 opened = _bench(pair, view, measured, trim)
         elif _is_local(rig):
             opened = _local_rig(truth, problem, seed, apparatus)
-            if past is not None:
-                rebuild(opened, past)
         elif is_connection(rig):
             opened = open_rig(rig, **link, resume=None if past is None else past.session)
         else:
             opened = open_own_rig(rig)
+        if past is not None and _is_local(rig):
+            rebuild(opened, past)
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
         fields = {name: getattr(problem, name) for name in DRIVEN if name in problem.given}
@@ -348,18 +380,19 @@ def drive(
         finally:
             getattr(opened, "close", lambda: None)()
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
+        outputs["trials"] = ctx.obj
         book_path = None if book is None else book.path
         named = [("rig", rig)] if devices is None else [*zip(DEVICES, devices, strict=True)]
         outputs["named"] = named
         _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=book_path, **outputs)
-        if isinstance(failure, KeyboardInterrupt | SystemExit):
+        if isinstance(failure, KeyboardInterrupt | SystemExit) and ctx.obj is None:
             say(_how_to_go_on(result, book_path, out, named))
         if failure is not None:
             raise failure
     unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
     if unstopped:
         raise RigError(unstopped[0].text)
-    if result.status is Status.ALARM:
+    if result.status is Status.ALARM and ctx.obj is None:
         raise typer.Exit(1)
 
 
@@ -389,7 +422,7 @@ def _check_effect(
 
 
 DEVICES = ("actuator", "sensor")
-NOT_LOGGED = ("log", "json_", "resume")
+NOT_LOGGED = ("log", "json_", "resume", "trials", "between")
 MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves", "out", "film")
 """Options that may differ when a drive goes on: the way to the rig may be another, but the rig's
 name, shape and rule must be those of the log.
@@ -401,14 +434,12 @@ def _given(ctx: typer.Context) -> dict[str, Any]:
     return {
         name: json.loads(json.dumps(value, default=str))
         for name, value in ctx.params.items()
-        if name not in NOT_LOGGED
-        and getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
+        if name not in NOT_LOGGED and _is_given(ctx, name) and value is not None
     }
 
 
-def _with_logged(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
-    """Return all options of the command, with those of the log that the user has not repeated, or
-    None if there are none.
+def _missing(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
+    """Return the options of the log that the user has not repeated, or None if there are none.
 
     Raises
     ------
@@ -432,16 +463,36 @@ def _with_logged(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None
                 f"{name}: expected --{name} {shlex.quote(str(logged[name]))} beside --resume, as no"
                 " file alone makes Shoal run a program or a module, got none"
             )
-    source = ctx.get_parameter_source("resume")
+    missing = {
+        param.name: param.process_value(ctx, logged[param.name])
+        for param in ctx.command.params
+        if param.name is not None and param.name in logged and param.name not in given
+    }
+    return missing or None
+
+
+def _run_again(ctx: typer.Context, changed: dict[str, Any]) -> None:
+    """Run the command again in its context, with some options as if they had been given."""
+    source = ctx.get_parameter_source(next(name for name in ctx.params if _is_given(ctx, name)))
     assert source is not None
-    missing = [
-        param for param in ctx.command.params if param.name in logged and param.name not in given
-    ]
-    for param in missing:  # as if they had been given
-        assert param.name is not None
-        ctx.set_parameter_source(param.name, source)
-        ctx.params[param.name] = param.process_value(ctx, logged[param.name])
-    return dict(ctx.params) if missing else None
+    assert ctx.command.callback is not None
+    for name, value in changed.items():
+        ctx.set_parameter_source(name, source)
+        ctx.params[name] = value
+    ctx.command.callback(**ctx.params)
+
+
+def _is_given(ctx: typer.Context, name: str) -> bool:
+    return getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
+
+
+def _check_trials(**given: Path | None) -> None:
+    """Refuse options that concern one drive."""
+    for name, path in given.items():
+        if path is not None:
+            raise InvalidInputError(
+                f"{name}: expected one drive, got several --trials (with --out, each has a log)"
+            )
 
 
 def _book(
@@ -596,6 +647,8 @@ def _open_devices(
     problem: SwarmProblem,
     seed: int,
     apparatus: PlantProperties | None,
+    *,
+    past: RecordedRig | None = None,
     **link: Any,
 ) -> tuple[Actuator, Sensor]:
     """Open two devices, which may be one."""
@@ -613,7 +666,10 @@ def _open_devices(
             f"sensor: expected another device than the actuator (or --rig {moved_by}), got"
             f" {seen_by!r} for both"
         )
-    moves = open_actuator(moved_by, **link if is_connection(moved_by) else {})
+    session = None if past is None else past.session
+    moves = open_actuator(
+        moved_by, **{**link, "resume": session} if is_connection(moved_by) else {}
+    )
     if moved_by == seen_by and isinstance(moves, Sensor):
         return moves, moves
     try:
@@ -742,6 +798,7 @@ def _report(
     truth: GridWorkspace | None = None,
     log: Path | None = None,
     verified: Verification | None = None,
+    trials: Trials | None = None,
     named: Iterable[tuple[str, str]] = (),
 ) -> None:
     from shoal.cli.swarm.exploration import write_outputs
@@ -762,6 +819,9 @@ def _report(
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
+    if trials is not None:
+        trials.take(result, about)
+        return
     if json_:
         print_json(
             about
