@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.core.checks import check_integer, check_points
+from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
@@ -23,9 +23,11 @@ from shoal.steering.contact.world import ContactWorld, RegionWorld
 from shoal.steering.estimation import FrictionEstimate, GainEstimate, friction_text
 from shoal.steering.kernels import pressing as kernels
 from shoal.steering.planners.bounds import Bounds
+from shoal.steering.planners.greedy import Greedy
 from shoal.steering.planners.pressing import PressingSearch, pressing_of
 from shoal.steering.planners.robust import _project_inside
 from shoal.steering.planners.sampling import world_of
+from shoal.steering.planners.task import SteeringTask, why_unreachable
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.workspaces.convex import Points
 from shoal.steering.workspaces.region import Region
@@ -39,6 +41,7 @@ FAST, SLOW, WANTED = (4_000, 30_000, 12)  # manoeuvres of a search, and plans of
 SCENARIOS = 16  # of errors, in which plans are compared
 STEEPEST = 5.0  # tangent of the largest angle between a push and the normal of a wall
 NO_PLAN = 4  # moves without any plan until the drive ends
+CHAIN = 3e-3  # relative to the size: distance from walls that chains of contacts keep
 PATIENCE = 40  # moves without progress until the drive ends
 STILL = 3  # moves of which no particle makes a fifth, until the drive ends
 NEAR = 2e-3  # relative to the size: distance up to which a particle is taken to touch a wall
@@ -474,9 +477,30 @@ class _Loop:
                     wanted=WANTED,
                     shorter=True,
                 )
+                if not plans and rounds == FAST:
+                    plans = self._chain(state, own, left)
                 if plans:
                     return self._surest(search, plans)
         return None
+
+    def _chain(self, state: Points, friction: float, moves: int) -> list[Points]:
+        """Return the plan of the planner greedy, in a convex workspace."""
+        if isinstance(self.space, Region):
+            return []
+        task = SteeringTask(
+            ContactWorld(self.space, friction=friction),
+            state,
+            self.goal,
+            0.4 * self.problem.tolerance,
+            max(moves, 100),
+            margin=CHAIN,
+        )
+        plan = None if why_unreachable(task) else Greedy().plan(task)
+        if plan is None or not len(plan):
+            return []
+        re, im = self.gains.mean.mean(axis=0)
+        x, y = plan.T / (re * re + im * im)
+        return [np.column_stack([re * x + im * y, re * y - im * x])]
 
     def _surest(self, search: PressingSearch, plans: list[Points]) -> Points:
         """Return a plan with few moves, which often ends at the goals in spite of errors."""
@@ -556,7 +580,9 @@ def _foot(space: Any, point: Points) -> Points:
     """Return the nearest point of the walls."""
     if space.round:
         away = point - space.center
-        return np.asarray(space.center + away * (space.radius / max(float(np.hypot(*away)), 1e-300)))
+        return np.asarray(
+            space.center + away * (space.radius / max(float(np.hypot(*away)), 1e-300))
+        )
     import shapely
 
     line = shapely.shortest_line(space.shape.boundary, shapely.Point(point))

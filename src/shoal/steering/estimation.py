@@ -38,7 +38,9 @@ class GainEstimate:
     def __init__(self) -> None:
         self.mean, self.moves = np.array([[1.0, 0.0], [1.0, 0.0]]), 0
         shared, own = SHARED**2, OWN**2
-        self._spread = np.kron(np.array([[shared + own, shared], [shared, shared + own]]), np.eye(2))
+        self._spread = np.kron(
+            np.array([[shared + own, shared], [shared, shared + own]]), np.eye(2)
+        )
 
     @property
     def deviation(self) -> float:
@@ -74,7 +76,7 @@ class FrictionEstimate:
 
     def __init__(self, stated: float) -> None:
         self.stated, self.contacts = stated, 0
-        self._odds = np.where(FRICTIONS < 0.99 * min(stated, 1e9), -DOUBT, 0.0)
+        self._odds = np.where(0.99 * min(stated, 1e9) > FRICTIONS, -DOUBT, 0.0)
 
     @property
     def shares(self) -> NDArray[np.float64]:
@@ -90,7 +92,7 @@ class FrictionEstimate:
     @property
     def slips(self) -> bool:
         """Whether the walls surely slip more than stated."""
-        less = FRICTIONS < 0.85 * min(self.stated, FRICTIONS[-1])
+        less = 0.85 * min(self.stated, FRICTIONS[-1]) > FRICTIONS
         return self.contacts > 0 and float(self.shares[less].sum()) > 0.95
 
     @property
