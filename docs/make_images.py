@@ -9,6 +9,7 @@ docs/images/learning-curve.png)
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Mapping, Sequence
 from math import pi
@@ -90,6 +91,7 @@ def main() -> None:
         "tours": tours,
         "searches": searches,
         "steering": steering,
+        "calibration": calibration,
     }
     for name in sys.argv[1:] or parts:
         parts[name]()
@@ -122,6 +124,37 @@ def vessels() -> None:
         "vessels found in a photograph of a retina": photograph()[0],
     }
     save("vessel-trees.png", centre_lines_figure(maps), colours=64)
+
+
+def calibration() -> None:
+    """Calibrate the bench of examples/bench.py, whose camera is turned, sheared and mirrored."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+    from bench import Bench
+    from shoal.rigs import Frame, PlantPorts, calibrate, tie_by_map
+    from shoal.rigs.cameras import Detector, Vision
+    from shoal.views.calibration import calibration_figure
+
+    vessel = open_map("vessels:100")
+    bench = Bench(vessel, 8, 0, radius=0.35)
+    bench.look(160.0, 0.1, True)
+    bench.plant.coil_gains[:] = (0.8, 1.15), (1.2, 0.9)
+    vision = Vision(threshold="145", min_area=40)
+
+    class Camera(PlantPorts):
+        def observe(self) -> Frame:
+            frame = super().observe()
+            return Frame(Detector(vision).find(self.picture()), frame.time, frame.number)
+
+        def picture(self) -> NDArray[np.uint8]:
+            bench.draw()
+            return np.asarray(Image.open(io.BytesIO(bench.picture)).convert("L"))
+
+    camera = Camera(bench.plant)
+    tie = tie_by_map(camera.picture(), vessel.free)
+    found = calibrate(camera, camera, pulses=camera.pulses, tie=tie, shape=vessel.shape)
+    picture, points = camera.picture(), camera.observe().points
+    figure = calibration_figure(found, points=points, picture=picture)
+    save("calibration.png", figure, colours=64)
 
 
 def tours() -> None:

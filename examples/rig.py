@@ -10,6 +10,8 @@ physics.
     shoal drive --rig "exec:python examples/rig.py MAP.txt"           standard input and output
 
 To simulate a bad connection, the rig can cut the line and damage messages: --cuts 10 --damage 0.05.
+The signal SIGUSR1 pulls the cable for --pause seconds. With --count FILE, the rig writes down each
+command that it has carried out.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import json
 import os
 import random
 import select
+import signal
 import socket
 import sys
 import time
@@ -57,6 +60,7 @@ class Rig:
     ) -> None:
         self.swarm, self.shape, self.name, self.duration = swarm, shape, name, duration
         self.session, self.seq, self.answer, self.stopped = "", 0, b"", False
+        self.count = lambda command: None  # told of each command that was carried out
         self.quiet = lambda seconds: (
             True
         )  # waits; returns whether no stop command arrived meanwhile
@@ -113,6 +117,7 @@ class Rig:
                     {"type": "error", "seq": seq, "text": "the rig has been stopped"}
                 )
             self.swarm.move(message["command"])
+            self.count(message["command"])
             self.answer = encode_message({"type": "done", "seq": seq})
         else:
             self.answer = encode_message(
@@ -142,6 +147,7 @@ class BadLine:
     def __init__(self, *, cuts: int, damage: float, every: int, seed: int) -> None:
         self.random, self.cuts, self.damage, self.every = random.Random(seed), cuts, damage, every
         self.messages = self.damaged = self.cut = 0
+        self.pulled = False
 
     def carry(self, data: bytes) -> bytes:
         """Return the line as it arrives at the other end."""
@@ -163,6 +169,8 @@ class BadLine:
         """Return whether to cut the line now: just before an answer is sent, which is the worst
         moment.
         """
+        if self.pulled:
+            return True
         if self.cut < self.cuts and self.messages >= self.every * (self.cut + 1):
             self.cut += 1
             return True
@@ -236,16 +244,20 @@ def serve_pty(rig: Rig, link: Path, bad: BadLine, pause: float) -> None:
             link.unlink(missing_ok=True)
             os.close(here)
             os.close(there)
+        bad.pulled = False
         time.sleep(pause)
 
 
-def serve_tcp(rig: Rig, port: int, bad: BadLine) -> None:
+def serve_tcp(rig: Rig, port: int, bad: BadLine, pause: float = 0.0) -> None:
     """Serve TCP connections one after another."""
     with socket.create_server(("127.0.0.1", port)) as server:
         while True:
             connection, _ = server.accept()
             with connection:
                 Wire(connection.fileno(), connection.fileno(), bad).serve(rig)
+            if bad.pulled:
+                bad.pulled = False
+                time.sleep(pause)
 
 
 def main() -> None:
@@ -255,6 +267,9 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--duration", type=float, default=0.0, help="seconds that a command takes")
+    parser.add_argument(
+        "--count", type=Path, help="file to which each command that was carried out is appended"
+    )
     parser.add_argument("--pty", type=Path, help="make a pseudo-terminal under this name")
     parser.add_argument("--tcp", type=int, help="listen on this port")
     parser.add_argument("--cuts", type=int, default=0, help="how often to cut the line")
@@ -277,12 +292,17 @@ def main() -> None:
         name=given.map.stem,
         duration=given.duration,
     )
+    if given.count:
+        book = given.count.open("a", buffering=1)
+        rig.count = lambda command: print(command, file=book)
     bad = BadLine(cuts=given.cuts, damage=given.damage, every=given.every, seed=given.seed)
+    if hasattr(signal, "SIGUSR1"):
+        signal.signal(signal.SIGUSR1, lambda *_: setattr(bad, "pulled", True))
     with contextlib.suppress(KeyboardInterrupt):
         if given.pty:
             serve_pty(rig, given.pty, bad, given.pause)
         elif given.tcp:
-            serve_tcp(rig, given.tcp, bad)
+            serve_tcp(rig, given.tcp, bad, given.pause)
         else:
             Wire(sys.stdin.fileno(), sys.stdout.fileno(), bad).serve(rig)
 

@@ -1,5 +1,5 @@
 """Conformance checks for what people add to Shoal: worlds, tasks, policies, tours, planners,
-allocators, map formats, mission formats and rigs. Shoal's own pass them all.
+allocators, map formats, mission formats, rigs, actuators and sensors. Shoal's own pass them all.
 
 Each check runs the tested object on small random input. At the first violation of the object's
 contract, a check raises ``AssertionError`` with one sentence. Call the checks from your own tests:
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import copy
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +30,8 @@ from shoal.missions.files import mission_of
 from shoal.missions.formats import FORMATS as MISSION_FORMATS
 from shoal.missions.formats import MissionFormat
 from shoal.missions.mission import KINDS, Mission
-from shoal.rigs import Rig
+from shoal.rigs import Actuator, Frame, Rig, Sensor
+from shoal.rigs.ports import checked_pulses
 from shoal.search import TourMaker, components, make_tour
 from shoal.search.allocation.allocate import ALLOCATORS, Allocator, Team, numbers_of
 from shoal.search.allocation.costs import TourCost
@@ -53,12 +55,14 @@ from shoal.swarm.run import run
 from shoal.swarm.simulation.loop import decided
 
 __all__ = [
+    "check_actuator",
     "check_allocator",
     "check_map_format",
     "check_mission_format",
     "check_planner",
     "check_policy",
     "check_rig",
+    "check_sensor",
     "check_task",
     "check_tour_maker",
     "check_world",
@@ -571,3 +575,124 @@ def _observed(rig: Rig, exact: bool) -> Any:
         f"{rig.name}: a particle is outside the shape {tuple(rig.shape)}"
     )
     return cells[np.lexsort(cells.T[::-1])]
+
+
+def check_actuator(actuator: Actuator, *, seconds: float = 0.01) -> None:
+    """Check an actuator: its attributes, its pushes, and that it stops.
+
+    The check pushes the particles in eight directions, or carries out each command of
+    ``actuator.pulses`` if it refuses these. It stops and closes the actuator at the end.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    seconds : float
+        Time of a push.
+    """
+    assert isinstance(actuator, Actuator), (
+        f"expected the attributes and methods of Actuator, got {actuator!r}"
+    )
+    name = actuator.name
+    assert isinstance(name, str), f"expected a text as name, got {name!r}"
+    pulses = getattr(actuator, "pulses", None)
+    if pulses is not None:
+        try:
+            checked_pulses(pulses, name)
+        except (InvalidInputError, TypeError, ValueError) as error:
+            raise AssertionError(f"{name}: {error}") from error
+    pushes = [(45.0 * turn, seconds) for turn in range(8)]
+    try:
+        for push in pushes:
+            _push(actuator, *push)
+    except InvalidInputError as error:  # whole commands only
+        if pulses is None:
+            raise AssertionError(f"{name}: refused a push, and has no pulses: {error}") from error
+        pushes = list(pulses.values())
+        for push in pushes:
+            _push(actuator, *push)
+    for push in ((float("nan"), seconds), (0.0, -1.0), (0.0, float("inf"))):
+        _refuses(actuator, push, InvalidInputError, f"push{push}")
+    actuator.stop()
+    actuator.stop()
+    _refuses(actuator, pushes[0], RigError, "a push after stop()")
+    actuator.close()
+    actuator.close()
+    _refuses(actuator, pushes[0], RigError, "a push after close()")
+
+
+def _push(actuator: Actuator, angle: float, seconds: float) -> None:
+    returned: Any = actuator.push(angle, seconds)  # type: ignore[func-returns-value]
+    assert returned is None, f"{actuator.name}: expected None from push(), got {returned!r}"
+
+
+def _refuses(
+    actuator: Actuator, push: tuple[float, float], kind: type[Exception], what: str
+) -> None:
+    try:
+        actuator.push(*push)
+    except kind:
+        return
+    except Exception as error:
+        raise AssertionError(
+            f"{actuator.name}: expected {kind.__name__} for {what}, got {type(error).__name__}"
+        ) from error
+    raise AssertionError(f"{actuator.name}: expected {kind.__name__} for {what}, got none")
+
+
+def check_sensor(sensor: Sensor, *, frames: int = 20) -> None:
+    """Check a sensor: its attributes and its frames. The check closes the sensor at the end.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    frames : int
+        Number of frames to look at.
+    """
+    assert isinstance(sensor, Sensor), (
+        f"expected the attributes and methods of Sensor, got {sensor!r}"
+    )
+    name = sensor.name
+    assert isinstance(name, str), f"expected a text as name, got {name!r}"
+    before: Frame | None = None
+    copied = np.zeros((0, 2))
+    for _ in range(frames):
+        frame = sensor.observe()
+        _check_frame(frame, name)
+        if before is not None:
+            assert np.array_equal(before.points, copied), f"{name}: a frame changed afterwards"
+            assert frame.number >= before.number, (
+                f"{name}: picture {before.number} was followed by picture {frame.number}"
+            )
+            assert frame.points.shape[1] == before.points.shape[1], (
+                f"{name}: points of {before.points.shape[1]} numbers became points of"
+                f" {frame.points.shape[1]}"
+            )
+            if frame.number == before.number:
+                assert np.array_equal(frame.points, before.points), (
+                    f"{name}: picture {frame.number} came twice, with other points"
+                )
+            else:
+                assert frame.time >= before.time, (
+                    f"{name}: picture {frame.number} arrived before picture {before.number}"
+                )
+        before, copied = frame, frame.points.copy()
+    sensor.close()
+    sensor.close()
+
+
+def _check_frame(frame: Any, name: str) -> None:
+    assert isinstance(frame, Frame), f"{name}: expected a Frame, got {type(frame).__name__}"
+    points = frame.points
+    assert isinstance(points, np.ndarray), (
+        f"{name}: expected an array of points, got {type(points).__name__}"
+    )
+    assert points.dtype == np.float64, f"{name}: expected points as float64, got {points.dtype}"
+    assert points.ndim == 2, f"{name}: expected points of shape (n, 2), got {points.shape}"
+    assert points.shape[1] in (2, 3), f"{name}: expected points of shape (n, 2), got {points.shape}"
+    assert np.isfinite(points).all(), f"{name}: expected finite points, got {points.tolist()}"
+    assert isinstance(frame.number, int), f"{name}: expected a whole number, got {frame.number!r}"
+    assert isinstance(frame.time, float), f"{name}: expected a time in seconds, got {frame.time!r}"
+    assert frame.time <= time.monotonic(), (
+        f"{name}: a frame arrived {frame.time - time.monotonic():.3g} s from now: expected the"
+        " monotonic clock of this computer"
+    )

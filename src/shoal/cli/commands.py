@@ -39,6 +39,9 @@ COMMANDS = {
     "search": _Entry("search.searching", "search", "SEARCH_EXAMPLE"),
     "tour": _Entry("search.tour", "tour", "TOUR_EXAMPLE"),
     "missions check": _Entry("search.missions", "check", "CHECK_EXAMPLE"),
+    "missions upload": _Entry("search.robots", "upload", "UPLOAD_EXAMPLE"),
+    "missions start": _Entry("search.robots", "start", "START_EXAMPLE"),
+    "missions watch": _Entry("search.robots", "watch", "WATCH_EXAMPLE"),
     "sweep run": _Entry("sweep", "run", "RUN_EXAMPLE"),
     "sweep status": _Entry("sweep", "status", "STATUS_EXAMPLE"),
     "sweep summary": _Entry("sweep", "summary", "SUMMARY_EXAMPLE"),
@@ -52,7 +55,7 @@ COMMANDS = {
     "demo": _Entry("demo", "demo"),
 }
 GROUPS = {
-    "missions": "Check mission files.",
+    "missions": "Check mission files, bring them on board of vehicles, and start and watch them.",
     "sweep": (
         "Run sweeps of trials that can be continued after any interruption, and examine their"
         " results."

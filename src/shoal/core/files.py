@@ -4,19 +4,20 @@ checksum.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import secrets
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shoal.core.errors import InvalidInputError, OutputError
 from shoal.core.interruption import half_written
+
+if TYPE_CHECKING:
+    from hashlib import blake2b
 
 
 def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
@@ -42,6 +43,8 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         Raised if the folder is not writable, or if the disk is full. A failed write leaves no
         partial file.
     """
+    import secrets  # slow to import
+
     target = Path(path)
     temporary: Path | None = None
     try:
@@ -97,12 +100,22 @@ def as_json(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
+def digest(content: bytes = b"", *, size: int) -> blake2b:
+    """Return a hash object of this many bytes, which has read the content.
+
+    The import of `hashlib` brings OpenSSL, so that `import shoal` and help do without it.
+    """
+    import hashlib
+
+    return hashlib.blake2b(content, digest_size=size)
+
+
 _CHECKSUM = 32  # bytes
 
 
 def with_checksum(content: bytes) -> bytes:
     """Return the content of a cache file, with a checksum before it."""
-    return hashlib.blake2b(content, digest_size=_CHECKSUM).digest() + content
+    return digest(content, size=_CHECKSUM).digest() + content
 
 
 def without_checksum(stored: bytes) -> bytes:

@@ -146,16 +146,22 @@ class Registry(Generic[T]):
 
     def __init__(self, kind: str, *, open_to_others: bool = True, functions: bool = False) -> None:
         self.kind, self.open_to_others, self.functions = kind, open_to_others, functions
-        self._items: dict[str, T] = {}
+        self._items: dict[str, Callable[[], T]] = {}
 
     def add(self, name: str, item: T) -> T:
         """Register ``item`` under ``name`` and return ``item``. Each name can be registered only
         once.
         """
+        self.add_later(name, lambda: item)
+        return item
+
+    def add_later(self, name: str, find: Callable[[], T]) -> None:
+        """Register under ``name`` the object that ``find`` returns. Its module need not be imported
+        before the object is used, so that help, which only lists names, stays fast.
+        """
         if name in self._items:
             raise UnknownNameError(f"the {self.kind} name {name!r} is already taken")
-        self._items[name] = item
-        return item
+        self._items[name] = find
 
     def register(self, name: str) -> Callable[[T], T]:
         """Return a decorator that registers the decorated object under ``name``."""
@@ -178,7 +184,7 @@ class Registry(Generic[T]):
             registered name.
         """
         if name in self._items:
-            return self._items[name]
+            return self._items[name]()
         if ":" in name and self.open_to_others:
             return self._import(name)
         raise UnknownNameError(f"unknown {self.kind} {name[:60]!r}: {self._suggestion(name)}")

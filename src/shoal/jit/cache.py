@@ -10,7 +10,6 @@ the disk is full, Shoal compiles kernels again in each run, but the run continue
 from __future__ import annotations
 
 import enum
-import hashlib
 import os
 import pickle
 import re
@@ -27,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.core.files import users_cache, with_checksum, without_checksum
+from shoal.core.files import digest, users_cache, with_checksum, without_checksum
 from shoal.core.notices import tell_once
 from shoal.jit.loader import compiled_form, link, version_of_numba
 
@@ -40,9 +39,7 @@ def folder_of(sources: Path) -> Path | None:
     """Return the cache folder for the kernels of a source folder, or None if no folder
     is writable.
     """
-    subfolder = (
-        f"{sources.name}-{hashlib.blake2b(str(sources).encode(), digest_size=6).hexdigest()}"
-    )
+    subfolder = f"{sources.name}-{digest(str(sources).encode(), size=6).hexdigest()}"
     named = os.environ.get(ENVIRONMENT)
     if named:
         folder = Path(named).expanduser() / subfolder
@@ -147,11 +144,9 @@ def _header(file: Path, kernel: Any) -> bytes:
 def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
     source = Path(function.__code__.co_filename)
     folder = folder_of(source.parent) if source.is_file() else None
-    digest = hashlib.blake2b(
-        repr((compiled_form(kinds), _maker())).encode(), digest_size=8
-    ).hexdigest()
+    made_of = digest(repr((compiled_form(kinds), _maker())).encode(), size=8).hexdigest()
     name = re.sub(r"[^\w.-]", "", f"{source.stem}.{function.__qualname__}")
-    return folder and folder / f"{name}-{digest}.kernel"
+    return folder and folder / f"{name}-{made_of}.kernel"
 
 
 @cache
@@ -172,7 +167,7 @@ def _maker() -> tuple[Any, ...]:
     )
     return (
         *versions,
-        hashlib.blake2b(repr(described_code(code)).encode()).hexdigest(),
+        digest(repr(described_code(code)).encode(), size=64).hexdigest(),
         settings_of_numba(),
         *processor,
     )
@@ -195,15 +190,15 @@ def content_key(kernel: Any, describe: Callable[[CodeType], Any] | None = None) 
     function into what the key is made of: by default its byte code, which is at hand, but differs
     between versions of Python.
     """
-    digest, waiting, seen = hashlib.blake2b(digest_size=16), [kernel], {id(kernel)}
+    key, waiting, seen = digest(size=16), [kernel], {id(kernel)}
     while waiting:
         described, called = _own_content(waiting.pop(0), describe)
-        digest.update(described)
+        key.update(described)
         for one in called:
             if id(one) not in seen:
                 seen.add(id(one))
                 waiting.append(one)
-    return digest.digest()
+    return key.digest()
 
 
 @cache

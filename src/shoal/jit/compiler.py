@@ -43,6 +43,7 @@ from shoal.jit.loader import MachineCode
 
 _OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy"}
 _WRAPPER = "_ZN7cpython"  # prefix of the names of functions that accept Python objects
+_RUNTIME = "NRT_"  # prefix of the names of functions that count references
 _UNUSED_PASSES = {
     "with_lifting",
     "inline_inlinables",
@@ -358,9 +359,13 @@ class Entry(JITCodeLibrary):
         super()._optimize_final_module()
 
     def _nameless(self) -> bytes:
-        """Return the code without the names of values and parts, which take more than half of it."""
+        """Return the code without the names of values and parts, which take more than half of it.
+
+        The functions of Numba's runtime keep their names, by which Numba's optimization finds the
+        counts of references that it can leave out.
+        """
         module = self._final_module.clone()
-        _hide_parts(module)
+        _hide_parts(module, but=_RUNTIME)
         options = binding.create_pipeline_tuning_options()
         passes = binding.create_new_module_pass_manager()
         passes.add_strip_symbols_pass()
@@ -368,16 +373,19 @@ class Entry(JITCodeLibrary):
         return bytes(module.as_bitcode())
 
 
-def _hide_parts(module: Any) -> None:
+def _hide_parts(module: Any, but: str = "\0") -> None:
     """Tell LLVM that no code outside the module calls the parts of an entry.
 
     Without calls from outside, LLVM inlines each part that has only one call, and removes unused
-    arguments. In LLVM code, one array argument consists of seven arguments.
+    arguments. In LLVM code, one array argument consists of seven arguments. Functions whose names
+    begin with ``but`` are left as they are.
     """
     wrappers = [one.name for one in module.functions if one.name.startswith(_WRAPPER)]
     called = {*wrappers, *(name.replace(_WRAPPER, "_ZN", 1) for name in wrappers)}
     for function in module.functions:
-        if not function.is_declaration and function.name not in called:
+        if not function.is_declaration and not (
+            function.name in called or function.name.startswith(but)
+        ):
             function.linkage = Linkage.internal
 
 

@@ -14,7 +14,6 @@ file docs/adr/0017-kernels-keyed-by-content.md contains the measurements.
 from __future__ import annotations
 
 import ast
-import hashlib
 import pickle
 import re
 import sys
@@ -27,6 +26,7 @@ from pathlib import Path
 from types import CodeType
 from typing import TYPE_CHECKING, Any
 
+from shoal.core.files import digest
 from shoal.jit.cache import content_key, described_code, settings_of_numba
 from shoal.jit.loader import MachineCode, compiled_form, version_of_numba
 
@@ -145,8 +145,8 @@ def _member(kernel: Any, kinds: Any) -> tuple[Path, str]:
     folder = next((each for each in source.parents if each.name == "kernels"), source.parent)
     place = source.relative_to(folder).with_suffix("").as_posix().replace("/", ".")
     compiled = content_key(kernel, _source), compiled_form(kinds), place, _maker()
-    digest = hashlib.blake2b(repr(compiled).encode(), digest_size=16).hexdigest()
-    return folder, f"{re.sub(r'[^A-Za-z0-9_.-]', '', f'{place}.{function.__qualname__}')}-{digest}"
+    key = digest(repr(compiled).encode(), size=16).hexdigest()
+    return folder, f"{re.sub(r'[^A-Za-z0-9_.-]', '', f'{place}.{function.__qualname__}')}-{key}"
 
 
 @cache

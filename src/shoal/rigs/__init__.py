@@ -7,6 +7,8 @@ Every policy works with every rig.
 
 from __future__ import annotations
 
+from shoal.rigs.calibration import BenchCalibration, Responses
+from shoal.rigs.cameras import CameraSensor, MicroManagerSource, OpenCVSource, Vision, open_camera
 from shoal.rigs.checks import KINDS, Alarm, Trust
 from shoal.rigs.driving import (
     Drive,
@@ -17,11 +19,24 @@ from shoal.rigs.driving import (
     replay_log,
 )
 from shoal.rigs.log import DriveLog, RecordedRig, read_log
+from shoal.rigs.measuring import calibrate
 from shoal.rigs.monitor import Rate
 from shoal.rigs.physics import PhysicsRig, Plant, PlantProperties
+from shoal.rigs.ports import (
+    Actuator,
+    BenchRig,
+    Calibration,
+    GridCalibration,
+    PlantPorts,
+    Sensor,
+    open_actuator,
+    open_sensor,
+)
 from shoal.rigs.protocol import PROTOCOL, decode_message, encode_message
+from shoal.rigs.registration import Tie, tie_by_map, tie_by_marks
 from shoal.rigs.remote import LinkCounts, RemoteRig, open_rig
-from shoal.rigs.rig import NoisyRig, Rig, SimulatedRig
+from shoal.rigs.rig import Frame, NoisyRig, Rig, SimulatedRig
+from shoal.rigs.steering_bench import SteeringBench
 from shoal.rigs.transports import (
     ConnectionCutError,
     ProcessTransport,
@@ -30,37 +45,60 @@ from shoal.rigs.transports import (
     Transport,
     open_transport,
 )
+from shoal.rigs.trim import PulseTrim
 
 __all__ = [
     "KINDS",
     "PROTOCOL",
+    "Actuator",
     "Alarm",
+    "BenchCalibration",
+    "BenchRig",
+    "Calibration",
+    "CameraSensor",
     "ConnectionCutError",
     "Drive",
     "DriveError",
     "DriveInterrupted",
     "DriveLog",
+    "Frame",
+    "GridCalibration",
     "LinkCounts",
+    "MicroManagerSource",
     "NoisyRig",
+    "OpenCVSource",
     "PhysicsRig",
     "Plant",
+    "PlantPorts",
     "PlantProperties",
     "ProcessTransport",
+    "PulseTrim",
     "Rate",
     "RecordedRig",
     "RemoteRig",
+    "Responses",
     "Rig",
+    "Sensor",
     "SerialTransport",
     "SimulatedRig",
+    "SteeringBench",
     "TcpTransport",
+    "Tie",
     "Transport",
     "Trust",
+    "Vision",
+    "calibrate",
     "decode_message",
     "drive",
     "encode_message",
     "load_drive_kernels",
+    "open_actuator",
+    "open_camera",
     "open_rig",
+    "open_sensor",
     "open_transport",
     "read_log",
     "replay_log",
+    "tie_by_map",
+    "tie_by_marks",
 ]

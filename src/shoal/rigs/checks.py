@@ -28,6 +28,7 @@ KINDS = {
     "commands": "some commands were not carried out, or late, or in another direction",
     "drift": "the particles move without a command",
     "rule": "a position does not follow from the command and the known free cells",
+    "map": "the known map is wrong",
     "rates": "the observed rates of errors are far from the stated rates",
     "stop": "the rig has not confirmed the stop command",
     "failure": "the rig does not answer, or reports an error",

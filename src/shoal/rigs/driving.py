@@ -1,4 +1,4 @@
-"""Mapping with a rig: run any policy on a rig, in the closed loop that simulations also use, and
+"""Tasks of a swarm on a rig: run any policy on a rig, in the closed loop that simulations also use, and
 replay logs.
 """
 
@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from math import ceil, e
 from typing import Any
 
 import numpy as np
@@ -23,16 +24,28 @@ from shoal.core.interruption import interruption_held
 from shoal.rigs.checks import Alarm, AlarmRaised, Trust, trust_of
 from shoal.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.rigs.monitor import Rate, tail
+from shoal.rigs.physics import TOLD
 from shoal.rigs.remote import LinkCounts
+from shoal.rigs.resume import check_resumable, check_same_rig, go_on, is_finished
 from shoal.rigs.rig import LARGEST_VIEW, NoisyRig, PositionError, Rig, SimulatedRig
-from shoal.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
+from shoal.rigs.suspects import MOVES, FirstMoves
+from shoal.rigs.tracking import (
+    ExactRigSwarm,
+    ModelBroken,
+    NoisyRigSwarm,
+    OnRimError,
+    RigSwarm,
+    observe,
+)
 from shoal.swarm.episode import REASONS, SwarmEpisode
+from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import RULES, Board, letters_of, noise_rng, trial_rng
 from shoal.swarm.grid.scans import Recorder, Trace, WithTrace
-from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.state import Belief
+from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import Noise
-from shoal.swarm.policies import POLICIES, Manual, View
+from shoal.swarm.policies import POLICIES, Manual
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.simulation.loop import OnMoves, closed_loop, make_decider
 
@@ -41,6 +54,7 @@ ROUNDS = 12
 NOISY_CLOSING = 120  # the same on a rig with noise, where several scans establish a motion
 UNLIKELY = 1e-3  # probability of a first scan from which on the expected number cannot be true
 CLOSING = 10  # commands at the end of a drive that may show that the rig still acts
+MOST_TRIALS = 60  # commands at the end of a drive that may show that the rig makes no errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +89,13 @@ class Drive(WithTrace):
         How far the map can be trusted, and why.
     rates : dict of str to Rate
         For a rig with noise: the stated and the observed error rates, by name.
+    task : str
+        Name of the task.
+    targets, visited : int or None
+        Number of target cells, and how many of them scans surely showed particles in. None for a
+        mapping.
+    notes : tuple of str
+        What the drive did of its own accord, such as to go on with noise, in sentences.
     seconds_per_command, seconds_per_scan : float or None
         Mean time that the rig took for a command and for a scan, in seconds. None if there was
         none, and for replays.
@@ -91,6 +112,10 @@ class Drive(WithTrace):
     alarms: tuple[Alarm, ...]
     trust: Trust
     rates: dict[str, Rate]
+    task: str
+    targets: int | None
+    visited: int | None
+    notes: tuple[str, ...]
     seconds_per_command: float | None
     seconds_per_scan: float | None
 
@@ -125,6 +150,10 @@ class Drive(WithTrace):
         }
 
 
+class Convicted(AlarmRaised):
+    """Raised if the first commands show what is wrong with the rig, which no errors explain."""
+
+
 class DriveError(RigError):
     """Raised if a rig fails during a run. The attribute ``drive`` holds the result up to the
     failure.
@@ -155,9 +184,12 @@ def drive(
     spacing: tuple[float, ...] | None = None,
     particles: int | None = None,
     rule: str | None = None,
+    known: GridWorkspace | None = None,
+    exact: bool | None = None,
+    resume: str | os.PathLike[str] | RecordedRig | None = None,
     **fields: Any,
 ) -> Drive:
-    """Map the workspace of a rig. The policy knows only the positions that the rig reports.
+    """Map the workspace of a rig, or carry out another task in it. The policy knows only the positions that the rig reports.
 
     At the end of the run, the function stops the rig, even after an error or Ctrl-C. Kernels are
     compiled before the first scan.
@@ -188,8 +220,23 @@ def drive(
         The expected number of particles and the expected move rule. Another number in the first
         scan (with noise: fewer than chance allows, or more) and another rule are refused before
         the first command.
+    known : GridWorkspace, optional
+        A map that is known beforehand, as of an earlier drive. A task such as coverage needs one. A
+        mapping begins with it as prior knowledge, and checks every cell of it.
+    exact : bool, optional
+        Whether the rig makes no errors, so that the first contradiction ends the drive. By default,
+        the answer of the attribute ``exact`` of the rig, if it has one, or else False: a drive
+        without stated error rates then expects none until the first contradiction, and goes on with
+        the usual rates (`shoal.rigs.physics.TOLD`) from there.
+    resume : path or RecordedRig, optional
+        Log of a drive that was interrupted and goes on, or what `read_log` has read from it. The
+        log is replayed, and the drive goes on where the particles are now; ``log`` is the same log
+        if it is not given. All settings are those of the log, except that ``max_moves`` may be
+        larger. Open a rig behind a connection with ``open_rig(..., resume=read_log(LOG).session)``,
+        so that it can tell whether it has carried out the last command. A drive that was finished
+        is only replayed.
     **fields
-        Fields of `SwarmProblem`. The list `shoal.swarm.problem.DRIVEN` contains the fields of
+        Fields of `SwarmProblem`, such as ``task``. The list `shoal.swarm.problem.DRIVEN` contains the fields of
         `SwarmProblem` that are valid for a rig. If ``slip``, ``misplace`` or ``miss`` is given,
         wrong positions count as noise, and not as an error of the rig.
 
@@ -247,22 +294,104 @@ def drive(
         raise InvalidInputError(f"rule: expected {rule}, got {rig.rule} from the rig {rig.name}")
     if particles is not None:
         check_integer(particles, what="particles", least=1)
+    past = None
+    if resume is not None:
+        past = resume if isinstance(resume, RecordedRig) else read_log(resume)
+        check_same_rig(rig, past)
+        seed, problem = _settings(past, seed, fields)
+        check_resumable(past, problem.max_moves)
+        if is_finished(past):
+            return replay_log(past)[0]
+        test_move, spacing, known, cautious = (
+            past.test_move,
+            past.spacing,
+            past.known,
+            past.cautious,
+        )
+        log = DriveLog(past.path, append=True) if log is None else log
+    else:
+        problem, cautious = _told(rig, known, exact, fields)
     if isinstance(log, str | os.PathLike):
         log = DriveLog(log)
     elif log is not None and not isinstance(log, DriveLog):
         raise InvalidInputError(f"log: expected a DriveLog or a path, got {shortened(log)}")
-    problem = _in_view(SwarmProblem("rig", rule=rig.rule, **fields), tuple(rig.shape))
-    problem.check_at_place()
+    goal = _goal(problem, known, seed)
     load_drive_kernels(problem)
-    return _Driver(rig, problem, seed, log, on_moves, test_move, spacing, particles).run()
+    about: dict[str, Any] = {
+        "log": log,
+        "on_moves": on_moves,
+        "test_move": test_move,
+        "spacing": spacing,
+        "particles": particles,
+        "cautious": cautious,
+        "past": past,
+    }
+    return _Driver(rig, problem, goal, seed, **about).run()
 
 
-def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
+def _told(
+    rig: Rig, known: GridWorkspace | None, exact: bool | None, fields: dict[str, Any]
+) -> tuple[SwarmProblem, bool]:
+    """Return the problem that the arguments of `drive` state, and whether the drive may go on with
+    noise.
+    """
+    if known is not None and not isinstance(known, GridWorkspace):
+        raise InvalidInputError(f"known: expected a GridWorkspace, got {shortened(known)}")
+    if known is not None and known.shape != tuple(rig.shape):
+        raise InvalidInputError(
+            f"known: expected a map of shape {tuple(rig.shape)}, as the rig {rig.name} sees, got"
+            f" {known.name} of shape {known.shape}"
+        )
+    problem = SwarmProblem("rig", rule=rig.rule, **fields)
+    problem = _in_view(problem, tuple(rig.shape), known)
+    problem.check_at_place()
+    if exact and problem.noise is not None:
+        raise InvalidInputError("exact: expected a rig without error rates, got error rates")
+    unsure = not (getattr(rig, "exact", False) if exact is None else exact)
+    return problem, problem.noise is None and unsure
+
+
+def _goal(problem: SwarmProblem, known: GridWorkspace | None, seed: int) -> Goal:
+    """Return what a drive is to do. ``seed`` determines random target cells."""
+    setup = problem.setup
+    if known is None and not setup.mapping:
+        raise InvalidInputError(
+            f"known: expected a known map for the task {problem.task_name}, got none"
+        )
+    targets = None if known is None else setup.task.choose_targets(known, trial_rng(seed))
+    return Goal(setup.task, known, targets)
+
+
+def _settings(past: RecordedRig, seed: int, fields: dict[str, Any]) -> tuple[int, SwarmProblem]:
+    """Return the seed and the problem of a log, with a larger limit of moves if it is given.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if another argument contradicts the log.
+    """
+    problem = past.problem.replaced(**fields) if fields else past.problem
+    told = {"seed": past.seed} | {name: getattr(past.problem, name) for name in fields}
+    given = {"seed": seed or past.seed} | {name: getattr(problem, name) for name in fields}
+    for name in told:
+        if name != "max_moves" and told[name] != given[name]:
+            raise InvalidInputError(
+                f"{name}: expected {told[name]} as in {past.path}, got {given[name]}"
+            )
+    problem = _in_view(problem, past.shape, past.known)
+    problem.check_at_place()
+    return past.seed, problem
+
+
+def replay_log(
+    path: str | os.PathLike[str] | RecordedRig, *, trust: bool = False
+) -> tuple[Drive, Verification]:
     """Replay the commands of a log, and compare the final map and the status with the log.
 
     Parameters
     ----------
-    path : path
+    path : path or RecordedRig
+        The log, or what `read_log` has read from it.
     trust : bool
         Whether Shoal may run a third-party task that the log names.
 
@@ -273,8 +402,10 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
     RigError
         Raised if the recorded positions violate the move rule.
     """
-    rig = read_log(path, trust=trust)
-    result = _Driver(rig, rig.problem, rig.seed, spacing=rig.spacing).run()
+    rig = path if isinstance(path, RecordedRig) else read_log(path, trust=trust)
+    problem = _in_view(rig.problem, rig.shape, rig.known)
+    about: dict[str, Any] = {"spacing": rig.spacing, "cautious": rig.cautious}
+    result = _Driver(rig, problem, _goal(problem, rig.known, rig.seed), rig.seed, **about).run()
     ended = rig.ended
     if ended is None or ended["map"] is None:
         how = "breaks off" if ended is None else f"was {ended['status']}"
@@ -290,6 +421,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
         )
     if (
         rig.problem.noise is None
+        and not rig.cautious
         and ended["status"] != "alarm"
         and result.belief.complete != (ended["status"] == "complete")
     ):
@@ -322,7 +454,9 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
         else "closest-frontier"
     )
     fields = {
-        name: getattr(problem, name) for name in DRIVEN if name not in ("policy", "max_moves")
+        name: getattr(problem, name)
+        for name in DRIVEN
+        if name not in ("policy", "max_moves", "task", "subset", "target")
     }
     fields |= {
         name: 1.0
@@ -331,28 +465,38 @@ def load_drive_kernels(problem: SwarmProblem) -> None:
     }
     if policy != problem.policy:
         fields |= {"budget": None, "time_per_move": None}
+    task = "mapping" if problem.task_name == "mapping" else "coverage"
     for rule in RULES if problem.rule == "block" and problem.noise is None else (problem.rule,):
-        # the policy does not support the rule, as the drive itself will say
+        # the policy does not support the rule or the task, as the drive itself will say
         with suppress(InvalidInputError):
-            _prepare(rule, policy, tuple(fields.items()))
+            _prepare(rule, policy, task, tuple(fields.items()))
+    if problem.noise is None:  # with which the drive may go on
+        fields |= TOLD | ({} if isinstance(problem.scan_every, int) else {"scan_every": 1})
+        with suppress(InvalidInputError):
+            _prepare("block", policy, task, tuple(fields.items()))
 
 
 @cache
-def _prepare(rule: str, policy: str, fields: tuple[tuple[str, Any], ...]) -> None:
+def _prepare(rule: str, policy: str, task: str, fields: tuple[tuple[str, Any], ...]) -> None:
     workspace = GridWorkspace(np.array([[1, 1, 1], [1, 0, 1]], dtype=np.bool_))
-    problem = _in_view(
-        SwarmProblem("rig", rule=rule, policy=policy, max_moves=40, **dict(fields)), workspace.shape
-    )
+    about: dict[str, Any] = dict(fields) | {"max_moves": 40}
+    problem = SwarmProblem("rig", rule=rule, policy=policy, task=task, **about)
+    known = None if task == "mapping" else workspace
+    problem = _in_view(problem, workspace.shape, known)
     problem.check_at_place()
     rig: Rig = SimulatedRig(workspace, [(0, 0)], rule=rule)
     if problem.noise is not None:
         rig = NoisyRig(workspace, [(0, 0)], problem.noise, noise_rng(0))
-    _Driver(rig, problem, 0).run()
+    _Driver(rig, problem, _goal(problem, known, 0), 0).run()
 
 
-def _in_view(problem: SwarmProblem, shape: tuple[int, ...]) -> SwarmProblem:
-    """Return the problem in the field of view of a rig, of which only the size is known."""
-    return problem.at_place(GridWorkspace(np.ones(shape, dtype=np.bool_), name="rig"))
+def _in_view(
+    problem: SwarmProblem, shape: tuple[int, ...], known: GridWorkspace | None
+) -> SwarmProblem:
+    """Return the problem in the field of view of a rig, of which only the size is known, or a
+    map.
+    """
+    return problem.at_place(known or GridWorkspace(np.ones(shape, dtype=np.bool_), name="rig"))
 
 
 @dataclass(eq=False)
@@ -361,12 +505,15 @@ class _Driver:
 
     rig: Rig
     problem: SwarmProblem
+    goal: Goal
     seed: int
     log: DriveLog | None = None
     on_moves: OnMoves | None = None
     test_move: bool = True
     spacing: tuple[float, ...] | None = None
     particles: int | None = None  # expected
+    cautious: bool = False  # goes on with noise after the first contradiction
+    past: RecordedRig | None = None  # of a drive that goes on
 
     def __post_init__(self) -> None:
         self.recorded = self.rig if isinstance(self.rig, RecordedRig) else None
@@ -379,7 +526,14 @@ class _Driver:
         else:
             self.policy, self.most = self.recorded.policy, len(self.recorded.commands)
         self.recorder = Recorder()
+        source = self.recorded or self.past
+        self.runs = None if source is None else _RecordedRuns(source)
+        self.was_complete = False  # in the replay of a log
         self.alarms: list[Alarm] = []
+        self.convicted = False
+        self.notes: list[str] = []
+        self.first_moves: FirstMoves | None = None  # during the first moves, if they are tested
+        self.watched = 0  # commands that it has taken into account
         self.swarm: RigSwarm  # since the first scan
 
     def run(self) -> Drive:
@@ -393,6 +547,7 @@ class _Driver:
             status = self._explore()
         except AlarmRaised as raised:
             self.alarms, status = [raised.alarm], Status.ALARM
+            self.convicted = isinstance(raised, Convicted)
         except BaseException as error:  # goes on after the stop, with what was found until then
             failure = error
         failure = self._stop_rig(failure)
@@ -404,7 +559,9 @@ class _Driver:
         elif not isinstance(failure, KeyboardInterrupt):
             kind = "outside" if isinstance(failure, PositionError) else "failure"
             self.alarms.insert(0, Alarm(kind, self.swarm.moves, _text_of(failure)))
-        self.alarms += self.swarm.marks(quick=isinstance(failure, KeyboardInterrupt))
+        if not self.convicted:  # what is wrong with the rig explains more than marks could
+            self.alarms += self.swarm.marks(quick=isinstance(failure, KeyboardInterrupt))
+        self.alarms += self.swarm.wrong_map()
         failure = self._close_log(status, failure)
         result = self._result(status, time.perf_counter() - began)
         if failure is None:
@@ -420,51 +577,163 @@ class _Driver:
 
     def _begin(self) -> None:
         """Scan the particles for the first time, and begin the log."""
-        noise = self.problem.noise
-        swarm: RigSwarm = (
-            ExactRigSwarm(self.rig)
-            if noise is None
-            else NoisyRigSwarm(self.rig, noise, self.problem.confidence)
-        )
-        if self.particles is not None:
-            check_number_seen(self.rig, self.particles, len(swarm.first_scan), noise)
-        self.swarm = swarm
-        if self.log is not None:
+        source = self.rig if self.past is None else self.past
+        began = time.perf_counter()
+        first_scan = observe(source, 0)
+        scanning = time.perf_counter() - began
+        if self.particles is not None and self.past is None:
+            noise = self.problem.noise or (Noise(**TOLD) if self.cautious else None)
+            check_number_seen(self.rig, self.particles, len(first_scan), noise)
+        swarm = self._make_swarm(first_scan)
+        swarm.rig, swarm.scanning, swarm.scans = source, scanning, 1
+        if self.tests and (self.cautious or self.problem.noise is not None):
+            noise = self.problem.noise or Noise(**TOLD)
+            self.first_moves = FirstMoves(self.rig.shape, first_scan, noise, self.goal)
+        if self.log is not None and self.past is not None:
+            self.log.go_on(self.rig, self.past)
+            swarm.log = self.log
+        elif self.log is not None:
             self.log.begin(
                 self.rig,
                 policy=self.policy,
                 seed=self.seed,
-                problem=self.problem.to_dict(),
+                problem=self.header,
                 spacing=self.spacing,
+                test_move=self.test_move,
+                known=self.goal.known,
+                cautious=self.cautious,
             )
-            self.log.scan(0, swarm.first_scan)
+            self.log.scan(0, first_scan)
             swarm.log = self.log
+        self.swarm = swarm
+
+    def _make_swarm(self, first_scan: NDArray[np.int64]) -> RigSwarm:
+        self.header = self.problem.to_dict()
+        if self.problem.noise is None:
+            try:
+                return ExactRigSwarm(self.rig, self.goal, first_scan)
+            except (AlarmRaised, OnRimError) as raised:
+                if not self._may_expect_noise(raised):
+                    raise
+                self._expect_noise(raised)
+        assert self.problem.noise is not None
+        about = self.problem.noise, self.problem.confidence
+        return NoisyRigSwarm(self.rig, self.goal, first_scan, *about)
+
+    def _may_expect_noise(self, raised: Exception) -> bool:
+        """Return whether the drive may go on with noise after a contradiction."""
+        return (
+            not isinstance(raised, Convicted)
+            and self.problem.noise is None
+            and self.problem.rule != "tilt"
+            and (isinstance(self.goal.task, Mapping) or not self.goal.mapping)
+            and (self.cautious or isinstance(raised, ModelBroken))
+        )
+
+    def _expect_noise(self, raised: Exception) -> None:
+        """From now on, expect the usual errors of a rig."""
+        every = self.problem.scan_every if isinstance(self.problem.scan_every, int) else 1
+        place = self.problem.place
+        told = self.problem.replaced(**TOLD, rule="block", scan_every=every)
+        self.problem = told.at_place(place)
+        rates = ", ".join(f"--{name} {rate:g}" for name, rate in TOLD.items())
+        why = (
+            raised.alarm.text
+            if isinstance(raised, ModelBroken)
+            else f"move {self.swarm.moves if hasattr(self, 'swarm') else 0}: the positions do not"
+            " follow from the commands if the rig makes no errors"
+        )
+        self.notes.append(f"{why}; the drive goes on and expects the usual errors: {rates}")
+        if self.log is not None and hasattr(self, "swarm") and self.swarm.rig is self.rig:
+            self.log.event("noise", {"text": self.notes[-1]})
+
+    def _go_on_with_noise(self, raised: Exception) -> None:
+        """Begin a belief with noise, and take over all commands and scans so far."""
+        self._expect_noise(raised)
+        old, swarm = self.swarm, self._make_swarm(self.swarm.first_scan)
+        swarm.sending, swarm.scanning, swarm.scans = old.sending, old.scanning, old.scans
+        swarm.rig, swarm.log, self.swarm, self.recorder = old.rig, old.log, swarm, Recorder()
+        placed = list(old.placed)
+        for sent in (*old.sent, None):
+            while placed and placed[0].move == swarm.moves:
+                swarm.place(placed[0].cells, since=placed.pop(0).since)
+            if sent is not None:
+                rows, scanned = swarm.repeat(sent)
+                self.recorder.add(sent[0], rows, scanned=scanned)
+        self._check()
 
     def _explore(self) -> Status:
+        """Carry out the task. After a contradiction that errors of the rig may explain, go on with
+        noise. Return the status.
+        """
+        try:
+            return self._try_to_explore()
+        except (AlarmRaised, OnRimError) as raised:
+            if not self._may_expect_noise(raised):
+                raise
+            self._go_on_with_noise(raised)
+        return self._try_to_explore()
+
+    def _try_to_explore(self) -> Status:
         """Test the rig, run the policy, and test the rig again if its last commands moved nothing.
         Return the status.
         """
-        if self.recorded is not None:
-            return self._replay(self.recorded)
+        if self.runs is not None:
+            status = self._replay(self.runs)
+            if self.past is None:
+                return self._checked_end(status)
+            if self.swarm.rig is self.past:
+                go_on(self.rig, self.swarm, self.past, self.log, self.recorder)
+                self._check()
         if self.tests:
             self._test_rig()
         swarm = self.swarm
-        decider = make_decider(self.problem.setup, swarm.belief, trial_rng(self.seed), swarm.noisy)
+        # after an interruption, a policy with random decisions draws others
+        rng = trial_rng(self.seed, 0 if self.past is None else 1 + swarm.moves)
+        decider = make_decider(self.problem.setup, swarm.belief, rng, swarm.noisy)
         for _ in range(CLOSING):
             status = self._follow(decider)
             if status is Status.COMPLETE and (self.tests or swarm.doubtful):
                 self._prove_walls()
+            if status is Status.COMPLETE:
+                self._prove_exactness()
             if status is not Status.COMPLETE or swarm.finished:
                 break
         return self._checked_end(status)
+
+    def _prove_exactness(self) -> None:
+        """Send commands that must move particles, until the drive has shown that the rig makes
+        fewer errors than the confidence allows.
+
+        If a rig makes an error at a command with the probability s, n commands that must move
+        particles show no error with the probability (1 - s)^n. A wrong wall in a drive without any
+        contradiction has therefore at most the probability s (1 - s)^n, which is below 1 / (e (n +
+        1)) for every s.
+        """
+        swarm = self.swarm
+        if not self.cautious or not isinstance(swarm, ExactRigSwarm) or not self.goal.mapping:
+            return
+        needed = ceil(1 / (e * (1 - self.problem.confidence))) - 1
+        for _ in range(min(MOST_TRIALS, needed - swarm.trials)):
+            command = swarm.command_that_moves()
+            if command is None or self.recorder.moves >= self.most:
+                break
+            self._send(command)
+        if swarm.trials < needed:
+            text = (
+                f"{count_text(swarm.trials, 'command')} without an error are too few for the"
+                f" confidence {self.problem.confidence:g}"
+            )
+            raise AlarmRaised(Alarm("rates", swarm.moves, text))
 
     def _follow(self, decider: Any) -> Status:
         _, status = closed_loop(
             self.swarm,
             decider,
             max_moves=self.most,
+            mapping=self.goal.mapping,
             on_moves=self.on_moves,
-            on_trace=lambda _trace: self.swarm.check(),
+            on_trace=lambda _trace: self._check(),
             recorder=self.recorder,
         )
         return status
@@ -473,15 +742,42 @@ class _Driver:
         complete = status is Status.COMPLETE
         return Status.STALLED if complete and not self.swarm.finished else status
 
-    def _replay(self, recorded: RecordedRig) -> Status:
-        runs = _RecordedRuns(recorded)
-        status = self._follow(runs)
-        for command, steps in runs.rest():  # the closing moves, after the map was complete
-            self._carry_out(command, steps, scan=runs.due)
-        return self._checked_end(status)
+    def _replay(self, runs: _RecordedRuns) -> Status:
+        """Carry out the commands of a log, of which some may be carried out already."""
+        if not self.swarm.moves:
+            self._place_as_in(runs.rig)
+        for command, steps in runs.rest():
+            self._note_completion()
+            if runs.unknown:
+                for _ in range(steps):
+                    runs.rig.send(command)
+                self.recorder.add(command, self.swarm.skip(command, steps), scanned=False)
+            else:
+                self._carry_out(command, steps, scan=runs.due)
+            self._place_as_in(runs.rig)
+        self._note_completion()
+        return Status.COMPLETE if self.was_complete else Status.LIMIT
+
+    def _note_completion(self) -> None:
+        # the moves after the completion show that the rig acts
+        swarm = self.swarm
+        self.was_complete = self.was_complete or (swarm.belief.complete and swarm.finished)
+
+    def _place_as_in(self, recorded: RecordedRig) -> None:
+        """Take over the scans that showed particles elsewhere when the drive went on."""
+        move = self.swarm.moves
+        for cells in recorded.placed.get(move, ()):
+            found = np.array(cells, dtype=np.int64).reshape(-1, len(recorded.shape))
+            known = (0, *recorded.scans, *(at for at in recorded.placed if at < move))
+            self.swarm.place(found, since=max(at for at in known if at <= move))
 
     def _test_rig(self) -> None:
         """Send commands in all directions in turn until it is clear whether they move particles."""
+        while self.first_moves is not None and self.recorder.moves < self.most:
+            command = self.first_moves.next()
+            if command is None:
+                break
+            self._send(command)
         letters = letters_of(self.swarm.layout.ndim)
         for turn in range(ROUNDS * len(letters)):
             if self.swarm.still is not None or self.recorder.moves >= self.most:
@@ -512,19 +808,45 @@ class _Driver:
     def _carry_out(self, command: str, steps: int, *, scan: bool) -> None:
         rows, scanned = self.swarm.carry_out(command, steps, scan=scan)
         self.recorder.add(command, rows, scanned=scanned)
-        self.swarm.check()
+        self._check()
+
+    def _check(self) -> None:
+        """Raise an alarm if the scans so far contradict the commands."""
+        test = self.first_moves
+        for command, steps, cells in self.swarm.sent[self.watched :] if test else ():
+            self.watched += 1
+            if steps > 1 or cells is None or self.watched > MOVES:
+                self.first_moves = test = None
+                break
+            assert test is not None
+            test.update(command, cells)
+            alarm = test.alarm(self.watched)
+            if alarm is not None:
+                raise Convicted(alarm)
+        if test is None or not test.cycle:  # the test says more exactly what is wrong
+            self.swarm.check()
 
     def _stop_rig(self, failure: BaseException | None) -> BaseException | None:
         """Stop the rig. Return the failure that ended the drive, or Ctrl-C during the stop."""
         try:
             with interruption_held():
+                self._tell_log("stop", {})
                 self.rig.stop()
+                interrupted = failure is not None and not isinstance(failure, Exception)
+                if interrupted and (ask := getattr(self.rig, "carried_out", None)):
+                    self._tell_log("stopped", {"seq": ask()})
         except KeyboardInterrupt as error:
             return failure or error
         except BaseException as error:  # whatever a rig of others raises: the map must not be lost
             text = f"the rig may still move, as its stop failed: {_text_of(error)}"
             self.alarms.append(Alarm("stop", self.recorder.moves, text))
         return failure
+
+    def _tell_log(self, event: str, details: dict[str, Any]) -> None:
+        """Write an event to the log. A full disk must not keep the rig from being stopped."""
+        if self.log is not None and self.recorded is None:
+            with suppress(OutputError):
+                self.log.event(event, details)
 
     def _nothing_moved(self) -> Alarm:
         text = (
@@ -538,6 +860,10 @@ class _Driver:
         is not complete.
         """
         swarm = self.swarm
+        if status is Status.STALLED and swarm.unvisited and not swarm.belief.frontier:
+            return Status.ALARM  # the known map is wrong, as the alarm says
+        if not self.goal.mapping and status is Status.COMPLETE:
+            return status  # scans showed particles in all target cells, whatever moved them
         if swarm.moved and status is Status.COMPLETE and swarm.doubtful:
             self.alarms.append(Alarm("still", swarm.moves, swarm.doubts()[0]))
             return Status.ALARM
@@ -559,7 +885,7 @@ class _Driver:
                 for alarm in self.alarms:
                     about = {"alarm": alarm.kind, "move": alarm.move, "text": alarm.text}
                     self.log.event("alarm", about)
-            digest = {"moves": self.recorder.moves} | map_digest(self.swarm.belief)
+            digest = {"moves": self.recorder.moves} | map_digest(self.swarm.found)
             self.log.end(status, {} if status is Status.INTERRUPTED else digest)
         except BaseException as error:  # a full disk, or a second Ctrl-C
             return failure or error
@@ -581,16 +907,27 @@ class _Driver:
             "seconds": seconds,
         }
         timed = self.recorded is None
+        targets = self.goal.targets
+        n_targets = None if targets is None else int(targets.sum())
+        left = len(swarm.belief.frontier) + len(swarm.unvisited)
+        before = 0 if self.past is None else len(self.past.commands)
+        sent, scans = swarm.moves - before, swarm.scans
+        if self.past is not None:
+            scans -= len(self.past.scans)
         return Drive(
-            belief=swarm.belief,
+            belief=swarm.found,
             cells=swarm.state.cells,
             episode=self._episode(about),
             link=link,
             alarms=tuple(self.alarms),
             trust=trust_of(self.alarms, moved=swarm.moved, doubts=swarm.doubts()),
             rates=swarm.rates(),
-            seconds_per_command=swarm.sending / swarm.moves if timed and swarm.moves else None,
-            seconds_per_scan=swarm.scanning / swarm.scans if timed and swarm.scans else None,
+            task=self.problem.task_name,
+            targets=n_targets,
+            visited=None if n_targets is None else n_targets - left,
+            notes=tuple(self.notes),
+            seconds_per_command=swarm.sending / sent if timed and sent > 0 else None,
+            seconds_per_scan=swarm.scanning / scans if timed and scans > 0 else None,
             **about,
         )
 
@@ -600,23 +937,34 @@ class _Driver:
         Without noise, every particle moves in the map found exactly as it moved on the rig. With
         noise, the scans are replayed.
         """
-        swarm = self.swarm
-        free = swarm.belief.open.inner
+        swarm, goal = self.swarm, self.goal
+        free = swarm.found.open.inner
         if not free.any():
             return None
-        workspace = GridWorkspace(free, name=self.rig.name, spacing=self.spacing)
         start = tuple(map(tuple, swarm.start.tolist())) or None
-        scans = swarm.observations
-        if scans is not None:
-            scans = scans[: 1 + int(about["trace"].scanned.sum())]
-        return SwarmEpisode(
-            problem=self.problem.replaced(map=workspace, start=start),
-            start=swarm.start,
-            first_frontier=swarm.first_frontier,
-            seed=self.seed,
-            observations=None if scans is None else tuple(scans),
-            **about,
-        )
+        about = about | {"start": swarm.start, "seed": self.seed, "targets": goal.targets}
+        about |= {"first_frontier": swarm.first_frontier, "placed": tuple(swarm.placed)}
+        workspace = GridWorkspace(free, name=self.rig.name, spacing=self.spacing)
+        if swarm.observations is not None:
+            scans = tuple(swarm.observations[: 1 + int(about["trace"].scanned.sum())])
+            problem = (
+                self.problem.replaced(map=workspace, start=start)
+                if goal.mapping  # noise excludes other tasks on maps, but not on rigs
+                else self.problem.at_place(workspace)
+            )
+            return SwarmEpisode(problem=problem, observations=scans, goal=goal, **about)
+        problem = self.problem.replaced(map=workspace, start=start)
+        if (
+            goal.targets is not None
+            and goal.known is not None
+            and not np.array_equal(free, goal.known.free)
+        ):
+            # the episode takes place in the map as it turned out to be
+            about["targets"] = goal.targets & free
+            episode = SwarmEpisode(problem=problem, **about)
+            end = episode.replay.end
+            return replace(episode, trace=end.trace, first_frontier=end.first_frontier)
+        return SwarmEpisode(problem=problem, **about)
 
 
 def check_number_seen(rig: Rig, expected: int, seen: int, noise: Noise | None) -> None:
@@ -646,37 +994,36 @@ class _RecordedRuns:
     """Divides the commands of a log into runs: equal commands up to the next scan."""
 
     def __init__(self, rig: RecordedRig) -> None:
-        self._rig, self._at = rig, 0
+        self.rig, self._at = rig, 0
 
     @property
     def due(self) -> bool:
         """Whether the log contains a scan after the last run of commands."""
-        return self._at in self._rig.scans
+        return self._at in self.rig.scans
+
+    @property
+    def unknown(self) -> bool:
+        """Whether nobody knows what the last run of commands has done: particles were placed before
+        the next scan.
+        """
+        later = [at for at in self.rig.placed if at >= self._at]
+        return bool(later) and not any(self._at <= at <= min(later) for at in self.rig.scans)
 
     def rest(self) -> Iterator[tuple[str, int]]:
         """Yield the runs that are left."""
         while (run := self._next()) is not None:
             yield run
 
-    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the command of the next run and the number of commands in the run. If no commands
-        are left, return None.
-        """
-        return self._next()
-
     def _next(self) -> tuple[str, int] | None:
-        commands, first = self._rig.commands, self._at
+        commands, first = self.rig.commands, self._at
         if first == len(commands):
             return None
         self._at += 1
         while (
-            self._rig.rule != "tilt"
-            and self._at not in self._rig.scans
+            self.rig.rule != "tilt"
+            and self._at not in self.rig.scans
+            and self._at not in self.rig.placed
             and commands[self._at : self._at + 1] == commands[first]
         ):
             self._at += 1
         return commands[first], self._at - first
-
-    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Return true. The log determines when a scan is made."""
-        return True

@@ -9,6 +9,7 @@ import os
 import time
 import zlib
 from contextlib import suppress
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,11 +20,13 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, 
 from shoal.core.checks import check_file, parse_json, validation_message
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Status
-from shoal.core.errors import InvalidInputError, OutputError, RigError
+from shoal.core.errors import InvalidInputError, OutputError, RigError, errors_at
 from shoal.core.version import __version__
+from shoal.rigs.remote import LoggedSession
 from shoal.rigs.rig import LARGEST_VIEW
 from shoal.swarm.grid.board import letters_of
 from shoal.swarm.grid.state import Belief, check_cells
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.problem import SwarmProblem
 
 FORMAT: Literal[1] = 1
@@ -38,6 +41,11 @@ class DriveLog:
     Parameters
     ----------
     path : path
+    options : dict, optional
+        What else the header must hold for a drive that goes on: options of the command ``shoal
+        drive`` by name.
+    append : bool
+        Whether the log exists and belongs to a drive that goes on.
 
     Raises
     ------
@@ -45,9 +53,15 @@ class DriveLog:
         Raised if the log file already exists, or if Shoal cannot write the file.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
-        if self.path.exists():
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        options: dict[str, Any] | None = None,
+        append: bool = False,
+    ) -> None:
+        self.path, self.options = Path(path), options
+        if self.path.exists() and not append:
             raise OutputError(
                 f"cannot write {self.path}: the file exists already, and a log is never overwritten"
             )
@@ -56,20 +70,33 @@ class DriveLog:
                 f"cannot write {self.path}: the folder {self.path.parent} does not exist"
             )
         self._file: Any = None
+        self._rig: Any = None
         self._began = 0.0
         self._waiting: list[dict[str, Any]] = []
+        self.moves = self.scans = 0  # of an earlier part of the drive, which are not logged again
 
     def begin(
-        self, rig: Any, *, policy: str, seed: int, problem: dict[str, Any], spacing: Any = None
+        self,
+        rig: Any,
+        *,
+        policy: str,
+        seed: int,
+        problem: dict[str, Any],
+        spacing: Any = None,
+        test_move: bool = True,
+        known: GridWorkspace | None = None,
+        cautious: bool = False,
     ) -> None:
         """Write the header of the log: name and shape of the rig, the policy, the seed, the fields
-        of the problem, and the size of a cell along each axis in mm.
+        of the problem, the size of a cell along each axis in mm, the map that was known beforehand,
+        whether the drive may go on with noise, and what a drive that goes on needs: the session of
+        a rig behind a connection, and the options.
         """
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
-        self._began = time.monotonic()
+        self._began, self._rig = time.monotonic(), rig
         header = {"kind": "header", "log": "shoal-drive", "format": FORMAT, "version": __version__}
         header |= {
             "rig": rig.name,
@@ -79,17 +106,53 @@ class DriveLog:
             "problem": problem,
         }
         header |= {} if spacing is None else {"spacing": list(spacing)}
+        header |= {} if test_move else {"test_move": False}
+        session = getattr(rig, "session", None)
+        header |= {} if session is None else {"session": session}
+        header |= {} if self.options is None else {"options": self.options}
+        header |= {} if known is None else {"known": known.to_dict()}
+        header |= {"cautious": True} if cautious else {}
         self._write(header)
         for entry in self._waiting:
             self._write(entry)
 
+    def go_on(self, rig: Any, past: RecordedRig) -> None:
+        """Open the log for a drive that goes on: the same file, or a new one that begins with what
+        the log of the drive so far holds. A line that a power failure has cut short is removed.
+        """
+        lines = past.path.read_bytes()
+        whole = lines[: lines.rfind(b"\n") + 1]
+        try:
+            if self.path.exists():
+                if len(whole) < len(lines):
+                    os.truncate(self.path, len(whole))
+            else:
+                self.path.write_bytes(whole)
+            self._file = self.path.open("a", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
+        self._rig, self._began = rig, time.monotonic() - past.lasted
+        for entry in self._waiting:
+            self._write(entry)
+        self.moves, self.scans = len(past.commands) + len(past.tail), max(past.scans) + 1
+
     def command(self, move: int, command: str) -> None:
         """Record a command just before it is sent."""
-        self._write({"kind": "command", "move": move, "command": command, "time": self._time()})
+        if move > self.moves:
+            about = {"kind": "command", "move": move, "command": command}
+            self._write(about | self._request(1) | {"time": self._time()})
 
-    def scan(self, move: int, cells: NDArray[np.int64]) -> None:
-        """Record the cells in which a scan showed particles."""
-        self._write({"kind": "scan", "move": move, "cells": cells.tolist(), "time": self._time()})
+    def scan(self, move: int, cells: NDArray[np.int64], *, placed: bool = False) -> None:
+        """Record the cells in which a scan showed particles, and the values that the rig reports in
+        its attribute ``values``, such as currents. ``placed`` is true if the particles are
+        elsewhere than the commands would have them, as the drive was interrupted.
+        """
+        if move >= self.scans or placed:
+            about = {"kind": "scan", "move": move, "cells": cells.tolist()}
+            about |= {"placed": True} if placed else {}
+            values = getattr(self._rig, "values", None)
+            about |= {"values": dict(values)} if values else {}
+            self._write(about | self._request(0) | {"time": self._time()})
 
     def event(self, what: str, details: dict[str, Any]) -> None:
         """Record an event of the connection, such as the loss of the connection."""
@@ -111,6 +174,11 @@ class DriveLog:
             with suppress(OSError):  # a full disk, of which the entries have told
                 self._file.close()
             self._file = None
+
+    def _request(self, next_: int) -> dict[str, int]:
+        """Return the number of the last request, or with 1 of the next, if the rig counts them."""
+        requests = getattr(self._rig, "requests", None)
+        return {} if requests is None else {"seq": requests + next_}
 
     def _time(self) -> float:
         return round(time.monotonic() - self._began, 4)
@@ -150,12 +218,18 @@ class _Header(_Entry):
     spacing: (
         Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=2, max_length=3)] | None
     ) = None
+    test_move: bool = True
+    session: str | None = None
+    options: dict[str, Any] | None = None
+    known: dict[str, Any] | None = None
+    cautious: bool = False
 
 
 class _Command(_Entry):
     kind: Literal["command"]
     move: NonNegativeInt
     command: Annotated[str, Field(min_length=1, max_length=1)]
+    seq: NonNegativeInt | None = None
     time: float
 
 
@@ -163,6 +237,9 @@ class _Scan(_Entry):
     kind: Literal["scan"]
     move: NonNegativeInt
     cells: list[list[int]]
+    placed: bool = False
+    values: dict[str, float] | None = None
+    seq: NonNegativeInt | None = None
     time: float
 
 
@@ -216,6 +293,27 @@ class RecordedRig:
         truncated.
     spacing : tuple of float or None
         Size of a cell along each axis in mm, if it was given.
+    placed : dict
+        By number of commands before: the cells in which a scan showed the particles when the drive
+        went on, where the commands since the last scan do not explain them.
+    tail : str
+        The commands after the last scan, whose outcome is unknown.
+    session : LoggedSession or None
+        The session of a rig behind a connection.
+    version : str
+        Version of Shoal that wrote the log.
+    test_move : bool
+        Whether test moves were allowed.
+    options : dict or None
+        Options of the command that wrote the log, by name.
+    lasted : float
+        Time of the last entry, in seconds since the start.
+    path : path
+        The file.
+    known : GridWorkspace or None
+        The map that was known beforehand.
+    cautious : bool
+        Whether the drive might go on with noise after the first contradiction.
     """
 
     name: str
@@ -228,6 +326,16 @@ class RecordedRig:
     events: list[dict[str, Any]]
     ended: dict[str, Any] | None
     spacing: tuple[float, ...] | None = None
+    placed: dict[int, list[list[list[int]]]] = field(default_factory=dict)
+    tail: str = ""
+    session: LoggedSession | None = None
+    version: str = __version__
+    test_move: bool = True
+    options: dict[str, Any] | None = None
+    lasted: float = 0.0
+    path: Path = field(default_factory=Path)
+    known: GridWorkspace | None = None
+    cautious: bool = False
     _at: int = 0
 
     @property
@@ -292,45 +400,129 @@ def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRi
     if not trust:
         SwarmProblem.refuse_code(header.problem, where=f"{source}, line 1", names=("task",))
     problem = SwarmProblem.from_dict(header.problem, where=f"{source}, line 1")
-    commands, scans, events, ended = "", {}, [], None
-    shape = tuple(header.shape)
-    if int(np.prod(shape, dtype=object)) > LARGEST_VIEW:
+    found = _Found(source, tuple(header.shape))
+    if int(np.prod(header.shape, dtype=object)) > LARGEST_VIEW:
         raise InvalidInputError(
             f"{source}, line 1: expected a field of view of at most {LARGEST_VIEW} cells, got"
-            f" {shape}"
+            f" {found.shape}"
         )
-    letters = letters_of(len(shape))
     for number, entry in enumerate(entries[1:], start=2):
-        where = f"{source}, line {number}"
-        if isinstance(entry, _Command):
-            if entry.move != len(commands) + 1 or entry.command not in letters:
-                raise InvalidInputError(
-                    f"{where}: expected command {len(commands) + 1}, one of {letters!r}, "
-                    f"got {entry.command!r} as command {entry.move}"
-                )
-            commands += entry.command
-        elif isinstance(entry, _Scan):
-            if entry.move != len(commands) or entry.move in scans:
-                raise InvalidInputError(
-                    f"{where}: expected one scan after move {len(commands)}, got one of"
-                    f" {entry.move}"
-                )
-            check_cells(entry.cells, shape, what=where)
-            scans[entry.move] = entry.cells
-        elif isinstance(entry, _Event):
-            events.append(entry.model_dump())
-        elif isinstance(entry, _End):
-            ended = entry.model_dump()
+        found.add(entry, f"{source}, line {number}")
+    scans, placed, ended, commands = found.scans, found.placed, found.ended, found.commands
     if 0 not in scans:
         raise InvalidInputError(f"{source}: expected a scan before the first command, got none")
     # what the commands after the last scan did is unknown, unless the drive ended of its own
     # accord, as then it was certain
-    last = 0 if ended is None else ended["moves"] or 0
-    sent = commands[: max(*scans, last)] if last else commands[: max(scans)]
-    spacing = None if header.spacing is None else tuple(header.spacing)
+    sent = max(*scans, *placed, 0 if ended is None else ended["moves"] or 0)
+    with errors_at(f"{source}, line 1, known"):
+        known = None if header.known is None else GridWorkspace.from_dict(header.known)
     return RecordedRig(
-        header.rig, shape, problem, header.policy, header.seed, sent, scans, events, ended, spacing
+        header.rig,
+        found.shape,
+        problem,
+        header.policy,
+        header.seed,
+        commands[:sent],
+        scans,
+        found.events,
+        ended,
+        spacing=None if header.spacing is None else tuple(header.spacing),
+        known=known,
+        cautious=header.cautious,
+        placed=placed,
+        tail=commands[sent:],
+        session=found.session(header.session),
+        version=header.version,
+        test_move=header.test_move,
+        options=header.options,
+        lasted=found.lasted,
+        path=source,
     )
+
+
+class _Found:
+    """What the entries of a log after the header tell."""
+
+    def __init__(self, source: Path, shape: tuple[int, ...]) -> None:
+        self.source, self.shape, self.letters = source, shape, letters_of(len(shape))
+        self.commands, self.scans, self.lasted = "", dict[int, list[list[int]]](), 0.0
+        self.placed: dict[int, list[list[list[int]]]] = {}
+        self.events: list[dict[str, Any]] = []
+        self.ended: dict[str, Any] | None = None
+        self._session: str | None = None
+        self._command = self._last = 0
+        self._stopped = False
+        self._carried_out: int | None = None
+        self._outcome: bool | None = True
+
+    def add(self, entry: _Header | _Command | _Scan | _Event | _End, where: str) -> None:
+        """Take an entry over.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if the entry does not follow from the entries before it.
+        """
+        if isinstance(entry, _Command):
+            if entry.move != len(self.commands) + 1 or entry.command not in self.letters:
+                raise InvalidInputError(
+                    f"{where}: expected command {len(self.commands) + 1}, one of"
+                    f" {self.letters!r}, got {entry.command!r} as command {entry.move}"
+                )
+            self.commands += entry.command
+            self._command = self._last = entry.seq or 0
+            self._outcome = True
+        elif isinstance(entry, _Scan):
+            self._add_scan(entry, where)
+        elif isinstance(entry, _Event):
+            self._add_event(entry.model_dump())
+        elif isinstance(entry, _End):
+            self.ended = entry.model_dump()
+        self.lasted = getattr(entry, "time", self.lasted)
+
+    def _add_scan(self, entry: _Scan, where: str) -> None:
+        # a scan after an interruption may come before the last command, which is sent after it
+        moves = len(self.commands)
+        least = moves - 1 if entry.placed or self._outcome is False else moves
+        due = least <= entry.move <= moves
+        if not due or (entry.move in self.scans and not entry.placed):
+            raise InvalidInputError(
+                f"{where}: expected one scan after move {moves}, got one of {entry.move}"
+            )
+        check_cells(entry.cells, self.shape, what=where)
+        if entry.placed:
+            self.placed.setdefault(entry.move, []).append(entry.cells)
+        else:
+            self.scans[entry.move] = entry.cells
+        self._last = entry.seq or 0
+        self._outcome = self._outcome is not False or entry.move == moves
+
+    def _add_event(self, event: dict[str, Any]) -> None:
+        self.events.append(event)
+        number = event.get("seq")
+        number = number if isinstance(number, int) else None
+        if event["event"] == "resumed":
+            self.ended, self._stopped, self._carried_out = None, False, None
+            session = event.get("session")
+            if isinstance(session, str) and session != self._session:
+                self._session, self._command = session, 0
+                outcome = event.get("carried_out")
+                self._outcome = outcome if isinstance(outcome, bool) else None
+            self._last = number or 0
+        elif event["event"] == "repeated":
+            self._command, self._last, self._outcome = number or 0, number or 0, True
+        elif event["event"] == "stop":
+            self._stopped = True
+        elif event["event"] == "stopped":
+            self._carried_out = number
+
+    def session(self, first: str | None) -> LoggedSession | None:
+        """Return the last session. ``first`` is that of the header."""
+        name = self._session or first
+        if name is None:
+            return None
+        numbers = name, self._command, self._last
+        return LoggedSession(*numbers, self._stopped, self._carried_out, self._outcome)
 
 
 def _entry(line: bytes, where: str) -> _Header | _Command | _Scan | _Event | _End:

@@ -4,7 +4,8 @@ the number of particles.
 
 from __future__ import annotations
 
-from collections import deque
+import itertools
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from math import log, sqrt
 
@@ -36,9 +37,14 @@ INTERVAL_SIGMAS = 3.29  # of a 99.9 % interval
 PLAUSIBLE = 7.0  # log-likelihood ratio up to which a cell may still hold a particle at rest
 FEW = 30  # observations from which on a rate is judged
 LEAST = 8  # observations of other particles from which on they say how many stay
+MISSES, SURPLUS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.01, 0.1, 0.3, 1.0, 3.0)  # tried rates
+FEW_GHOSTS = 5  # detections without a particle up to which scans may show no ghosts
 WINDOW = 30  # scans that suggest a number of particles at the start and at the end
 NEAR = 2  # cells within which a particle can be confused with another one in two scans
-RECENT = 100  # particles with a free cell ahead whose motion is remembered
+JAMMED = 3  # pushes of one particle in one direction from which on more of them show nothing new
+RECENT = 100  # commands of which it is remembered whether they moved particles
+# share of motions that lead two cells far, up to which particles may do so by themselves
+LEAPS = 0.3
 
 
 @dataclass(frozen=True)
@@ -109,14 +115,20 @@ class NoiseMonitor:
         # of single particles: not seen; seen to stay although the cell ahead is free; seen beside
         # their line; seen to move by two cells
         self.missed, self.stayed, self.aside, self.leapt = Tally(), Tally(), Tally(), Tally()
+        # detections where neither the belief before nor the scan after shows a particle
+        self.ghosts, self._expected = 0, np.zeros(0)
+        # since a command last moved particles: how often each cell kept one, by command
+        self._held: dict[str, Counter[int]] = {letter: Counter() for letter in letters}
+        self._leaps_by_command: list[tuple[int, int]] = []  # and motions, where there are any
         # by the axis of the command and the axis of the motion; positive along the command
         self.advance = np.zeros((self.ndim, self.ndim))
         self.variance = np.zeros((self.ndim, self.ndim))
         # sum of the displacements of single particles across the axis of the command
         self.drift = np.zeros(self.ndim)
-        # whether particles with a free cell ahead stayed: the latest, and all by command
-        self.recent: deque[bool] = deque(maxlen=RECENT)
-        self.stays: dict[str, list[bool]] = {letter: [] for letter in letters}
+        # of particles with a free cell ahead, how many stayed and how many there were: at the latest
+        # commands that had any, and at all commands by letter
+        self.recent: deque[tuple[str, int, int]] = deque(maxlen=RECENT)
+        self.stays: dict[str, list[tuple[int, int]]] = {letter: [] for letter in letters}
         # pairs ahead minus pairs behind for each command, and the variance of this number if
         # nothing moves
         self._surplus = {letter: [0.0, 0.0] for letter in letters}
@@ -174,17 +186,39 @@ class NoiseMonitor:
             if other == axis:
                 self._surplus[command][0] += surplus
                 self._surplus[command][1] += variance
+        self._count_ghosts(before, after)
+        self._expected = inside.copy()
         within = ((before >= 0) & (before < self.shape)).all(axis=1)
         cells = before[within & (inside[tuple((before + 3).T)] > SURE)]
         if len(cells):
             ahead = np.zeros(self.ndim, dtype=np.int64)
             ahead[axis] = sign
-            self.stays[command] += self._see_motion(cells, ahead, first, second, inside, free)
-            self._follow(cells, after, ahead, inside)
+            cells_held, able = self._see_motion(cells, ahead, first, second, inside, free)
+            self._remember_stays(command, cells_held, able)
+            self._follow(cells, before, after, ahead, inside)
 
     def _flat(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         flat: NDArray[np.int64] = (cells + 4) @ self._strides
         return flat
+
+    def _count_ghosts(self, cells: NDArray[np.int64], after: NDArray[np.int64]) -> None:
+        """Count the detections of a scan that nobody expected, and that the scan after does not
+        confirm.
+        """
+        from scipy.spatial import KDTree
+
+        if self._expected.size:
+            boxes = np.lib.stride_tricks.sliding_window_view(
+                self._expected, (2 * NEAR + 1,) * self.ndim
+            )
+            inner = cells[((cells >= 0) & (cells < self.shape)).all(axis=1)]
+            beside = tuple(range(1, 1 + self.ndim))
+            around = boxes[tuple((inner + 3 - NEAR).T)].sum(axis=beside)
+            alone = inner[around < EMPTY]
+            if len(after) and len(alone):
+                near = KDTree(after).query(alone, p=np.inf)[0] <= NEAR
+                alone = alone[~near]
+            self.ghosts += len(alone)
 
     def _see_motion(
         self,
@@ -194,9 +228,9 @@ class NoiseMonitor:
         second: NDArray[np.int64],
         inside: NDArray[np.float64],
         free: NDArray[np.bool_],
-    ) -> list[bool]:
-        """Return which particles stayed, and count them, of those with a free cell ahead and no
-        other particle in their line.
+    ) -> tuple[list[int], int]:
+        """Return in which cells particles stayed, and of how many, and count them: those with a
+        free cell ahead and no other particle in their line.
         """
         able = np.ones(len(cells), dtype=bool)
         for distance in (-1, 1, 2):
@@ -206,17 +240,37 @@ class NoiseMonitor:
         far = np.isin(self._flat(cells + 2 * ahead), second)
         leapt = far[able & (there ^ far) & ~np.isin(self._flat(cells), second)]
         self.leapt.add(int(leapt.sum()), len(leapt))
+        if len(leapt):
+            self._leaps_by_command.append((int(leapt.sum()), len(leapt)))
         able &= free[tuple((cells + ahead + 1).T)]
         there, here = there[able], np.isin(self._flat(cells[able]), second)
         stayed = here[here ^ there]
         self.stayed.add(int(stayed.sum()), len(stayed))
-        stays: list[bool] = stayed.tolist()
-        self.recent.extend(stays)
-        return stays
+        return self._flat(cells[able])[here & ~there].tolist(), len(stayed)
+
+    def _remember_stays(self, letter: str, stays: list[int], able: int) -> None:
+        """Remember in which cells particles stayed at a command, of those that were able to move.
+
+        A particle that is jammed at a corner stays at each push, and is in the end the only one
+        with room ahead. As long as a command moves nothing, each cell therefore counts once for the
+        command, and `JAMMED` times for the apparatus.
+        """
+        if not able:
+            return
+        held, once, often = self._held[letter], able, able
+        if len(stays) < able:
+            held.clear()
+        else:
+            held.update(stays)
+            once = sum(held[cell] <= 1 for cell in stays)
+            often = sum(held[cell] <= JAMMED for cell in stays)
+        self.stays[letter].append((min(len(stays), once), once))
+        self.recent.append((letter, min(len(stays), often), often))
 
     def _follow(
         self,
         cells: NDArray[np.int64],
+        before: NDArray[np.int64],
         after: NDArray[np.int64],
         ahead: NDArray[np.int64],
         inside: NDArray[np.float64],
@@ -231,7 +285,8 @@ class NoiseMonitor:
             boxes[tuple((cells + 3 - NEAR).T)].reshape(len(cells), -1).sum(axis=1)
             - inside[tuple((cells + 3).T)]
         )
-        singles = cells[crowd < EMPTY]
+        shown = KDTree(before).query_ball_point(cells, NEAR, p=np.inf, return_length=True)
+        singles = cells[(crowd < EMPTY) & (shown == 1)]
         if not len(singles):
             return
         if not len(after):
@@ -240,12 +295,14 @@ class NoiseMonitor:
         for cell, near in zip(
             singles, KDTree(after).query_ball_point(singles, NEAR, p=np.inf), strict=True
         ):
-            if len(near) > 1:
+            # two cells behind, only another one can appear, which came from farther behind
+            close = [i for i in near if (after[i] - cell) @ ahead > -NEAR]
+            if len(close) > 1:
                 continue
-            self.missed.add(not near)
-            if not near:
+            self.missed.add(not close)
+            if not close:
                 continue
-            shift = after[near[0]] - cell
+            shift = after[close[0]] - cell
             shift[ahead != 0] = 0
             self.aside.add(bool(shift.any()))
             self.drift += shift
@@ -319,11 +376,11 @@ class NoiseMonitor:
         there are more pairs of detections ahead than behind, by more than wrong observations
         explain.
         """
-        stays, (surplus, variance) = self.stays[letter], self._surplus[letter]
-        moves = len(stays) - sum(stays)
+        (stays, trials), (surplus, variance) = total(self.stays[letter]), self._surplus[letter]
         if (
-            moves > 1
-            and tail(moves, len(stays), self.share / (self.hit + self.share) + 0.02) < DEMONSTRATED
+            trials - stays > 1
+            and tail(trials - stays, trials, self.share / (self.hit + self.share) + 0.02)
+            < DEMONSTRATED
         ):
             return True
         return surplus > max(3.0, SIGMAS * sqrt(variance))
@@ -353,11 +410,9 @@ class NoiseMonitor:
                 ),
             ),
             "miss": (self.missed, lambda seen: seen),
-            # a particle is seen aside if either of the two scans misplaced it to one of the sides
-            "misplace": (
-                self.aside,
-                lambda seen: (1 - sqrt(max(0.0, 1 - seen))) * self.ndim / (self.ndim - 1),
-            ),
+            # the belief knows where the particle was: it is seen aside if the second scan misplaced
+            # it to one of the sides
+            "misplace": (self.aside, lambda seen: seen * self.ndim / (self.ndim - 1)),
         }
         rates = {}
         for name, (tally, undo) in counted.items():
@@ -382,11 +437,52 @@ class NoiseMonitor:
         return tail(leaps, self.leapt.trials, misplace / self.ndim + 1e-3) if leaps > 1 else 1.0
 
     @property
+    def leaps_together(self) -> float:
+        """Logarithm of the ratio of two probabilities of the motions by two cells: if a share of
+        the commands is carried out twice, and if particles leap one by one.
+
+        Near a strong coil, a particle that stands in the front of its cell may be pulled over two
+        borders: at the same command, some particles leap and most do not. If a command is carried
+        out twice, all particles leap that have room. With k_t leaps among n_t motions at command t,
+        and the binomial probabilities B(k, n, p), both are the product over t of
+        (1 - s) B(k_t, n_t, e) + s B(k_t, n_t, q), averaged over s, e and q: for commands that are
+        carried out twice, e is the probability that a scan misplaces a particle along its line and q
+        is at least one half; for particles that leap by themselves, both are at most `LEAPS`.
+        """
+        counted = np.array(self._leaps_by_command, dtype=np.float64).reshape(-1, 2)
+        leaps, stays = counted[:, 0], counted[:, 1] - counted[:, 0]
+
+        def weigh(usual: list[float], sometimes: list[float]) -> float:
+            logs = {p: leaps * log(p) + stays * log(1 - p) for p in (*usual, *sometimes)}
+            sums = [
+                float(np.logaddexp(log(1 - share) + logs[e], log(share) + logs[q]).sum())
+                for e in usual
+                for q in sometimes
+                for share in SHARES
+            ]
+            return float(np.logaddexp.reduce(sums)) - log(len(sums))
+
+        wrong = self.noise.misplace / self.ndim + 1e-3
+        twice = weigh([wrong, wrong / 10], [0.5, 0.75, 0.95])  # walls hold the other particles
+        return twice - weigh([wrong, wrong / 10, LEAPS / 10], [LEAPS / 5, LEAPS / 2, LEAPS])
+
+    @property
+    def leap_alone(self) -> bool:
+        """Whether the scans show that particles leap by themselves, and not with the command."""
+        return self.leaps_together < log(DEMONSTRATED)
+
+    @property
     def _leaps(self) -> str:
         return (
             f"{self.leapt.events} of {count_text(self.leapt.trials, 'particle')} that moved alone moved by two cells:"
-            " commands are carried out twice"
+            " commands are carried out twice, or move particles too far"
         )
+
+    @property
+    def _still_directions(self) -> int:
+        """Number of different commands among the last ones, at which no particle moved."""
+        still = itertools.takewhile(lambda one: one[1] == one[2], reversed(self.recent))
+        return len({letter for letter, _, _ in still})
 
     def contradiction(self, move: int) -> Alarm | None:
         """Return the alarm that must stop the drive, or None."""
@@ -399,30 +495,33 @@ class NoiseMonitor:
                 return Alarm(
                     "direction", move, f"move {move}: {text} (the {axis_name(axis, self.ndim)})"
                 )
-        run = last_stays(self.recent)
-        if self._expected_stay(run) ** run < CRITICAL:
+        run = last_stays([(stays, trials) for _, stays, trials in self.recent])
+        if self._still_directions > 1 and self._expected_stay(run) ** run < CRITICAL:
             text = (
                 f"of the last {count_text(run, 'particle')} with a free cell ahead, none moved,"
                 " which slips do not explain: the magnets do nothing, or the camera shows an old"
                 " picture"
             )
             return Alarm("still", move, f"move {move}: {text}")
-        for letter, stays in self.stays.items():
-            others = [
-                stayed for other, seen in self.stays.items() if other != letter for stayed in seen
-            ]
-            expected = max(
-                self.staying, 0.2, sum(others) / len(others) if len(others) > LEAST else 0.0
+        for letter, seen in self.stays.items():
+            stays, trials = total(seen)
+            others = total(
+                [one for other in self.stays if other != letter for one in self.stays[other]]
             )
-            run = last_stays(stays)
-            if expected**run < CRITICAL or tail(sum(stays), len(stays), expected) < CRITICAL:
+            expected = max(self.staying, 0.2, others[0] / others[1] if others[1] > LEAST else 0.0)
+            run = last_stays(seen)
+            # a weak coil, or one far away, moves some of the particles
+            if expected**run < CRITICAL or tail(stays, trials, max(expected, 0.5)) < CRITICAL:
                 text = (
-                    f"command {letter!r}: of {count_text(len(stays), 'particle')} with a free cell"
-                    f" ahead, {sum(stays)} stayed, the last {run} in a row, which slips do not"
+                    f"command {letter!r}: of {count_text(trials, 'particle')} with a free cell"
+                    f" ahead, {stays} stayed, the last {run} in a row, which slips do not"
                     " explain: this direction of the magnets does nothing"
                 )
                 return Alarm("still", move, f"move {move}: {text}")
-        if self._leaping < CRITICAL:
+        if self._leaping < CRITICAL and (
+            self.leaps_together > -log(DEMONSTRATED)
+            or tail(self.leapt.events, self.leapt.trials, LEAPS) < CRITICAL
+        ):
             return Alarm("twice", move, f"move {move}: {self._leaps}")
         # as long as nothing moves along the commands, the scans are exchangeable, and motion to the
         # sides shows as well
@@ -449,6 +548,8 @@ class NoiseMonitor:
                     " not hold"
                 )
                 alarms.append(Alarm("rates", move, text))
+        if self._leaping < CRITICAL and not self.leap_alone:
+            alarms.append(Alarm("twice", move, self._leaps))
         trials = max(1, self.aside.trials)
         axis = int(np.argmax(np.abs(self.drift)))
         if (
@@ -465,7 +566,7 @@ class NoiseMonitor:
 
 
 def find_change(
-    likelihoods: dict[int, NDArray[np.float64]], counts: NDArray[np.int64]
+    likelihoods: dict[int, NDArray[np.float64]], counts: NDArray[np.int64], *, ghosts: bool = False
 ) -> tuple[int, int, float] | None:
     """Return the number of particles at the start and now, and the evidence, or None if the scans
     do not show that the number has changed.
@@ -482,7 +583,9 @@ def find_change(
     likelihoods : dict of int to ndarray of float64, shape (scans - 1,)
         The logarithm of L_n for each number n that comes into question, without the first scan.
     counts : ndarray of int64, shape (scans,)
-        The number of cells that each scan shows. No scan shows more cells than particles.
+        The number of cells that each scan shows.
+    ghosts : bool
+        Whether a scan may show more cells than there are particles.
 
     Examples
     --------
@@ -495,7 +598,9 @@ def find_change(
     """
     limit, best, change = log(DECISIVE), -log(CHANGED), None
     possible = {
-        number: np.where(counts[1:] > number, IMPOSSIBLE, np.maximum(of_number, IMPOSSIBLE))
+        number: np.where(
+            (counts[1:] > number) & (not ghosts), IMPOSSIBLE, np.maximum(of_number, IMPOSSIBLE)
+        )
         for number, of_number in likelihoods.items()
     }
     for last, of_last in possible.items():
@@ -527,6 +632,50 @@ def numbers_in_question(counts: NDArray[np.int64], miss: float) -> list[int]:
         for part in (counts, counts[:WINDOW], counts[-WINDOW:])
     )
     return sorted({max(0, number) for number in (mean - 1, mean, mean + 1, first, last)})
+
+
+def weigh_counts(counts: NDArray[np.int64]) -> dict[int, NDArray[np.float64]]:
+    """Return the log-likelihood of the number of detections in each scan after the first, for each
+    number of particles that comes into question, if a scan shows each particle by itself, also
+    where several are in one cell.
+
+    Of n particles, a scan shows each one with the probability 1 - m, and besides a number of ghosts
+    from a Poisson distribution with the mean g. The values m and g of `MISSES` and `SURPLUS` are
+    those that explain the scans best with a constant number of particles.
+
+    Examples
+    --------
+    >>> {n: round(float(of.sum())) for n, of in weigh_counts(np.array([5, 5, 5, 4, 5, 5])).items()}
+    {2: -20, 3: -13, 4: -7, 5: -3, 6: -7}
+    """
+    from scipy.special import gammaln, xlogy
+
+    least, most = int(np.quantile(counts, 0.05)) - 2, int(np.quantile(counts, 0.95)) + 2
+    best: dict[int, NDArray[np.float64]] = {}
+    seen = np.arange(counts.max() + 1)
+    for miss in MISSES:
+        for surplus in SURPLUS:
+            ghosts = xlogy(seen, surplus) - surplus - gammaln(seen + 1)
+            of_numbers = {}
+            for number in range(max(0, least), most):
+                shown = np.full(len(seen), -np.inf)
+                k = seen[: number + 1]
+                shown[k] = (
+                    gammaln(number + 1)
+                    - gammaln(k + 1)
+                    - gammaln(number - k + 1)
+                    + xlogy(k, 1 - miss)
+                    + xlogy(number - k, miss)
+                )
+                both = [np.logaddexp.reduce(shown[: c + 1] + ghosts[c::-1]) for c in seen]
+                of_numbers[number] = np.array(both)[counts[1:]]
+            if not best or _best_sum(of_numbers) > _best_sum(best):
+                best = of_numbers
+    return best
+
+
+def _best_sum(likelihoods: dict[int, NDArray[np.float64]]) -> float:
+    return max(float(np.maximum(of, IMPOSSIBLE).sum()) for of in likelihoods.values())
 
 
 def with_number(chances: NDArray[np.float64], number: int) -> None:
@@ -635,16 +784,33 @@ def find_misdeed(deeds: NDArray[np.float64]) -> Misdeed | None:
 def change_text(first: int, last: int) -> str:
     """Return what a change of the number of particles means, for people."""
     why = (
-        "scans stopped showing a particle, for longer than the miss rate explains"
+        "scans stopped showing a particle, for longer than the miss rate explains, unless two"
+        " particles share a cell"
         if first > last
         else "scans show more particles than at the start"
     )
     return f"about {first} particles at the start, about {last} now: {why}"
 
 
-def last_stays(stays: Sequence[bool]) -> int:
-    """Return how many particles in a row stayed, up to the last one observed."""
-    return next((i for i, stayed in enumerate(reversed(stays)) if not stayed), len(stays))
+def total(stays: Sequence[tuple[int, int]]) -> tuple[int, int]:
+    """Return the sums of pairs: how many particles stayed, and of how many."""
+    return sum(stayed for stayed, _ in stays), sum(trials for _, trials in stays)
+
+
+def last_stays(stays: Sequence[tuple[int, int]]) -> int:
+    """Return how many particles stayed at the last commands at which none moved.
+
+    Particles near each other may stay at one command, where the field is weak, so that whole
+    commands count.
+
+    Examples
+    --------
+    >>> last_stays([(3, 3), (8, 20), (5, 5), (2, 2)])
+    7
+    """
+    return sum(
+        trials for _, trials in itertools.takewhile(lambda one: one[0] == one[1], reversed(stays))
+    )
 
 
 def axis_name(axis: int, ndim: int) -> str:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 from collections import deque
 from math import ceil, exp, radians
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.random import Generator
@@ -34,6 +34,9 @@ ANGLES = {"r": 0.0, "u": 90.0, "l": 180.0, "d": 270.0}
 
 STEP = 0.3  # of its radius that a particle may move between two looks for contacts
 SLOP = 1e-3  # overlap that the engine tolerates, in cells
+# overlap with a wall that is tolerated at all, in radii: a crowd that wedges a particle between
+# others and a wall would press it through the wall
+WEDGED = 0.3
 RESTING = 1e-6  # velocity, in cells a second, below which a particle is at rest
 TOUCHING = 0.02  # distance from a wall, in cells, up to which a particle sticks to it
 REACH = 4.0  # distance, in diameters, up to which particles attract each other
@@ -310,6 +313,7 @@ class Plant:
     ) -> None:
         try:
             import pymunk
+            import pymunk.batch
         except ImportError:
             raise MissingExtraError(
                 "a physical plant needs pymunk: pip install 'shoal[physics]'"
@@ -330,6 +334,7 @@ class Plant:
         self.coil_gains = np.clip(rng.normal(1, apparatus.coil_gain, (2, 2)), 0.1, None)
         self.own_gains = np.clip(rng.normal(1, apparatus.own_gain, n), 0.1, None)
         self._flow = np.array([apparatus.flow_x, apparatus.flow_y])
+        self._fastest = float(np.linalg.norm(self._flow))
         self._longest = STEP * apparatus.radius / max(float(np.abs(self._flow).max()), 1.0)
         # the engine: without gravity; only the velocities that forces cause stay
         self._space, self._everything = pymunk.Space(), pymunk.ShapeFilter()
@@ -337,6 +342,11 @@ class Plant:
         # overlaps vanish by half in each step
         self._space.collision_bias = 0.5**60
         between = BETWEEN**0.5  # the engine multiplies the coefficients of two bodies
+        padded = np.pad(workspace.free, 1)
+        # whether a wall is on the sides -x, +x, -y and +y of a cell
+        self._walls = ~np.stack(
+            [padded[1:-1, :-2], padded[1:-1, 2:], padded[2:, 1:-1], padded[:-2, 1:-1]], axis=-1
+        )
         ground = self._space.static_body
         for a, b in wall_segments(workspace.free):
             wall = pymunk.Segment(ground, a, b, 0.0)
@@ -351,6 +361,10 @@ class Plant:
             disk.friction = between
             self._space.add(body, disk)
             self._bodies.append(body)
+        # all bodies at once: those that move, in the order in which they were added, and the walls'
+        self._exchange, self._batch = pymunk.batch, pymunk.batch.Buffer()
+        self._given, self._forces = pymunk.batch.Buffer(), np.zeros((n + 1, 2))
+        self._given.set_float_buf(self._forces)
         self._check_free(start)
         self._seen: deque[tuple[float, Points]] = deque([(0.0, start)])
 
@@ -373,7 +387,13 @@ class Plant:
     @property
     def points(self) -> Points:
         """The centres of all particles now (float64, shape (n, 2))."""
-        return np.array([body.position for body in self._bodies], dtype=np.float64)
+        return self._read(self._exchange.BodyFields.POSITION)
+
+    def _read(self, field: Any) -> Points:
+        self._batch.clear()
+        self._exchange.get_space_bodies(self._space, field, self._batch)
+        values = np.frombuffer(self._batch.float_buf()).reshape(-1, 2)
+        return values[: len(self.own_gains)].copy()
 
     def cells_of(self, points: Points) -> NDArray[np.int64]:
         """Return the cells (row, col) in which points lie (int64, shape (n, 2))."""
@@ -398,11 +418,10 @@ class Plant:
         seconds *= max(0.0, 1 + about.pulse_error * float(rng.normal()))
         speed = strength * about.length / about.pulse
         command = speed * np.array([np.cos(radians(angle)), np.sin(radians(angle))])
-        most = float(np.abs(command).max()) * about.strongest * self.coil_gains.max()
-        most = (
-            most * float(self.own_gains.max()) + about.attraction + float(np.abs(self._flow).max())
-        )
+        most = speed * about.strongest * float(self.coil_gains.max() * self.own_gains.max())
+        most += about.attraction + float(np.linalg.norm(self._flow))
         steps = max(1, ceil(seconds * most / (STEP * about.radius)))
+        self._fastest = most
         self.field_on, self._longest = True, max(seconds / steps, 1e-9)
         for _ in range(steps):
             self._step(self._longest, command)
@@ -414,7 +433,8 @@ class Plant:
         until, none = self.clock + seconds, np.zeros(2)
         flowing = bool(self._flow.any())
         while self.clock < until - 1e-12:
-            if not flowing and all(body.velocity.length < RESTING for body in self._bodies):
+            speeds = self._read(self._exchange.BodyFields.VELOCITY)
+            if not flowing and (np.abs(speeds) < RESTING).all():
                 self.clock = until
                 self._remember()
                 return
@@ -429,10 +449,10 @@ class Plant:
         lag = self.apparatus.lag
         kept = exp(-seconds / lag) if lag else 0.0
         self._space.damping = kept ** (1 / seconds) if kept else 0.0
-        for body, velocity in zip(self._bodies, wanted.tolist(), strict=True):
-            scale = (1 - kept) / seconds
-            body.force = (velocity[0] * scale, velocity[1] * scale)
+        self._forces[:-1] = wanted * ((1 - kept) / seconds)
+        self._exchange.set_space_bodies(self._space, self._exchange.BodyFields.FORCE, self._given)
         self._space.step(seconds)
+        self._calm()
         self.clock += seconds
         self._remember()
 
@@ -510,19 +530,33 @@ class Plant:
         """Hold the particles that touch a wall and are too slow to leave it or to slide."""
         about = self.apparatus
         least = about.adhesion * about.length / about.pulse
-        cells = self.cells_of(points)
-        padded = np.pad(self.workspace.free, 1)
-        within = points - np.floor(points)
-        touches = np.zeros(len(points), dtype=bool)
-        for row, col, gap in (
-            (0, -1, within[:, 0]),
-            (0, 1, 1 - within[:, 0]),
-            (1, 0, within[:, 1]),
-            (-1, 0, 1 - within[:, 1]),
-        ):
-            wall = ~padded[cells[:, 0] + 1 + row, cells[:, 1] + 1 + col]
-            touches |= wall & (gap < about.radius + TOUCHING)
+        touches = (self._gaps(points) < about.radius + TOUCHING).any(axis=1)
         velocities[touches & (np.linalg.norm(velocities, axis=1) < least)] = 0.0
+
+    def _gaps(self, points: Points) -> Points:
+        """Return the distances of points from the walls on the sides -x, +x, -y and +y of their
+        cells (shape (n, 4)), inf where there is none.
+        """
+        left = points - np.floor(points)
+        gaps = np.column_stack([left[:, 0], 1 - left[:, 0], left[:, 1], 1 - left[:, 1]])
+        return np.where(self._walls[tuple(self.cells_of(points).T)], gaps, np.inf)
+
+    def _calm(self) -> None:
+        """Slow down and take back particles that a crowd squeezes.
+
+        The engine can only tell bodies with inertia apart: those wedged between others and a wall
+        get impulses that throw them through the wall. Without inertia, nothing is faster than the
+        field moves it in the open.
+        """
+        speeds = np.linalg.norm(self._read(self._exchange.BodyFields.VELOCITY), axis=1)
+        for at in np.flatnonzero(speeds > self._fastest).tolist():
+            body = self._bodies[at]
+            body.velocity *= self._fastest / speeds[at]
+        points, least = self.points, (1 - WEDGED) * self.apparatus.radius
+        back = np.maximum(0.0, least - self._gaps(points))
+        for at in np.flatnonzero(back.any(axis=1)).tolist():
+            x, y = points[at] + back[at, ::2] - back[at, 1::2]
+            self._bodies[at].position = (float(x), float(y))
 
     def picture(self) -> tuple[float, Points]:
         """Return the time of the newest picture that has arrived, and the centroids in it.
@@ -602,9 +636,11 @@ class PhysicsRig:
         self.plant.push(ANGLES[command], seconds=self.plant.apparatus.pulse)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the camera sees particles (int64, shape (k, 2))."""
+        """Return the cell of each particle that the camera sees (int64, shape (k, 2)). Several
+        particles can be in one cell.
+        """
         _, centroids = self.plant.picture()
-        return np.unique(self.plant.cells_of(centroids), axis=0)
+        return self.plant.cells_of(centroids)
 
     def stop(self) -> None:
         """Turn the field off. The rig then refuses further commands."""

@@ -71,18 +71,24 @@ class Welcome(_Message):
 
 
 class Done(_Message):
-    """Answer of a rig to a command: the rig has carried out the command."""
+    """Answer of a rig to a command: the rig has carried out the command. ``values`` may hold
+    commanded and measured values by name, such as a current, for the log.
+    """
 
     type: Literal["done"] = "done"
     seq: int
+    values: dict[str, float] | None = None
 
 
 class Positions(_Message):
-    """Answer of a rig to the request observe: the cells of all observed particles."""
+    """Answer of a rig to the request observe: the cells of all observed particles. ``values`` may
+    hold measured values by name for the log.
+    """
 
     type: Literal["positions"] = "positions"
     seq: int
     cells: list[list[int]]
+    values: dict[str, float] | None = None
 
 
 class Stopped(_Message):

@@ -72,6 +72,60 @@ class LinkCounts:
     doubled: int = 0
 
 
+@dataclass(frozen=True)
+class LoggedSession:
+    """The session of a drive as far as its log tells, for a drive that goes on.
+
+    Parameters
+    ----------
+    session : str
+        Identifier of the session.
+    command : int
+        Number of the request for the last command of the log; 0 without commands.
+    last : int
+        Number of the last request in the log.
+    ended : bool
+        Whether Shoal has sent the stop command, after which the rig refuses commands.
+    carried_out : int or None
+        Number of the last request that the rig had carried out when it stopped, if it said so.
+    outcome : bool or None
+        False if the last command was not carried out in the session before, and was not repeated
+        yet; None if nobody knows; otherwise true.
+    """
+
+    session: str
+    command: int
+    last: int
+    ended: bool = False
+    carried_out: int | None = None
+    outcome: bool | None = True
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """What the rig knows of the session that a log tells of.
+
+    Parameters
+    ----------
+    goes_on : bool
+        Whether the session goes on. If not, a new one has begun.
+    carried_out : bool or None
+        Whether the rig has carried out the last command of the log. None if nobody knows, as the
+        rig has forgotten the session.
+    lost_command : bool
+        Whether the rig has carried out a command of which the log does not tell, because the log
+        has lost its last lines.
+    """
+
+    goes_on: bool
+    carried_out: bool | None
+    lost_command: bool = False
+
+
+class UnexpectedAnswerError(RigError):
+    """Raised if a rig answers a request with a message of another kind."""
+
+
 class RigSession:
     """A session with an apparatus over a connection that may break and may damage messages.
 
@@ -95,6 +149,9 @@ class RigSession:
         Function that the object calls with the events of the connection.
     session : str, optional
         Identifier of the session. The default identifier of a session is a random word.
+    resume : LoggedSession, optional
+        The session of a log, which goes on if the rig still knows it and has not been stopped.
+        Otherwise, a new session begins. The attribute ``resumption`` tells which.
 
     Raises
     ------
@@ -115,17 +172,26 @@ class RigSession:
         end_after: float = END_AFTER,
         on_event: OnEvent | None = None,
         session: str | None = None,
+        resume: LoggedSession | None = None,
     ) -> None:
         self.transport = transport
         self.repeat_after = check_number(repeat_after, what="repeat_after", above=0)
         self.end_after = check_number(end_after, what="end_after", above=0)
         self.on_event: OnEvent = on_event or (lambda _what, _details: None)
         self.counts = LinkCounts()
-        self._session, self._seq = session or secrets.token_hex(8), 0
+        self.session, self._seq = session or secrets.token_hex(8), 0
+        self._carried_out = 0  # the last request that the rig has answered
+        self._before = ""  # the session before, of which a late welcome may still arrive
         self._repeated = 0  # the last request that was sent more than once
         self._damaged: list[bytes] = []  # lines in a row that were damaged, here or at the rig
         self._heard = time.monotonic()
-        self._welcome = self._connect(new=True)
+        self.resumption: Resumption | None = None
+        self.values: dict[str, float] = {}
+        """The newest values that the rig has reported, such as currents, by name."""
+        if resume is not None:
+            self.resumption = self._resume(resume)
+        else:
+            self._welcome = self._connect(new=True)
 
     def __enter__(self) -> Self:
         return self
@@ -136,6 +202,59 @@ class RigSession:
     def close(self) -> None:
         """Close the connection to the rig."""
         self.transport.close()
+
+    @property
+    def requests(self) -> int:
+        """Number of the last request of the session."""
+        return self._seq
+
+    def _resume(self, logged: LoggedSession) -> Resumption:
+        """Ask the rig what it knows of a session, and go on with it or begin a new one."""
+        self.session, self._seq = logged.session, logged.last
+        self._welcome = self._connect(new=None)
+        done = self._welcome.seq
+        known = (
+            self._welcome.session == logged.session
+            and done > 0
+            and done >= max(logged.last, logged.command) - 1
+        )
+        number = done if known else logged.carried_out
+        carried_out = None if number is None else number >= logged.command
+        outcome = carried_out if logged.outcome is True else logged.outcome
+        if known and not logged.ended:
+            # a command that was not carried out gets its number again
+            self._seq = self._carried_out = done
+            return Resumption(True, outcome, self._lost_command(logged.last))
+        self._before, self.session = self.session, secrets.token_hex(8)
+        self._seq = self._carried_out = 0
+        self._welcome = self._anew()
+        return Resumption(False, outcome)
+
+    def _lost_command(self, last: int) -> bool:
+        """Whether the rig has carried out a command after the last request of the log. The log tells
+        of a command before it is sent, but of a scan only after it has come.
+        """
+        if self._seq <= last:
+            return False
+        if self._seq > last + 1:
+            return True
+        self._seq -= 1  # the rig repeats its last answer, whatever the request
+        try:
+            self.ask(lambda seq: Observe(seq=seq), Positions)
+        except UnexpectedAnswerError:
+            return True
+        return False
+
+    def _anew(self) -> Welcome:
+        """Begin a new session over the open connection."""
+        try:
+            welcome = self._greet()
+        except ConnectionCutError:
+            welcome = None
+        if welcome is None:
+            self.transport.close()
+            return self._connect(new=True)
+        return self._accepted(welcome, new=True)
 
     def ask(self, make: Callable[[int], Command | Observe], kind: type[Answer]) -> Answer:
         """Send the request that ``make`` returns for the next number, and repeat it until the rig
@@ -158,9 +277,11 @@ class RigSession:
                 self._reconnect(str(error))
                 answer = None
             if isinstance(answer, kind):
+                self._carried_out = request.seq
+                self.values |= answer.values or {}
                 return answer
             if answer is not None:
-                raise RigError(
+                raise UnexpectedAnswerError(
                     f"{self.transport.name}: expected the answer {kind.__name__.lower()!r}, got"
                     f" {answer.type!r}"
                 )
@@ -194,6 +315,23 @@ class RigSession:
             f"{self.transport.name}: the rig has not confirmed the stop command"
             f"{why or f' within {self.end_after:g} s'}"
         )
+
+    def carried_out(self) -> int | None:
+        """Return the number of the last request that the rig has carried out, or None if the rig
+        does not say.
+
+        Ask after `stop`, if an interruption has left open whether the rig has carried out the last
+        request.
+        """
+        if self._carried_out == self._seq:
+            return self._seq
+        try:
+            welcome = self._greet(once=True)
+        except (ConnectionCutError, RigError):
+            return None
+        if welcome is None or welcome.session != self.session or welcome.seq < self._seq - 1:
+            return None
+        return welcome.seq
 
     def _check_device(self, welcome: Welcome) -> None:
         """Raise RigError if Shoal cannot work with what the rig says about itself."""
@@ -295,8 +433,10 @@ class RigSession:
             return min(2 * pause, LONGEST_PAUSE)
         return FIRST_PAUSE
 
-    def _connect(self, *, new: bool) -> Welcome:
-        """Open the connection, and send hello messages until the rig answers."""
+    def _connect(self, *, new: bool | None) -> Welcome:
+        """Open the connection, and send hello messages until the rig answers. ``new`` is None if
+        the rig may know the session or not.
+        """
         pause = FIRST_PAUSE
         while True:
             why = ""
@@ -317,12 +457,12 @@ class RigSession:
             time.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
-    def _is_gone(self, error: ConnectionCutError, *, new: bool) -> bool:
+    def _is_gone(self, error: ConnectionCutError, *, new: bool | None) -> bool:
         """Whether it is pointless to open a connection again that was lost before the rig has
         answered.
         """
         waited = time.monotonic() - self._heard > self.repeat_after
-        return not self.transport.returns or (new and (waited or not error.refused))
+        return not self.transport.returns or (new is not False and (waited or not error.refused))
 
     def _last_words(self, why: str) -> RigError:
         """Close a connection that was lost before the rig has answered. Return the error, with what
@@ -340,25 +480,25 @@ class RigSession:
         rubbish = f": {self._rubbish}" if self._damaged else ""
         return RigError(f"{self.transport.name}: no answer from the rig: {why}{rubbish}")
 
-    def _greet(self) -> Welcome | None:
-        """Send hello messages, and return the rig's answer. If no answer to three of them arrives
-        in time, return None.
+    def _greet(self, *, once: bool = False) -> Welcome | None:
+        """Send hello messages, and return the rig's answer. If no answer to three of them (with
+        ``once``, to one) arrives in time, return None.
         """
-        unanswered = 0
+        unanswered = 2 if once else 0
         while unanswered < 3:
-            self.transport.write(b"\n" + encode_message(Hello(session=self._session)))
+            self.transport.write(b"\n" + encode_message(Hello(session=self.session)))
             for message in self._messages(self.repeat_after):
                 if message is None or isinstance(message, Again):
                     self._check_silence()
                     break
                 self._check_refusal(message, None)
-                if isinstance(message, Welcome):
+                if isinstance(message, Welcome) and message.session != self._before:
                     return message
             else:
                 unanswered += 1
         return None
 
-    def _accepted(self, welcome: Welcome, *, new: bool) -> Welcome:
+    def _accepted(self, welcome: Welcome, *, new: bool | None) -> Welcome:
         """Check that the answer to the request hello comes from the expected rig and session."""
         if welcome.protocol != PROTOCOL:
             raise RigError(
@@ -366,13 +506,15 @@ class RigSession:
                 f" {welcome.protocol}"
             )
         self._check_device(welcome)
+        if new is None:
+            return welcome
         if new:
-            if welcome.seq != 0 or welcome.session != self._session:
+            if welcome.seq != 0 or welcome.session != self.session:
                 raise RigError(
                     f"{self.transport.name}: expected a new session, got a session with"
                     f" {welcome.seq} requests"
                 )
-        elif welcome.session != self._session or welcome.seq not in {self._seq - 1, self._seq}:
+        elif welcome.session != self.session or welcome.seq not in {self._seq - 1, self._seq}:
             raise RigError(
                 f"{self.transport.name}: expected the rig to continue at request {self._seq}, got"
                 f" {welcome.seq}: the rig has restarted, and the effect of the last command is"
@@ -386,7 +528,7 @@ class RemoteRig(RigSession):
 
     Parameters
     ----------
-    transport, repeat_after, end_after, on_event, session
+    transport, repeat_after, end_after, on_event, session, resume
         The parameters of `RigSession`.
     """
 
@@ -449,6 +591,7 @@ def open_rig(
     repeat_after: float = REPEAT_AFTER,
     end_after: float = END_AFTER,
     on_event: OnEvent | None = None,
+    resume: LoggedSession | None = None,
 ) -> RemoteRig:
     """Connect to the rig that the text ``spec`` names.
 
@@ -459,7 +602,7 @@ def open_rig(
         serial line runs at 115200 baud. The address of a serial line may end with another speed in
         baud, as in ``serial:/dev/ttyUSB0@9600``. ``COMMAND`` starts a program that exchanges the
         messages of the protocol on its standard input and output.
-    repeat_after, end_after, on_event
+    repeat_after, end_after, on_event, resume
         Options of the class `RemoteRig`.
 
     Raises
@@ -473,5 +616,9 @@ def open_rig(
         Raised if the rig does not answer, or if the rig uses another version of the protocol.
     """
     return RemoteRig(
-        open_transport(spec), repeat_after=repeat_after, end_after=end_after, on_event=on_event
+        open_transport(spec),
+        repeat_after=repeat_after,
+        end_after=end_after,
+        on_event=on_event,
+        resume=resume,
     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.dataclass import dataclass
 from shoal.core.errors import RigError
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
@@ -23,6 +24,25 @@ class PositionError(RigError):
     """Raised if a position is not a cell of the field of view: not two or three whole numbers, or
     outside.
     """
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What a sensor has seen.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, ndim)
+        Centroids of the particles, in the sensor's own unit (of a camera, pixels: column and row).
+    time : float
+        When the picture arrived, in seconds of the monotonic clock of this computer.
+    number : int
+        Number of the picture. It counts up; two frames with the same number are the same picture.
+    """
+
+    points: NDArray[np.float64]
+    time: float
+    number: int
 
 
 @runtime_checkable
@@ -95,6 +115,11 @@ class SimulatedRig:
         """Name of the move rule: "block", "merge" or "tilt"."""
         return self._world.rule
 
+    @property
+    def exact(self) -> bool:
+        """True: the rig makes no errors, so that a drive need not expect any."""
+        return True
+
     def send(self, command: str) -> None:
         """Move all particles by one command."""
         if self._stopped:
@@ -143,6 +168,11 @@ class NoisyRig(SimulatedRig):
     ) -> None:
         super().__init__(workspace, start)
         self._noisy = NoisyWorld(workspace, self._state.cells, noise, rng)
+
+    @property
+    def exact(self) -> bool:
+        """False: the rig makes errors."""
+        return False
 
     def _move(self, command: str) -> None:
         self._noisy.step(command)

@@ -18,21 +18,32 @@ from shoal.core.errors import InvalidInputError
 from shoal.rigs.checks import NOISY, Alarm, AlarmRaised, explain_contradiction
 from shoal.rigs.log import DriveLog
 from shoal.rigs.monitor import (
+    FEW_GHOSTS,
+    IMPOSSIBLE,
     NoiseMonitor,
     Rate,
     change_text,
     find_change,
     find_misdeed,
     numbers_in_question,
+    weigh_counts,
     with_number,
 )
 from shoal.rigs.rig import PositionError, Rig
+from shoal.swarm.goals import Goal, NoisyVisits
 from shoal.swarm.grid.board import Board, GridLayout, encode, letters_of
-from shoal.swarm.grid.scans import AXES, Row, states_of_run
+from shoal.swarm.grid.scans import AXES, Placement, Row, states_of_run
 from shoal.swarm.grid.state import Belief, SwarmState, check_cells, pushed
 from shoal.swarm.grid.tasks import Mapping
+from shoal.swarm.grid.world import GridWorld
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import LOSS, Noise, NoisyBelief, padded_shape
 from shoal.swarm.simulation.swarms import distance_of_push, newly_classified
+
+Sent = tuple[str, int, NDArray[np.int64] | None]
+"""A command, how many times it was sent in a row, and the cells that the scan after it showed, or
+None if no scan followed.
+"""
 
 QUICK = 2**23  # scans times cells that can be gone through again in about a second
 
@@ -43,17 +54,24 @@ class RigSwarm(ABC):
     Parameters
     ----------
     rig : Rig
-        The rig. The constructor observes the particles of the rig once.
+    goal : Goal
+    first_scan : ndarray of int64, shape (k, ndim)
+        The cells in which the first scan shows particles (`observe`).
 
     Attributes
     ----------
     belief : Belief
+        What policies see. Its frontier contains the cells that the particles must still classify or
+        visit.
+    found : Belief
+        What scans have shown of the map. For a task on a known map, the known map where scans have
+        shown nothing else.
+    sent : list of Sent
+        All commands and scans so far.
     state : SwarmState
         Observed or estimated cells of all particles.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start.
-    first_scan : ndarray of int64, shape (k, ndim)
-        What the first scan shows.
     first_frontier : int
         Number of frontier cells at the start.
     observations : list of ndarray of int64, shape (k, ndim), or None
@@ -76,23 +94,29 @@ class RigSwarm(ABC):
     belief: Belief
     state: SwarmState
     start: NDArray[np.int64]
-    first_scan: NDArray[np.int64]
     first_frontier: int
     observations: list[NDArray[np.int64]] | None = None
     moved: bool = False
     unproven: int = 0
     noisy: NoisyBelief | None = None
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, goal: Goal, first_scan: NDArray[np.int64]) -> None:
         self.rig, self.rule, self.layout, self.moves = rig, rig.rule, GridLayout(rig.shape), 0
+        self.goal, self.first_scan, self.sent = goal, first_scan, list[Sent]()
         self.log: DriveLog | None = None
         self.sending = self.scanning = 0.0
         self.scans = 0
+        self.placed: list[Placement] = []
+
+    @property
+    def found(self) -> Belief:
+        """What the scans show of the map."""
+        return self.belief
 
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether no frontier cell is left that the particles can classify."""
+        """Whether no frontier cell is left that the particles can classify or visit."""
 
     @property
     def doubtful(self) -> bool:
@@ -149,6 +173,19 @@ class RigSwarm(ABC):
         Return the trace entries (classified, frontier, travelled) of each command.
         """
 
+    @abstractmethod
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect. `place` follows.
+
+        Return the trace entries of each command, as `update` does.
+        """
+
+    @abstractmethod
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain, as the drive was interrupted: the
+        particles are in ``cells`` now. ``since`` is the number of commands whose effect is known.
+        """
+
     def marks(self, *, quick: bool = False) -> list[Alarm]:
         """Return the alarms that mark the result without stopping the drive.
 
@@ -161,21 +198,35 @@ class RigSwarm(ABC):
         return {}
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the rig observes particles (int64, shape (n, ndim)).
-
-        Raises
-        ------
-        PositionError
-            Raised if a position is not a cell of the field of view or of the rim around it.
-        """
+        """Return the cells in which the rig observes particles, as the function `observe` does."""
         began = time.perf_counter()
-        seen = self.rig.observe()
+        seen = observe(self.rig, self.moves)
         self.scanning += time.perf_counter() - began
         self.scans += 1
-        try:
-            return check_cells(seen, self.rig.shape, what="positions")
-        except InvalidInputError as error:
-            raise PositionError(f"the rig, after {self.moves} moves: {error}") from None
+        return seen
+
+    def wrong_map(self) -> list[Alarm]:
+        """Return the alarm for cells that scans show to be other than in the known map."""
+        if self.goal.known is None:
+            return []
+        free = Board.of_mask(self.goal.known.free)
+        walls, opened = self.found.obstacles & free, self.found.open - free
+        if not walls and not opened:
+            return []
+        cells = [
+            f"{len(board)} {what}, such as {tuple(board.cells[0].tolist())}"
+            for board, what in ((walls, "free cells are walls"), (opened, "walls are free"))
+            if board
+        ]
+        text = f"the known map is wrong, as scans show: {'; '.join(cells)}"
+        if self.unvisited:
+            text += f"; {len(self.unvisited)} of the cells to visit are walls"
+        return [Alarm("map", self.moves, text)]
+
+    @property
+    def unvisited(self) -> Board:
+        """Target cells that were not visited because they turned out to be walls."""
+        return Board.empty(self.layout)
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
         """Send the command ``steps`` times. Observe the particles if ``scan`` is true or the
@@ -192,11 +243,50 @@ class RigSwarm(ABC):
             self.sending += time.perf_counter() - began
         rows = None if scan else self.predict(command, steps)
         if rows is not None:
+            self.sent.append((command, steps, None))
             return rows, False
         cells = self.observe()
         if self.log is not None:
             self.log.scan(self.moves, cells)
+        self.sent.append((command, steps, cells))
         return self.update(command, steps, cells), True
+
+    def repeat(self, sent: Sent) -> tuple[list[Row], bool]:
+        """Take over a command and its scan of which another swarm of the same drive knows."""
+        command, steps, cells = sent
+        self.moves += steps
+        self.sent.append(sent)
+        if cells is not None:
+            return self.update(command, steps, cells), True
+        rows = self.predict(command, steps)
+        assert rows is not None
+        return rows, False
+
+
+def observe(rig: Rig, moves: int) -> NDArray[np.int64]:
+    """Return the cells in which the rig observes particles after some moves (int64, shape (n,
+    ndim)).
+
+    Raises
+    ------
+    PositionError
+        Raised if a position is not a cell of the field of view or of the rim around it.
+    """
+    seen = rig.observe()
+    try:
+        return check_cells(seen, rig.shape, what="positions")
+    except InvalidInputError as error:
+        raise PositionError(f"the rig, after {moves} moves: {error}") from None
+
+
+class OnRimError(PositionError):
+    """Raised if a rig without noise shows a particle in the rim around the field of view."""
+
+
+class ModelBroken(AlarmRaised):
+    """Raised if scans show what no rig without noise can show, such as two particles in one cell
+    under the rule block.
+    """
 
 
 class ExactRigSwarm(RigSwarm):
@@ -211,19 +301,49 @@ class ExactRigSwarm(RigSwarm):
         Raised if the commands cannot explain the change of the positions between two observations.
     """
 
-    def __init__(self, rig: Rig) -> None:
-        super().__init__(rig)
-        self.start = self.first_scan = self.observe()
+    def __init__(self, rig: Rig, goal: Goal, first_scan: NDArray[np.int64]) -> None:
+        super().__init__(rig, goal, first_scan)
+        self.start = first_scan
         self.state = self._state_at(self.start)
         here = self.state.occupied
-        self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
+        self.shown = Belief(open=here, known=here, frontier=here.dilated() - here)
+        # a task asks where the particles are in the known map: a particle in a wall of it is not
+        world = GridWorld(goal.known or GridWorkspace(np.ones(rig.shape, np.bool_)), self.rule)
+        inside = SwarmState(here & world.free, self.state.counts)
+        self._goal = goal.task.begin(world, inside, goal.targets)
+        self.belief = self._believed()
         self.first_frontier = len(self.belief.frontier)
         self._tried: set[str] = set()
+        self.trials = 0
+
+    def _believed(self) -> Belief:
+        """Return the belief of the task, corrected by what scans have shown."""
+        if isinstance(self.goal.task, Mapping):
+            return self.shown
+        goal, shown = self._goal, self.shown
+        if self.goal.mapping:
+            return goal
+        walls = shown.obstacles
+        return Belief(
+            (goal.open | shown.open) - walls, goal.known | shown.known, goal.frontier - walls
+        )
+
+    @property
+    def found(self) -> Belief:
+        """What the scans show of the map, or the known map as scans have changed it."""
+        return self.shown if self.goal.mapping else self.belief
+
+    @property
+    def unvisited(self) -> Board:
+        """Target cells that were not visited because they turned out to be walls."""
+        if self.goal.mapping:
+            return Board.empty(self.layout)
+        return self._goal.frontier & self.shown.obstacles
 
     @property
     def finished(self) -> bool:
         """Whether the belief has no frontier cells left."""
-        return self.belief.complete
+        return self.belief.complete and not self.unvisited
 
     @property
     def still(self) -> bool | None:
@@ -236,7 +356,7 @@ class ExactRigSwarm(RigSwarm):
             f"{cells_classified(self.unproven)} by the last commands, at which nothing was seen to"
             " move"
         )
-        return [text] if self.unproven else []
+        return [text] if self.needs_proof else []
 
     def predict(self, command: str, steps: int) -> list[Row] | None:
         """Update the belief without a scan if no particle tries to enter an unknown cell.
@@ -245,11 +365,11 @@ class ExactRigSwarm(RigSwarm):
         """
         state, code = self.state, self._code(command)
         for _ in range(self._pushes(steps)):
-            if state.occupied.shifted(command) - self.belief.known:
+            if state.occupied.shifted(command) - self.shown.known:
                 return None
             before, state = (
                 state,
-                pushed(self.layout, self.belief.open.words, state, code, self.rule),
+                pushed(self.layout, self.shown.open.words, state, code, self.rule),
             )
             if state == before:
                 break
@@ -264,14 +384,37 @@ class ExactRigSwarm(RigSwarm):
             Raised if the commands cannot explain the change of the observed positions.
         """
         after = self._state_at(cells)
-        moved = after != self.state
+        moved, known = after != self.state, len(self.shown.known)
+        able = self._room_in(self.shown.open, command) > 0
         rows = self._take_over(command, steps, after)
         self._tried.add(command)
+        self.trials += able
         if moved:
             self.moved, self.unproven = True, 0
         else:
-            self.unproven += sum(row[0] for row in rows)
+            self.unproven += len(self.shown.known) - known
         return rows
+
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect: learn nothing."""
+        self.moves += steps
+        self.sent.append((command, steps, None))
+        return [(0, len(self.belief.frontier), 0)] * steps
+
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain: particles are in ``cells`` now."""
+        self.placed.append(Placement(self.moves, since, cells))
+        self.state = self._state_at(cells)
+        here = self.state.occupied
+        self.shown = self.shown.with_particles(here)
+        if not isinstance(self.goal.task, Mapping):
+            self._goal = self._goal.with_particles(here & self._goal.open)
+        self.belief = self._believed()
+
+    @property
+    def needs_proof(self) -> bool:
+        """Whether a mapping rests on walls from commands at which nothing was seen to move."""
+        return self.unproven > 0 and self.goal.mapping
 
     def _take_over(self, command: str, steps: int, after: SwarmState) -> list[Row]:
         """Update state and belief, both or neither, and return the trace entries."""
@@ -279,21 +422,28 @@ class ExactRigSwarm(RigSwarm):
             states = list(states_of_run(self.state, after, command, self._pushes(steps)))
         except InvalidInputError as error:
             raise self._contradiction(after, command, steps, str(error)) from None
-        here, belief, rows = self.state, self.belief, []
+        here, kept, rows = self.state, (self.state, self.shown, self._goal), []
         for state in states:
-            learnt = Mapping().update(belief, command, here.occupied, state.occupied)
+            believed = self._believed()
+            learnt = self.shown.observed(command, here.occupied, state.occupied)
             wrong = self._wrong(learnt, self._code(command), here, state)
             if wrong is not None:
+                self.state, self.shown, self._goal = kept
                 raise self._contradiction(after, command, steps, wrong)
-            rows.append(
-                (
-                    newly_classified(belief, learnt),
-                    len(learnt.frontier),
-                    distance_of_push(here, state, command),
+            self.shown = learnt
+            if not isinstance(self.goal.task, Mapping):
+                self._goal = self.goal.task.update(
+                    self._goal, command, here.occupied, state.occupied
                 )
+            now = self._believed()
+            classified = (
+                newly_classified(believed, now)
+                if self.goal.mapping
+                else len(believed.frontier - now.frontier)
             )
-            here, belief = state, learnt
-        self.state, self.belief = here, belief
+            rows.append((classified, len(now.frontier), distance_of_push(here, state, command)))
+            here = state
+        self.state, self.belief = here, self._believed()
         if self.rule == "tilt":  # one command
             return [(sum(row[0] for row in rows), rows[-1][1], sum(row[2] for row in rows))]
         return rows
@@ -302,7 +452,7 @@ class ExactRigSwarm(RigSwarm):
         self, after: SwarmState, command: str, steps: int, otherwise: str
     ) -> AlarmRaised:
         about: dict[str, Any] = {
-            "free": self.belief.open,
+            "free": self.shown.open,
             "move": self.moves,
             "otherwise": otherwise,
         }
@@ -327,16 +477,31 @@ class ExactRigSwarm(RigSwarm):
                 raise AlarmRaised(Alarm("number", self.moves, f"{text}; {NOISY}"))
             raise PositionError(f"{where}: expected the cells of particles, got none")
         outside = ((cells < 0) | (cells >= np.array(self.layout.shape))).any(axis=1)
+        if outside.any():
+            cell = tuple(cells[outside][0].tolist())
+            raise OnRimError(
+                f"{where}: expected cells inside {self.layout.shape}, got {cell}; {NOISY}"
+            )
         # the cells are sorted
         twice = (cells[1:] == cells[:-1]).all(axis=1) & (self.rule != "merge")
-        for wrong, at, what in (
-            (outside, cells, f"inside {self.layout.shape}"),
-            (twice, cells[1:], "of one particle each"),
-        ):
-            if wrong.any():
-                cell = tuple(at[wrong][0].tolist())
-                raise PositionError(f"{where}: expected cells {what}, got {cell}; {NOISY}")
+        if twice.any():
+            cell = tuple(cells[1:][twice][0].tolist())
+            text = (
+                f"move {self.moves}: rule {self.rule} has one particle in a cell, but two are seen"
+                f" in {cell}, as of particles smaller than half a cell"
+            )
+            raise ModelBroken(Alarm("rule", self.moves, text))
         return SwarmState.of_cells(self.layout, cells, shared=self.rule == "merge")
+
+    def room(self, letter: str) -> int:
+        """Return the number of particles that have a free cell without a particle ahead, of the
+        cells that scans have shown to be free.
+        """
+        return self._room_in(self.shown.open, letter)
+
+    def _room_in(self, free: Board, letter: str) -> int:
+        occupied = self.state.occupied
+        return len((occupied.shifted(letter) & free) - occupied)
 
     def _wrong(
         self, belief: Belief, code: int, before: SwarmState, after: SwarmState
@@ -363,6 +528,8 @@ class NoisyRigSwarm(RigSwarm):
     Parameters
     ----------
     rig : Rig
+    goal : Goal
+    first_scan : ndarray of int64, shape (k, ndim)
     noise : Noise
     confidence : float
 
@@ -380,12 +547,17 @@ class NoisyRigSwarm(RigSwarm):
     noisy: NoisyBelief
     observations: list[NDArray[np.int64]]
 
-    def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
-        super().__init__(rig)
-        cells = self.observe()
-        self.noisy = NoisyBelief(
-            rig.shape, Board.of_cells(self.layout, cells), noise, confidence, loss=LOSS
-        )
+    def __init__(
+        self,
+        rig: Rig,
+        goal: Goal,
+        first_scan: NDArray[np.int64],
+        noise: Noise,
+        confidence: float,
+    ) -> None:
+        super().__init__(rig, goal, first_scan)
+        cells, self.rule = first_scan, "block"
+        self.noisy = goal.noisy(Board.of_cells(self.layout, cells), noise, confidence)
         self.monitor = NoiseMonitor(rig.shape, noise)
         self.monitor.count(cells)
         self._confidence, self._shown, self.counted = confidence, False, True
@@ -393,14 +565,24 @@ class NoisyRigSwarm(RigSwarm):
         self._recent = 0  # cells classified since motion was last established
         self._once_free = Board.empty(self.layout)
         self._sent: list[tuple[str, bool]] = []  # all commands, and whether a scan followed
+        self._newest: NDArray[np.int64] | None = cells  # a scan since the last command
         self._take_over()
-        self.first_scan, self.observations = cells, [cells]
+        self.observations = [cells]
         self.start, self.first_frontier = self.state.cells, self.noisy.remaining
 
     @property
     def finished(self) -> bool:
-        """Whether every cell that a particle may still enter is classified."""
+        """Whether every cell that a particle may still enter is classified, or every target cell
+        visited.
+        """
         return self.noisy.finished
+
+    @property
+    def unvisited(self) -> Board:
+        """Target cells that were not visited because they turned out to be walls."""
+        if not isinstance(self.noisy, NoisyVisits):
+            return Board.empty(self.layout)
+        return self.noisy.unvisited & self.noisy.belief.obstacles
 
     @property
     def doubtful(self) -> bool:
@@ -510,6 +692,7 @@ class NoisyRigSwarm(RigSwarm):
         """
         for _ in range(steps):
             self.noisy.spread(command)
+            self._newest = None
         self._sent += [(command, False)] * steps
         self._take_over()
         return [(0, self.noisy.remaining, 0)] * steps
@@ -519,15 +702,13 @@ class NoisyRigSwarm(RigSwarm):
         unknown travelled distance.
         """
         rows = self.predict(command, steps - 1)
-        alone = not self._sent or self._sent[-1][1]
         self._sent.append((command, True))
-        if alone:
+        if self._newest is not None:
             inside = self.noisy.state.inside.reshape(padded_shape(self.layout.shape))
-            self.monitor.compare(
-                command, self.observations[-1], cells, inside, self._once_free.mask
-            )
+            self.monitor.compare(command, self._newest, cells, inside, self._once_free.mask)
         classified = self.noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)
+        self._newest = cells
         self._take_over()
         shown = self.monitor.count(cells)
         self._shown = self._shown or shown
@@ -538,7 +719,22 @@ class NoisyRigSwarm(RigSwarm):
         self._recent += classified
         self.unproven = self._recent if shown else self.unproven + classified
         self._recent = 0 if shown else self._recent
+        if not self.goal.mapping:  # cells in which particles were seen rest on no motion
+            self._classified[command] = self._recent = self.unproven = 0
         return [*rows, (classified, self.noisy.remaining, 0)]
+
+    def skip(self, command: str, steps: int) -> list[Row]:
+        """Take over that the command was sent ``steps`` times with unknown effect."""
+        self.moves += steps
+        self.sent.append((command, steps, None))
+        return self.predict(command, steps)
+
+    def place(self, cells: NDArray[np.int64], *, since: int) -> None:
+        """Take over a scan that the commands do not explain: particles are about ``cells`` now."""
+        self.noisy.place(Board.of_cells(self.layout, cells))
+        self._newest = cells
+        self._take_over()
+        self.placed.append(Placement(self.moves, since, cells))
 
     def check(self) -> None:
         """Raise an alarm if the scans so far contradict the commands."""
@@ -571,9 +767,20 @@ class NoisyRigSwarm(RigSwarm):
         commands were carried out.
         """
         counts = np.array([len(cells) for cells in self.observations])
-        numbers = numbers_in_question(counts, self.noisy.noise.miss)
-        change = find_change({n: self._weigh_number(n) for n in numbers}, counts)
-        misdeed = find_misdeed(self._weigh_deeds())
+        if any((cells[1:] == cells[:-1]).all(axis=1).any() for cells in self.observations):
+            change = find_change(weigh_counts(counts), counts, ghosts=True)  # several in one cell
+        else:
+            numbers = numbers_in_question(counts, self.noisy.noise.miss)
+            change = find_change(
+                {n: self._weigh_number(n) for n in numbers},
+                counts,
+                ghosts=self.monitor.ghosts > FEW_GHOSTS,
+            )
+        deeds = self._weigh_deeds()
+        if self.monitor.leap_alone:  # a command twice, also as one that came late
+            deeds[:, 4] = np.where(deeds[:, 4] == deeds[:, 2], IMPOSSIBLE, deeds[:, 4])
+            deeds[:, 2] = IMPOSSIBLE
+        misdeed = find_misdeed(deeds)
         if change is not None and (misdeed is None or misdeed.evidence < change[2]):
             return [Alarm("number", self.moves, change_text(*change[:2]))]
         return [] if misdeed is None else [Alarm(misdeed.kind, self.moves, misdeed.text)]
@@ -612,7 +819,11 @@ class NoisyRigSwarm(RigSwarm):
             belief.assume_number(number)
             with_number(belief.state.inside, number)
         scans, before = iter(self.observations[1:]), ""
-        for command, scanned in self._sent:
+        for move, (command, scanned) in enumerate(self._sent):
+            for _, _, cells in (one for one in self.placed if one.move == move):
+                belief.place(Board.of_cells(self.layout, cells))
+                belief.state.logit[:] = self.noisy.state.logit
+                before = ""
             if scanned:
                 yield belief, command, before, Board.of_cells(self.layout, next(scans))
                 belief.state.logit[:] = self.noisy.state.logit
@@ -626,7 +837,7 @@ class NoisyRigSwarm(RigSwarm):
 
     def _take_over(self) -> None:
         self.belief, self.state = self.noisy.belief, SwarmState(self.noisy.occupied)
-        self._once_free = self._once_free | self.belief.open
+        self._once_free = self._once_free | self.noisy.confirmed
 
 
 def cells_classified(number: int) -> str:

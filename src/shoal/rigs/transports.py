@@ -83,6 +83,17 @@ class Transport(ABC):
         line, _, self._pending = self._pending.partition(b"\n")
         return line
 
+    def receive(self, timeout: float) -> bytes:
+        """Return the bytes that have come, at the latest after ``timeout`` seconds.
+
+        Raise ConnectionCutError if the connection is lost.
+        """
+        if not self._pending:
+            with _cuts():
+                return self._read(timeout)
+        came, self._pending = self._pending, b""
+        return came
+
     @abstractmethod
     def _open(self) -> None: ...
 
@@ -292,7 +303,7 @@ def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
     came.put(b"")
 
 
-def open_transport(spec: str) -> Transport:
+def open_transport(spec: str, *, what: str = "rig") -> Transport:
     """Return the connection for an address, without opening it. `shoal.rigs.open_rig` explains the
     addresses.
 
@@ -300,6 +311,8 @@ def open_transport(spec: str) -> Transport:
     ----------
     spec : str
         The address, such as ``tcp:HOST:PORT``.
+    what : str
+        What has the address, for error messages.
 
     Raises
     ------
@@ -311,16 +324,16 @@ def open_transport(spec: str) -> Transport:
     'tcp:localhost:4000'
     """
     kind, _, rest = spec.partition(":")
-    expected = (
-        "rig: expected simulated, physics:KIND, serial:DEVICE[@BAUD], tcp:HOST:PORT or exec:COMMAND"
-    )
+    expected = f"{what}: expected serial:DEVICE[@BAUD], tcp:HOST:PORT or exec:COMMAND"
     if kind == "serial" and rest:
         device, _, baud = rest.partition("@")
         if baud and not re.fullmatch("[1-9][0-9]{0,7}", baud):
-            raise InvalidInputError(f"rig: expected a speed in baud after '@', got {baud[:40]!r}")
+            raise InvalidInputError(
+                f"{what}: expected a speed in baud after '@', got {baud[:40]!r}"
+            )
         if os.name == "posix" and not os.path.exists(device):
             raise InvalidInputError(
-                f"rig: expected a serial port, got {device[:80]!r}, which does not exist"
+                f"{what}: expected a serial port, got {device[:80]!r}, which does not exist"
             )
         return SerialTransport(device, baud=int(baud or BAUD))
     if kind == "tcp":
@@ -334,6 +347,6 @@ def open_transport(spec: str) -> Transport:
                 return ProcessTransport(rest)
         except ValueError as error:
             raise InvalidInputError(
-                f"rig: expected a command after 'exec:', got {rest[:80]!r}: {error}"
+                f"{what}: expected a command after 'exec:', got {rest[:80]!r}: {error}"
             ) from None
     raise InvalidInputError(f"{expected}, got {spec[:80]!r}")

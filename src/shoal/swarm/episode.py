@@ -17,8 +17,10 @@ from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
-from shoal.swarm.grid.scans import Trace, WithTrace, lengths_and_times
+from shoal.swarm.goals import Goal
+from shoal.swarm.grid.scans import Placement, Trace, WithTrace, lengths_and_times
 from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import MapErrors, Moment, Noise
@@ -71,6 +73,11 @@ class SwarmEpisode(WithTrace, Episode):
     truth : ndarray of bool, optional
         For a rig with noise: the true free cells, if the true map is known. Figures compare the
         classified cells with the true free cells.
+    placed : tuple of Placement
+        For a drive of a rig that was interrupted: where scans showed the particles when it went on,
+        if the commands do not explain it.
+    goal : Goal, optional
+        For a rig with noise: the task, with the map that was known beforehand.
     """
 
     part: ClassVar[str] = "swarm"
@@ -88,6 +95,8 @@ class SwarmEpisode(WithTrace, Episode):
     versions: Mapping[str, str] = field(default_factory=versions)
     observations: tuple[NDArray[np.int64], ...] | None = None
     truth: NDArray[np.bool_] | None = None
+    placed: tuple[Placement, ...] = ()
+    goal: Goal | None = None
 
     @property
     def workspace(self) -> GridWorkspace:
@@ -178,8 +187,9 @@ class SwarmEpisode(WithTrace, Episode):
         if self.targets is not None or self.observations is not None:
             return 0
         parts = self.workspace.components
+        began = np.vstack([self.start, *(cells for _, _, cells in self.placed)])
         return (
-            self.workspace.n_free - int(np.isin(parts, parts[tuple(self.start.T)]).sum())
+            self.workspace.n_free - int(np.isin(parts, parts[tuple(began.T)]).sum())
             if parts.max() > 1
             else 0
         )
@@ -242,9 +252,9 @@ class SwarmEpisode(WithTrace, Episode):
         """The replay of the episode, computed from its stored commands and scans."""
         problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
-            return ObservedReplay(
-                self.workspace.shape, *about, self.trace, self.observations, self.truth
-            )
+            goal, shape = self.goal or Goal(make_task("mapping")), self.workspace.shape
+            scans = self.observations
+            return ObservedReplay(shape, *about, self.trace, scans, self.truth, goal, self.placed)
         if problem.noise is not None:
             return NoisyReplay(
                 self.workspace, self.start, *about, self.seed, self.trial, self.trace
@@ -255,6 +265,7 @@ class SwarmEpisode(WithTrace, Episode):
             self.start,
             self.targets,
             self.trace,
+            self.placed,
         )
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
@@ -267,7 +278,7 @@ class SwarmEpisode(WithTrace, Episode):
         return self.replay.frames()
 
     def moments(self) -> Iterator[Moment]:
-        """Yield a `Moment` of an episode with noise, at the start and after each command."""
+        """Yield a `Moment` at the start and after each command."""
         return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:
@@ -349,14 +360,16 @@ class SwarmEpisode(WithTrace, Episode):
         ------
         InvalidInputError
             Raised if the path does not end in ``.npz``, or if the episode comes from a rig with
-            noise. The log of the rig already stores such an episode.
+            noise or from a drive after whose interruption the particles were elsewhere. The log of
+            the rig already stores such an episode.
         OutputError
             Raised if Shoal cannot write the file.
         """
-        if self.observations is not None:
+        if self.observations is not None or self.placed:
             raise InvalidInputError(
-                f"{path}: expected an episode of a simulation, got an episode of a rig with noise,"
-                " which the log of the rig contains"
+                f"{path}: expected an episode of a simulation, got a drive of a rig"
+                f" {'that was interrupted' if self.placed else 'with noise'}, which the log of the"
+                " rig contains"
             )
         values = {
             name: getattr(self, name)

@@ -41,6 +41,12 @@ Without it, a particle that no scan shows any more stays in the belief for ever.
 0.0005, 0.005 and 0.02, the largest gives the fewest wrong cells if particles disappear, and as few
 as the others if none does (`python -m benchmarks.rigs`).
 """
+GHOSTS = 1e-3
+"""On a rig: probability that a scan shows a particle in a given cell, although none is near it.
+
+Cameras see dust and reflections. With less, a ghost in a cell that is known to be free counts as a
+particle; with more, particles that stood behind another one are found again later.
+"""
 
 
 @dataclass(frozen=True)
@@ -172,7 +178,11 @@ class NoisyBelief:
         obstacle, is at least ``confidence``. The confidence must exceed 0.75.
     loss : float
         Probability that a particle disappears at a move. With a loss above 0, a particle that scans
-        do not show for longer than the miss rate explains loses its probability.
+        do not show for longer than the miss rate explains loses its probability, and scans may show
+        `GHOSTS`, as those of a rig.
+    prior : ndarray of float64, optional
+        Log-odds that each cell is free before the first scan, for the cells of the workspace and of
+        a rim that is one cell wide.
 
     Notes
     -----
@@ -206,6 +216,7 @@ class NoisyBelief:
         confidence: float = CONFIDENCE,
         *,
         loss: float = 0.0,
+        prior: NDArray[np.float64] | None = None,
         noisy: kernels.NoisyState
         | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
@@ -218,6 +229,9 @@ class NoisyBelief:
         self._field = new_field(self.layout)
         self._first = seen
         self._behind: tuple[Board, float] | None = None  # free cells, and the share behind them
+        self.state.rates.clutter = GHOSTS if loss > 0 else kernels.CLUTTER
+        if prior is not None:
+            inner_of(self.state.logit, shape, rim=1)[...] = prior
         self._show(seen)
         kernels.first_belief(self.state)
         kernels.refresh(self.state, self._field, self.guard)
@@ -252,10 +266,29 @@ class NoisyBelief:
         return found
 
     def weigh_scan(self, command: str, seen: Board) -> float:
-        """Return the log-likelihood of a scan after a command. The belief stays as it is."""
+        """Return the log-likelihood of a scan after a command, or after no command (""). The belief
+        stays as it is.
+        """
         self._show(seen)
-        code = encode(command, ndim=self.layout.ndim)[0]
+        code = encode(command, ndim=self.layout.ndim)[0] if command else np.int8(-1)
         return float(kernels.scan_likelihood(self.state, code))
+
+    def look_again(self, seen: Board) -> None:
+        """Update where the particles are after a scan at which nothing has moved since the scan
+        before. The log-odds stay as they are, because no particle has tried to enter a cell.
+        """
+        self._show(seen)
+        state, noise = self.state, self.noise
+        hit = (1 - noise.miss) * (1 - noise.misplace)
+        share = (1 - noise.miss) * noise.misplace / len(state.offsets)
+        beside = np.sum([np.roll(state.inside, offset) for offset in state.offsets], axis=0)
+        stray = np.minimum(share * beside + kernels.CLUTTER, 0.5)
+        free = 1 / (1 + np.exp(-state.logit))
+        before = np.where(state.seen, np.maximum(state.inside, kernels.LOST * free), state.inside)
+        here = before * np.where(state.seen, hit + (1 - hit) * stray, (1 - hit) * (1 - stray))
+        none = (1 - before) * np.where(state.seen, stray, 1 - stray)
+        state.inside[:] = here / (here + none)
+        state.inside[state.inside < kernels.FAINT] = 0
 
     def assume_number(self, number: int) -> None:
         """Believe after the first scan that about ``number`` particles are in the cells that are
@@ -270,6 +303,17 @@ class NoisyBelief:
         odds = free * density / (1 - density) * shown
         state.inside[:] = odds / (1 + odds)
         state.inside[free < 1 - self.confidence] = 0
+
+    def place(self, seen: Board) -> None:
+        """Believe that the particles were put elsewhere, and that a scan then shows ``seen``. Their
+        number and the log-odds of the cells stay, except that a cell with a detection is more
+        likely free.
+        """
+        number = max(1, round(max(self.particles, len(seen))))
+        self._show(seen)
+        kernels.first_belief(self.state)
+        self.assume_number(number)
+        kernels.refresh(self.state, self._field, self.guard)
 
     def learn(self, code: np.int8) -> int:
         """Update the belief after one command and one scan, as `update` does. ``code`` is the
@@ -456,6 +500,21 @@ class NoisyBelief:
         return self._behind[1]
 
     @property
+    def confirmed(self) -> Board:
+        """The cells that scans have shown to be free, with the given confidence."""
+        return self.belief.open
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether no command can help although the task is not finished."""
+        return False
+
+    @property
+    def progress(self) -> int:
+        """Number of classified cells, by which a `Lookout` sees whether its commands help."""
+        return len(self.belief.known)
+
+    @property
     def undecided(self) -> int:
         """Number of frontier cells that the policy has given up as undecidable."""
         return int(self.guard.memory.undecided)
@@ -519,7 +578,9 @@ class Lookout:
     def next(self) -> int | None:
         """Return the number of the next command, or None to give up."""
         noisy, belief = self.noisy, self.noisy.belief
-        known, path = len(belief.known), ""
+        if noisy.hopeless:
+            return None
+        known, path = noisy.progress, ""
         if known > self._known:  # looking for the particles was worth it
             self._known, self._weak, self._sent, self._budget = known, known, 0, PATIENCE
         if noisy.closed:
@@ -610,12 +671,23 @@ def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np
     looks = (UNKNOWN + np.clip(np.rint(share * LEVELS), -inner, inner)).astype(np.uint8)
     known = belief.belief
     free, obstacles = known.open.mask, known.obstacles.mask
-    looks[free], looks[obstacles] = FREE, OBSTACLE
-    looks[known.frontier.mask] += FRONTIER
+    _shade(looks, known)
     if truth is not None:
         looks[free & ~truth] = FALSE_FREE
         looks[obstacles & truth] = FALSE_OBSTACLE
     return np.asarray(looks)
+
+
+def exact_looks(known: Belief) -> NDArray[np.uint8]:
+    """Return the shade of each cell in a picture of a belief without noise."""
+    looks = np.full(known.open.layout.window, UNKNOWN, dtype=np.uint8)
+    _shade(looks, known)
+    return looks
+
+
+def _shade(looks: NDArray[np.uint8], known: Belief) -> None:
+    looks[known.open.mask], looks[known.obstacles.mask] = FREE, OBSTACLE
+    looks[known.frontier.mask] += FRONTIER
 
 
 def truth_of(
@@ -768,7 +840,9 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
         staying=np.zeros(size),
         moved=np.zeros(size),
         offsets=np.array([steps[letter] for letter in letters_of(layout.ndim)], dtype=np.int64),
-        rates=new_record(kernels.RATES, **vars(about), bound=bound_of(confidence)),
+        rates=new_record(
+            kernels.RATES, **vars(about), clutter=kernels.CLUTTER, bound=bound_of(confidence)
+        ),
         layers=layout.layers,
         rows=layout.rows,
         columns=layout.columns,

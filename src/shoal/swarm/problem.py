@@ -25,6 +25,7 @@ from shoal.swarm.grid.tasks import (
     TASKS,
     Mapping,
     SubsetCoverage,
+    Target,
     Task,
     make_placement,
     make_task,
@@ -48,6 +49,9 @@ READING = tuple(REASONS)
 """Names of the problem fields that control the reading of a map file."""
 
 DRIVEN = (
+    "task",
+    "subset",
+    "target",
     "policy",
     "budget",
     "time_per_move",
@@ -113,14 +117,14 @@ def _name_for_people(given: Any) -> str:
     )
 
 
-def _check_start(given: Any) -> Cells:
+def _check_cells_of(given: Any, what: str) -> Cells:
     try:
         cells = np.asarray(given)
     except ValueError:
         cells = np.zeros(0)
     if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
         raise InvalidInputError(
-            f"start: expected cells of 2 or 3 whole numbers each, got {shortened(given)}"
+            f"{what}: expected cells of 2 or 3 whole numbers each, got {shortened(given)}"
         )
     return tuple(tuple(int(number) for number in cell) for cell in cells)
 
@@ -228,6 +232,17 @@ class SwarmProblem(Problem):
         above=0,
         most=1,
     )
+    target: Cells | None = option(
+        None,
+        help=(
+            "Cells to each of which a particle must be brought, for the task target: row,column"
+            " pairs such as '0,3 0,4' (in three dimensions layer,row,column)."
+        ),
+        metavar="CELLS",
+        parse=_parse_start,
+        check=lambda given: _check_cells_of(given, "target"),
+        dump=lambda given: [list(cell) for cell in given],
+    )
     particles: int = option(100, help="Number of particles.", short="-n", least=1, most=MAX_CELLS)
     placement: Any = option(
         "uniform",
@@ -242,7 +257,7 @@ class SwarmProblem(Problem):
         ),
         metavar="CELLS",
         parse=_parse_start,
-        check=_check_start,
+        check=lambda given: _check_cells_of(given, "start"),
         dump=lambda given: [list(cell) for cell in given],
     )
     rule: str = option("block", help="Move rule of the particles.", choices=tuple(RULES))
@@ -413,6 +428,18 @@ class SwarmProblem(Problem):
             raise InvalidInputError(
                 f"subset: expected the task coverage together with a subset, got the task {task}"
             )
+        if self.target is not None:
+            if self.subset is not None:
+                raise InvalidInputError("target: expected target cells or a subset, got both")
+            if "task" in self.given and self.task not in ("target", "coverage"):
+                raise InvalidInputError(
+                    "target: expected the task target together with target cells, got the task"
+                    f" {_name_for_people(self.task)}"
+                )
+        elif self.task == "target":
+            raise InvalidInputError(
+                "target: expected cells together with the task target, such as '0,3', got none"
+            )
         if self.budget is not None and self.time_per_move is not None:
             raise InvalidInputError("budget: expected a budget or a time per move, got both")
         if not self.noise:
@@ -425,7 +452,7 @@ class SwarmProblem(Problem):
         object.__setattr__(self, "measures", (*self.measures, *NOISE_MEASURES))
         if self.rule != "block":
             raise InvalidInputError(f"noise: expected rule block, got {self.rule}")
-        if self.task_name != "mapping":
+        if self.task_name != "mapping" and self.map != RIG:
             raise InvalidInputError(f"noise: expected the task mapping, got {self.task_name}")
         if isinstance(self.scan_every, str):
             raise InvalidInputError(
@@ -459,6 +486,8 @@ class SwarmProblem(Problem):
         """
         if self.subset is not None:
             return "subset-coverage"
+        if self.target is not None:
+            return "target"
         name = _name_for_people(self.task)
         return name.partition(":")[0] if name.startswith("subset-coverage:") else name
 
@@ -480,7 +509,10 @@ class SwarmProblem(Problem):
         from shoal.swarm.policies import Offline, check_rules, check_scanning
 
         workspace: GridWorkspace = self.place
-        task = make_task(self.task) if self.subset is None else SubsetCoverage(self.subset)
+        if self.target is not None:
+            task: Task = Target(self.target)
+        else:
+            task = make_task(self.task) if self.subset is None else SubsetCoverage(self.subset)
         setup = SwarmSetup(self, workspace, task, *self._choose_policy(workspace, task))
         if isinstance(setup.policy, Offline) and setup.mapping:
             raise InvalidInputError(

@@ -45,6 +45,7 @@ class Lying:
     ):
         self.rig, self.since, self.command, self.seen = rig, since, command, seen
         self.name, self.shape, self.rule = "liar", rig.shape, rig.rule
+        self.exact = getattr(rig, "exact", False)
         self.sent, self.stops = [], 0
 
     def send(self, letter):
@@ -257,7 +258,7 @@ def test_a_command_that_is_carried_out_twice_is_noticed():
 @pytest.mark.parametrize("name", ["slip", "miss", "misplace"])
 def test_rates_far_from_the_stated_ones_are_said_with_an_interval(name):
     true = {"slip": 0.02, "miss": 0.02, "misplace": 0.02} | {name: 0.25}
-    rig = noisy(open_map("cave:24x18:3"), 12, 5, Noise(**true))
+    rig = noisy(open_map("cave:24x18:3"), 12, 7, Noise(**true))
     driven = drive(rig, **dict.fromkeys(true, 0.02), policy="closest-frontier", max_moves=600)
     rate = driven.rates[name]
     assert rate.low < 0.25 < rate.high
@@ -621,7 +622,7 @@ def test_liars_over_a_pipe(how, code, status, kinds, level, tmp_path, capsys):
         "closest-frontier",
     ]
     log = tmp_path / "log.jsonl"
-    words += ["--end-after", "20", "--cell-size", "0.5", "--log", str(log)]
+    words += ["--exact", "--end-after", "20", "--cell-size", "0.5", "--log", str(log)]
     assert shoal([*words, "--json", "--out", str(tmp_path / "out")]) == code
     printed = capsys.readouterr()
     if status is None:
@@ -671,7 +672,11 @@ def test_options_without_effect_on_the_rig_are_refused(words, told, capsys):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--particles", "4"], "particles: expected 4, got 2 in the first scan of the rig liar"),
+        (["--particles", "9"], "particles: expected 9, got 2 in the first scan of the rig liar"),
+        (
+            ["--particles", "3", "--exact"],
+            "particles: expected 3, got 2 in the first scan of the rig liar",
+        ),
         (["--particles", "1"], "particles: expected 1, got 2 in the first scan of the rig liar"),
         (
             ["--particles", "30", "--miss", "0.3"],
@@ -748,7 +753,7 @@ def test_ctrl_c_writes_the_map_and_says_how_to_go_on(tmp_path):
     assert (out / "map.png").exists()
     assert (out / "summary.json").exists()
     assert f"the map so far is in {out}" in said
-    assert "to go on, start the drive again" in said
+    assert f"to go on: 'shoal drive --resume {log}'" in said
     assert "Traceback" not in said
 
 

@@ -1,11 +1,15 @@
-"""shoal drive: map the workspace of a rig (a real or simulated apparatus) in a closed loop, with a
-log for replays.
+"""shoal drive: map the workspace of a rig (a real or simulated apparatus), or carry out another
+task in it, in a closed loop, with a log for replays.
 """
 
 from __future__ import annotations
 
+import json
 import re
+from contextlib import contextmanager
 from dataclasses import replace
+from itertools import count
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +18,15 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, print_json, print_table, report_moves, say
+from shoal.cli.swarm.calibrating import (
+    CalibrateInto,
+    CalibrationFile,
+    Marks,
+    PixelSize,
+    Trim,
+    calibrate_bench,
+    check_calibrating,
+)
 from shoal.core.checks import check_number, count_text, shape_text
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, RigError
@@ -21,9 +34,13 @@ from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from shoal.core.episode import Verification
-    from shoal.rigs import Drive, Rig
+    from shoal.rigs import Drive, DriveLog, RecordedRig, Rig
+    from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.physics import PlantProperties
+    from shoal.rigs.ports import Actuator, Sensor
     from shoal.swarm import GridWorkspace, SwarmEpisode
 
 SECONDS = {"repeat_after": 5.0, "end_after": 60.0}
@@ -31,14 +48,41 @@ EXAMPLE = "Example: shoal drive maze:9x7 --rig simulated --particles 4 --log dri
 
 
 RigName = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--rig",
         metavar="RIG",
         help=(
             "Rig: simulated, physics:KIND[,NAME=NUMBER...] (a physical plant; KIND is roll, pull or"
-            " exact), serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that"
-            " uses the protocol on its standard input and output)."
+            " exact), serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND (a program that"
+            " uses the protocol on its standard input and output), or MODULE:ATTRIBUTE (an object"
+            " of your own)."
+        ),
+        show_default="simulated",
+    ),
+]
+ActuatorName = Annotated[
+    str | None,
+    typer.Option(
+        "--actuator",
+        metavar="ACTUATOR",
+        help=(
+            "Device that moves the particles, instead of --rig: coils:FILE (coils that an actuation"
+            " file describes), physics:KIND[,NAME=NUMBER...],"
+            " serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or MODULE:ATTRIBUTE."
+        ),
+    ),
+]
+SensorName = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor",
+        metavar="SENSOR",
+        help=(
+            "Device that sees the particles which --actuator moves: physics (the camera of the"
+            " actuator physics), opencv:INDEX|FILE|ADDRESS or pymmcore:CONFIG (a camera;"
+            " ,NAME=VALUE... says how particles look), serial:DEVICE[@BAUD], tcp:HOST:PORT, exec:COMMAND, or"
+            " MODULE:ATTRIBUTE."
         ),
     ),
 ]
@@ -60,18 +104,49 @@ Size = Annotated[
 )
 def drive(
     problem: SwarmProblem,
+    ctx: typer.Context,
     map_name: Annotated[
         str | None,
         typer.Argument(
             metavar="[MAP]",
             help=(
                 "True map, in which the particles of a simulated rig or of a physical plant move. For"
-                " a real rig, Shoal compares the result with the true map."
+                " a real rig, Shoal compares the result with the true map. A task such as coverage"
+                " takes this map as known, if --known gives no other one."
             ),
         ),
     ] = None,
-    rig: RigName = "simulated",
+    rig: RigName = None,
+    actuator: ActuatorName = None,
+    sensor: SensorName = None,
+    calibrate: CalibrateInto = None,
+    mark: Marks = None,
+    pixel_size: PixelSize = None,
+    calibration: CalibrationFile = None,
+    trim: Trim = None,
     size: Size = None,
+    known: Annotated[
+        str | None,
+        typer.Option(
+            "--known",
+            metavar="MAP",
+            help=(
+                "Map that is known beforehand, as of an earlier drive or of an MRI. A mapping begins"
+                " with it as prior knowledge, and checks every cell of it; other tasks rest on it"
+                " until scans contradict."
+            ),
+        ),
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help=(
+                "The rig makes no errors: end the drive at the first contradiction. By default so"
+                " for the rigs simulated and physics:exact."
+            ),
+        ),
+    ] = False,
     seed: options.Seed = 0,
     repeat_after: Annotated[
         float | None,
@@ -111,54 +186,127 @@ def drive(
             help="Log file (JSON lines), which Shoal writes during the run.",
         ),
     ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            "--resume",
+            metavar="LOG",
+            help=(
+                "Go on with the drive of a log that was interrupted. All other options are those of"
+                " the log. The log is continued, or copied to the file of --log and continued there."
+            ),
+        ),
+    ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C,
-    Shoal stops the rig.
+    """Control a rig (an apparatus with particles): map its space, cover a known map, or bring a
+    particle to a target. At the end and after Ctrl-C, Shoal stops the rig.
 
     Of a real rig, --particles and --rule are the expected values: if its first scan shows another
-    number of particles (with --miss or --misplace: fewer than chance allows, or more), or if it
-    reports another rule, the command ends before the first move. The options --placement and
-    --start apply to a simulated rig or a physical plant only. The options --slip, --misplace and --miss state the error probabilities
-    of a rig, and a simulated rig makes such errors. A plant makes the errors of its physics, and is told as a rig with slip .05, misplace .05 and miss .01 if no option states them. If the rig contradicts the commands, or if no
-    particle moves, the drive ends with the status alarm and exit code 1. The page
-    docs/concepts/rigs.md describes the checks, and the messages between Shoal and a rig.
+    number of particles (fewer than chance allows, or more), or if it reports another rule, the
+    command ends before the first move. The options --placement and --start apply to a simulated rig
+    or a physical plant only. The options --slip, --misplace and --miss state the error
+    probabilities of a rig, and a simulated rig makes such errors. Without them, a real rig or a
+    plant is expected to make no errors until scans contradict, and from then on those of slip .05,
+    misplace .05 and miss .01; with --exact, the first contradiction ends the drive. If the rig
+    contradicts the commands, or if no particle moves, the drive ends with the status alarm and exit
+    code 1. The page docs/concepts/rigs.md describes the checks, and the messages between Shoal and
+    a rig.
     """
+    from shoal.rigs.calibration import BenchCalibration
     from shoal.rigs.driving import drive as drive_rig
     from shoal.rigs.driving import load_drive_kernels
-    from shoal.rigs.log import DriveLog
+    from shoal.rigs.log import read_log
+    from shoal.rigs.ports import is_connection, open_own_rig
     from shoal.rigs.remote import open_rig
+    from shoal.rigs.resume import check_resumable, is_finished, rebuild
     from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
 
     check_outputs(out, film)
+    past = None
+    if resume is not None:
+        past = read_log(resume)
+        if (merged := _with_logged(ctx, past)) is not None:
+            assert ctx.command.callback is not None
+            ctx.command.callback(**merged)
+            return
+        check_resumable(past, problem.max_moves)
+        if is_finished(past):
+            say(f"shoal: {resume}: the drive was finished, so that nothing is left to do")
+            _show_finished(past, map_name, out, film, json_)
+            return
+    rig, devices = _named(rig, actuator, sensor)
     apparatus = _apparatus(rig)
     truth = None if map_name is None else open_map(map_name)
+    knowledge = None if known is None else open_map(known)
+    if knowledge is None and problem.task_name != "mapping":
+        knowledge = truth
     shape = None if size is None else _size(size)
     given = {"repeat_after": repeat_after, "end_after": end_after}
     patience = {name: seconds for name, seconds in given.items() if seconds is not None}
     for what, seconds in patience.items():
         check_number(seconds, what=what, above=0)
-    _check_effect(rig, problem, **patience)
+    _check_effect(rig, devices, problem, **patience)
+    check_calibrating(calibrate, mark, pixel_size, log=log, out=out, film=film, trim=trim)
+    if devices is None:
+        for name, value in (("calibrate", calibrate), ("calibration", calibration), ("trim", trim)):
+            if value is not None:
+                raise InvalidInputError(
+                    f"{name}: expected --actuator and --sensor beside it, got the rig {rig}"
+                )
     if apparatus is not None:
         _check_local(truth, "physics")
-        problem = _noise_told(problem)
-    book = None if log is None else DriveLog(log)
+        if problem.rule != "block":
+            raise InvalidInputError(
+                f"rule: expected block, as a plant's particles push each other, got {problem.rule}"
+            )
+    measured = None if calibration is None else BenchCalibration.load(calibration)
+    if calibrate is not None:
+        assert devices is not None
+        with patient():
+            quiet: dict[str, Any] = {"on_event": None, **SECONDS, **patience}
+            pair = _open_devices(devices, truth, problem, seed, apparatus, **quiet)
+            with _closed_after(pair, always=True):
+                calibrate_bench(
+                    pair,
+                    calibrate,
+                    marks=mark,
+                    pixel_size=pixel_size,
+                    cell_size=spacing_of(problem.cell_size, 2),
+                    shape=shape,
+                    truth=truth,
+                    json_=json_,
+                )
+        return
+    book = _book(log, past, ctx, out)
     load_drive_kernels(problem)  # nobody waits for the compiler once the rig is connected
     spacing = None if truth is None else truth.spacing
     with patient():
         opened: Any
-        if _is_local(rig):
+        link: dict[str, Any] = {
+            "on_event": None if book is None else book.event,
+            **SECONDS,
+            **patience,
+        }
+        if devices is not None:
+            pair = _open_devices(devices, truth, problem, seed, apparatus, **link)
+            with _closed_after(pair, always=False):
+                view = shape or (None if truth is None else truth.shape)
+                opened = _bench(pair, view, measured, trim)
+        elif _is_local(rig):
             opened = _local_rig(truth, problem, seed, apparatus)
+            if past is not None:
+                rebuild(opened, past)
+        elif is_connection(rig):
+            opened = open_rig(rig, **link, resume=None if past is None else past.session)
         else:
-            opened = open_rig(
-                rig, **SECONDS | patience, on_event=None if book is None else book.event
-            )
+            opened = open_own_rig(rig)
         if problem.cell_size is not None:
             spacing = spacing_of(problem.cell_size, len(opened.shape))
-        fields = {name: getattr(problem, name) for name in DRIVEN}
+        fields = {name: getattr(problem, name) for name in DRIVEN if name in problem.given}
         if not _is_local(rig):  # what the user expects of it
             fields |= {
                 name: getattr(problem, name)
@@ -171,7 +319,12 @@ def drive(
             "on_moves": report_moves(opened.name),
             "test_move": test_move,
             "spacing": spacing,
+            "resume": past,
+            "known": knowledge,
+            "exact": exact or rig == "simulated" or rig.startswith("physics:exact") or None,
         }
+        if problem.noise is not None and not exact:
+            options["exact"] = False
         failure: BaseException | None = None
         try:
             _check_shape(opened, shape, truth)
@@ -183,9 +336,10 @@ def drive(
         finally:
             getattr(opened, "close", lambda: None)()
         outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
-        _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=log, **outputs)
+        book_path = None if book is None else book.path
+        _report(result, opened, seed=seed, spacing=spacing, truth=truth, log=book_path, **outputs)
         if isinstance(failure, KeyboardInterrupt | SystemExit):
-            say(_how_to_go_on(result, log, out))
+            say(_how_to_go_on(result, book_path, out))
         if failure is not None:
             raise failure
     unstopped = [alarm for alarm in result.alarms if alarm.kind == "stop"]
@@ -195,26 +349,117 @@ def drive(
         raise typer.Exit(1)
 
 
-def _check_effect(rig: str, problem: SwarmProblem, **seconds: float) -> None:
+def _check_effect(
+    rig: str, devices: tuple[str, str] | None, problem: SwarmProblem, **seconds: float
+) -> None:
     """Refuse options that have no effect on the kind of rig."""
-    if _is_local(rig):
-        given: dict[str, Any] = dict(seconds)
+    from shoal.rigs.ports import is_connection
+
+    without: dict[str, tuple[Any, str]] = {}
+    if not any(map(is_connection, devices or (rig,))):
         expected = "a rig behind a connection, whose answers may be late"
-    else:
-        given = {
-            name: getattr(problem, name) for name in ("start", "placement") if name in problem.given
-        }
+        without |= {name: (value, expected) for name, value in seconds.items()}
+    if not _is_local(rig):
         expected = (
             "the rig simulated or physics, because the particles of a real rig are where they are"
         )
-    for name, value in given.items():
+        without |= {
+            name: (getattr(problem, name), expected)
+            for name in ("start", "placement")
+            if name in problem.given
+        }
+    for name, (value, expected) in without.items():
         raise InvalidInputError(
             f"{name.replace('_', '-')}: expected {expected}, got {value!r} for the rig {rig}"
         )
 
 
+NOT_LOGGED = ("log", "json_", "resume")
+MAY_CHANGE = ("rig", "repeat_after", "end_after", "max_moves", "out", "film")
+"""Options that may differ when a drive goes on: the way to the rig may be another, but the rig's
+name, shape and rule must be those of the log.
+"""
+
+
+def _given(ctx: typer.Context) -> dict[str, Any]:
+    """Return the options of the drive on the command line, by name, as JSON."""
+    return {
+        name: json.loads(json.dumps(value, default=str))
+        for name, value in ctx.params.items()
+        if name not in NOT_LOGGED
+        and getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
+    }
+
+
+def _with_logged(ctx: typer.Context, past: RecordedRig) -> dict[str, Any] | None:
+    """Return all options of the command, with those of the log that the user has not repeated, or
+    None if there are none.
+
+    Raises
+    ------
+    InvalidInputError
+        Raised if an option contradicts the log.
+    """
+    given, logged = _given(ctx), dict(past.options or {})
+    usual = {param.name: param.default for param in ctx.command.params}
+    usual |= {name: one.default for name, one in SwarmProblem.declarations().items()}
+    for name, value in given.items():
+        expected = logged.get(name, usual[name])
+        if past.options is not None and name not in MAY_CHANGE and value != expected:
+            raise InvalidInputError(
+                f"{name.replace('_', '-')}: expected {expected} as in {past.path}, got {value}"
+            )
+    source = ctx.get_parameter_source("resume")
+    assert source is not None
+    missing = [
+        param for param in ctx.command.params if param.name in logged and param.name not in given
+    ]
+    for param in missing:  # as if they had been given
+        assert param.name is not None
+        ctx.set_parameter_source(param.name, source)
+        ctx.params[param.name] = param.process_value(ctx, logged[param.name])
+    return dict(ctx.params) if missing else None
+
+
+def _book(
+    log: Path | None, past: RecordedRig | None, ctx: typer.Context, out: Path | None
+) -> DriveLog | None:
+    """Return the log of a drive: that of --log, that of the drive that goes on, or a new one in the
+    folder of --out.
+    """
+    from shoal.rigs.log import DriveLog
+
+    if past is not None:
+        return DriveLog(past.path, append=True) if log is None else DriveLog(log)
+    if log is None and out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        names = (f"log{'' if number == 1 else f'-{number}'}.jsonl" for number in count(1))
+        log = next(out / name for name in names if not (out / name).exists())
+    return None if log is None else DriveLog(log, options=_given(ctx))
+
+
+def _show_finished(
+    past: RecordedRig,
+    map_name: str | None,
+    out: Path | None,
+    film: list[Path] | None,
+    json_: bool,
+) -> None:
+    """Report the drive of a log that has ended of its own accord."""
+    from shoal.rigs.driving import replay_log
+    from shoal.swarm.maps.files import open_map
+
+    truth = None if map_name is None else open_map(map_name)
+    result, verified = replay_log(past)
+    if not verified:
+        raise InvalidInputError(f"{past.path}: {verified.message}")
+    outputs: dict[str, Any] = {"out": out, "film": film, "json_": json_}
+    about: dict[str, Any] = {"seed": past.seed, "spacing": past.spacing, "truth": truth}
+    _report(result, past, log=past.path, verified=verified, **about, **outputs)
+
+
 def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
-    """Return what can be done after Ctrl-C. A new drive begins with the particles where
+    """Return what can be done after an interruption. A new drive begins with the particles where
     they are.
     """
     stopped = f"shoal: stopped after {count_text(result.moves, 'move')}"
@@ -222,11 +467,127 @@ def _how_to_go_on(result: Drive, log: Path | None, out: Path | None) -> str:
     if log is not None:
         replay = f"'shoal replay {log} --out FOLDER' writes the map so far"
         shown = f"{shown}, and {replay}" if shown else replay
-    again = (
-        "to go on, start the drive again (with another log): it begins with the particles where"
-        " they are now"
-    )
+        again = f"to go on: 'shoal drive --resume {log}'"
+    else:
+        again = (
+            "to go on, start the drive again, with --log: it begins with the particles where they"
+            " are now"
+        )
     return "; ".join(part for part in (stopped, shown, again) if part)
+
+
+def _named(
+    rig: str | None, actuator: str | None, sensor: str | None
+) -> tuple[str, tuple[str, str] | None]:
+    """Return the name of the rig, and those of its two devices if it is named by them."""
+    if actuator is None and sensor is None:
+        return rig or "simulated", None
+    if actuator is None or sensor is None:
+        given, missing = ("actuator", "sensor") if sensor is None else ("sensor", "actuator")
+        raise InvalidInputError(f"{missing}: expected one beside the option --{given}, got none")
+    if rig is not None:
+        raise InvalidInputError(f"rig: expected either --rig or two devices, got also {rig!r}")
+    plant = actuator.partition(":")[0] == "physics"
+    if plant != (sensor == "physics"):
+        raise InvalidInputError(
+            "sensor: expected physics with an actuator physics:KIND, and only with it, got"
+            f" {sensor!r} with {actuator!r}"
+        )
+    return actuator, (actuator, sensor)
+
+
+def _bench(
+    devices: tuple[Actuator, Sensor],
+    view: tuple[int, ...] | None,
+    measured: BenchCalibration | None,
+    trim: bool | None,
+) -> Rig:
+    """Return a rig of two devices."""
+    from shoal.rigs.calibration import Responses
+    from shoal.rigs.measuring import pulses_of
+    from shoal.rigs.ports import BenchRig
+    from shoal.rigs.trim import PulseTrim
+
+    moves, sees = devices
+    whole = bool(getattr(moves, "whole", False))
+    if whole and trim:
+        raise InvalidInputError(
+            f"trim: expected an actuator whose pulses can be changed, got {moves.name}, which"
+            " carries out whole commands"
+        )
+    longest = getattr(moves, "longest", inf)
+    if measured is None:
+        only = bool(getattr(moves, "only", False))
+        responses = Responses.stated(pulses_of(moves), only=only) if trim else None
+        trimmed = None if responses is None else PulseTrim(responses, longest=longest)
+        return BenchRig(moves, sees, shape=getattr(sees, "shape", view), trim=trimmed)
+    if measured.whole != whole:
+        raise InvalidInputError(
+            f"calibration: expected that of the actuator {moves.name}, got one of an actuator that"
+            f" {'carries out whole commands' if measured.whole else 'takes pulses of any length'}"
+        )
+    trimmed = None
+    if trim is not False and not whole:
+        noise = 2**0.5 * measured.noise / measured.pixels_per_cell
+        trimmed = PulseTrim(measured.responses, noise=noise, longest=longest)
+    simulated = hasattr(sees, "frame_rate")  # its clock is not that of this computer
+    return BenchRig(
+        moves,
+        sees,
+        measured,
+        shape=measured.shape,
+        pulses=measured.pulses,
+        latency=0.0 if simulated else measured.latency,
+        trim=trimmed,
+    )
+
+
+@contextmanager
+def _closed_after(devices: tuple[Actuator, Sensor], *, always: bool) -> Iterator[None]:
+    """Close two devices after a block, always or if it raises an exception."""
+    failed = True
+    try:
+        yield
+        failed = False
+    finally:
+        if failed or always:
+            try:
+                devices[0].close()
+            finally:
+                devices[1].close()
+
+
+def _open_devices(
+    devices: tuple[str, str],
+    truth: GridWorkspace | None,
+    problem: SwarmProblem,
+    seed: int,
+    apparatus: PlantProperties | None,
+    **link: Any,
+) -> tuple[Actuator, Sensor]:
+    """Open two devices, which may be one."""
+    from shoal.rigs.physics import PhysicsRig
+    from shoal.rigs.ports import PlantPorts, Sensor, is_connection, open_actuator, open_sensor
+
+    if apparatus is not None:
+        rig = _local_rig(truth, problem, seed, apparatus)
+        assert isinstance(rig, PhysicsRig)
+        ports = PlantPorts(rig.plant)
+        return ports, ports
+    moved_by, seen_by = devices
+    if moved_by == seen_by and is_connection(moved_by):
+        raise InvalidInputError(
+            f"sensor: expected another device than the actuator (or --rig {moved_by}), got"
+            f" {seen_by!r} for both"
+        )
+    moves = open_actuator(moved_by, **link if is_connection(moved_by) else {})
+    if moved_by == seen_by and isinstance(moves, Sensor):
+        return moves, moves
+    try:
+        return moves, open_sensor(seen_by, **link if is_connection(seen_by) else {})
+    except BaseException:
+        moves.close()
+        raise
 
 
 def _is_local(rig: str) -> bool:
@@ -242,23 +603,6 @@ def _apparatus(rig: str) -> PlantProperties | None:
     from shoal.rigs.physics import PlantProperties
 
     return PlantProperties.parse(text)
-
-
-def _noise_told(problem: SwarmProblem) -> SwarmProblem:
-    """Return the problem with the usual error rates of a plant, if the user states none."""
-    from shoal.rigs.physics import TOLD
-
-    if problem.rule != "block":
-        raise InvalidInputError(
-            f"rule: expected block, as a plant's particles push each other, got {problem.rule}"
-        )
-    if not TOLD.keys().isdisjoint(problem.given):
-        return problem
-    say(
-        "shoal: the plant's errors are told as "
-        + ", ".join(f"--{name} {value:g}" for name, value in TOLD.items())
-    )
-    return problem.replaced(**TOLD)
 
 
 def _check_local(truth: GridWorkspace | None, name: str) -> GridWorkspace:
@@ -330,6 +674,10 @@ def summary(
         "trust": dict(vars(result.trust)),
         "alarms": alarms_as_json(result.alarms),
         "rates": {name: dict(vars(rate)) for name, rate in result.rates.items()},
+        "notes": list(result.notes),
+        "task": result.task,
+        "targets": result.targets,
+        "visited": result.visited,
         "moves": result.moves,
         "scans": result.scans,
         "free_cells": free,
@@ -365,8 +713,18 @@ def _report(
     from shoal.cli.swarm.exploration import write_outputs
 
     about = summary(result, rig, truth, seed=seed, spacing=spacing)
-    written = [] if log is None else [log]
+    for note in result.notes:
+        say(f"shoal: {note}")
+    written = [log] if log is not None and verified is None else []
+    if out is not None and log is not None:
+        from shoal.rigs.records import write_frames
+
+        written.append(write_frames(log, out / "frames.csv"))
+        about["log"] = str(log)
     if result.episode is not None:
+        if out is not None:
+            film = film or [out / "film.html"]
+            written.append(_write_map(result.episode.workspace, out))
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
         say("shoal: the rig found no free cell, so there is nothing to draw or film")
@@ -388,9 +746,16 @@ def _report(
         ("policy", result.policy),
         ("result", f"{result.status}: {result.reason}"),
         ("trust", f"{result.trust.level}: {result.trust.why}"),
-        (
-            "found",
-            f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them",
+        *(
+            [
+                (
+                    "found",
+                    f"{about['free_cells']} free cells and {about['obstacles']} wall cells around"
+                    " them",
+                )
+            ]
+            if result.targets is None
+            else [("visited", f"{result.visited} of {count_text(result.targets, 'target cell')}")]
         ),
         ("scans", str(result.scans)),
         *(("alarm", alarm.text) for alarm in result.alarms),
@@ -420,9 +785,20 @@ def _report(
                 ),
             )
         )
+    if result.status is Status.INTERRUPTED and log is not None and verified is None:
+        rows.append(("go on", f"shoal drive --resume {log}"))
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table([*rows, ("time", _time_of(result))], title=f"drive of {rig.name}", written=written)
+
+
+def _write_map(workspace: GridWorkspace, out: Path) -> Path:
+    """Write the free cells that were found, for another drive or another program."""
+    from shoal.swarm.maps.files import write_map
+
+    path = out / ("map.txt" if workspace.ndim == 2 else "map.npy")
+    write_map(workspace, path)
+    return path
 
 
 def _time_of(result: Drive) -> str:
@@ -467,6 +843,7 @@ def replay_drive(
         json_=json_,
         seed=rig.seed,
         spacing=rig.spacing,
+        log=log,
         verified=verified,
     )
     if not verified:

@@ -411,8 +411,8 @@ def write_outputs(
         save_figure(figure(episodes, kind="frontier"), out / "frontier.png")
         written += [out / "map.png", out / "frontier.png", *overlay(episodes[0].problem, out)]
         _remove_earlier(out)
-        # the run of a rig with noise is kept in its log
-        kept = [episode for episode in episodes if episode.observations is None]
+        # the run of a rig with noise, or one that was interrupted, is kept in its log
+        kept = [one for one in episodes if one.observations is None and not one.placed]
         names = (
             ["episode.npz"]
             if len(episodes) == 1

@@ -12,7 +12,7 @@ import numpy as np
 
 from shoal.core.errors import InvalidInputError
 from shoal.missions.fence import Fence, circle_ring
-from shoal.missions.formats.items import degrees, plain, raw
+from shoal.missions.formats.items import Item, degrees, plain, raw
 from shoal.search.regions.outline import Points
 
 FENCE, RALLY = "fence.txt", "rally.txt"
@@ -188,3 +188,47 @@ def plan_rally(points: Places, altitude: float) -> dict[str, Any]:
         "version": 2,
         "points": [[raw(degrees(y)), raw(degrees(x)), altitude] for x, y in points],
     }
+
+
+def fence_items(
+    rings: Sequence[tuple[Any, bool]], circles: Sequence[tuple[Any, bool]]
+) -> list[Item]:
+    """Return a fence as items: each corner (latitude, longitude) with the number of corners of its
+    polygon, and each circle with its radius. The second part of a pair says whether it is inside.
+    """
+    corners = [
+        Item(
+            _INSIDE if inside else _OUTSIDE,
+            _GLOBAL,
+            (float(len(ring)), 0.0, 0.0, 0.0, latitude, longitude, 0.0),
+        )
+        for ring, inside in rings
+        for latitude, longitude in ring
+    ]
+    commands = {kind: command for command, kind in _CIRCLES.items()}
+    return corners + [
+        Item(
+            commands[_INSIDE if inside else _OUTSIDE],
+            _GLOBAL,
+            (circle.radius, 0.0, 0.0, 0.0, *circle.center, 0.0),
+        )
+        for circle, inside in circles
+    ]
+
+
+def rally_items(points: Sequence[tuple[Any, float]]) -> list[Item]:
+    """Return rally points, each (latitude, longitude) with its altitude above home, as items."""
+    return [
+        Item(_RALLY_POINT, _RELATIVE, (0.0, 0.0, 0.0, 0.0, *place, altitude))
+        for place, altitude in points
+    ]
+
+
+def table_items(text: str) -> list[Item]:
+    """Return the items of a table that `read_fence`, `read_rally` or the format WPL has read."""
+    rows = [line.split() for line in text.splitlines()[1:]]
+    return [
+        Item(int(row[3]), int(row[2]), tuple(float(value) for value in row[4:11]))
+        for row in rows
+        if row and not row[0].startswith("#")
+    ]

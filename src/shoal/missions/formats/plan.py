@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
 
 from shoal.missions.diagnostics import Sheet
 from shoal.missions.fence import circle_ring
-from shoal.missions.formats.fences import fence_from, plan_fence, plan_rally
+from shoal.missions.formats.fences import (
+    fence_from,
+    fence_items,
+    plan_fence,
+    plan_rally,
+    rally_items,
+)
 from shoal.missions.formats.items import (
     Item,
     Number,
@@ -148,6 +155,22 @@ def scan(text: str, sheet: Sheet) -> None:
                 places[number - 1],
                 "expected autoContinue true, got false: the vehicle stops here",
             )
+
+
+def items_on_board(text: str) -> tuple[list[Item], list[Item], list[Item]]:
+    """Return the items of the mission, the fence and the rally points of a `.plan` file that `scan`
+    has read without fatal diagnostics.
+    """
+    from shoal.missions.formats.plan_form import PlanForm
+
+    data = json.loads(text)
+    _expand_surveys(data)
+    form = PlanForm.model_validate(data)
+    mission = [Item(item.command, item.frame, tuple(item.params)) for item in form.mission.items]
+    rings = [(one.polygon, one.inclusion) for one in form.fence.polygons]
+    circles = [(one.circle, one.inclusion) for one in form.fence.circles]
+    rally = [(place[:2], place[2]) for place in form.rally.points]
+    return mission, fence_items(rings, circles), rally_items(rally)
 
 
 def _expand_surveys(data: Any) -> list[str]:

@@ -372,6 +372,24 @@ class WithTrace:
         return 1 + int(np.count_nonzero(self.trace.scanned))
 
 
+class Placement(NamedTuple):
+    """A scan that shows particles elsewhere than the commands would have them, when a drive of a rig
+    goes on after an interruption.
+
+    Parameters
+    ----------
+    move : int
+        Number of commands before the scan.
+    since : int
+        Number of commands whose effect is known. That of the commands after them is not.
+    cells : ndarray of int64, shape (n, ndim)
+    """
+
+    move: int
+    since: int
+    cells: NDArray[np.int64]
+
+
 class Recorder:
     """Recorder of a trace. Each call of `add` appends one run of equal commands to the trace.
 
@@ -402,6 +420,14 @@ class Recorder:
         self.moves += len(rows)
         self.last = sum(row[2] for row in rows), sum(row[0] for row in rows)
         self.idle = 0 if any(self.last) else self.idle + 1
+
+    def extend(self, other: Recorder) -> None:
+        """Add all runs of another recorder."""
+        self._letters += other._letters
+        self._rows += other._rows
+        self._scanned += other._scanned
+        self.moves += other.moves
+        self.idle, self.last = other.idle, other.last
 
     @property
     def trace(self) -> Trace:

@@ -148,6 +148,14 @@ class Belief:
         """Whether the belief has no frontier cells left, so that the task is complete."""
         return not self.frontier
 
+    def with_particles(self, here: Board) -> Belief:
+        """Return the belief after particles were put into the cells ``here``: these cells are
+        free, and in a coverage visited.
+        """
+        known = self.known | here
+        found = (here - self.open).dilated() - known
+        return Belief(open=self.open | here, known=known, frontier=(self.frontier - here) | found)
+
     @property
     def states(self) -> NDArray[np.uint8]:
         """The code of each cell of the workspace and its rim: UNKNOWN, FRONTIER, FREE or OBSTACLE

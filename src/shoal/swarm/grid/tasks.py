@@ -14,7 +14,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.registry import Registry, configured
 from shoal.swarm.grid.board import Board, offsets_of
-from shoal.swarm.grid.state import Belief, SwarmState
+from shoal.swarm.grid.state import Belief, SwarmState, check_cells
 from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -161,7 +161,46 @@ class SubsetCoverage(Coverage):
         return targets
 
 
-for _task in (Mapping, Coverage, SubsetCoverage):
+@dataclass(frozen=True)
+class Target(Coverage):
+    """The task of bringing a particle to each of a few given cells of a known map.
+
+    The particles need not be in the cells at the same time: a cell counts from the moment at which
+    a particle is in it.
+
+    Parameters
+    ----------
+    cells : tuple of tuple of int
+        The target cells.
+    """
+
+    name: ClassVar[str] = "target"
+    cells: tuple[tuple[int, ...], ...] = ()
+
+    def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
+        """Return the mask of the target cells, without a random choice.
+
+        Raises
+        ------
+        InvalidInputError
+            Raised if there are no target cells, or if one is not a free cell of the workspace.
+        """
+        with errors_at("target"):
+            chosen = check_cells(self.cells, workspace.shape, what="cells", rim=0)
+        if not len(chosen):
+            raise InvalidInputError("target: expected at least one cell, got none")
+        blocked = ~workspace.free[tuple(chosen.T)]
+        if blocked.any():
+            cell = tuple(chosen[blocked][0].tolist())
+            raise InvalidInputError(
+                f"target: expected free cells of {workspace.name}, got the obstacle {cell}"
+            )
+        targets = np.zeros(workspace.shape, dtype=np.bool_)
+        targets[tuple(chosen.T)] = True
+        return targets
+
+
+for _task in (Mapping, Coverage, SubsetCoverage, Target):
     TASKS.add(_task.name, _task)
 
 

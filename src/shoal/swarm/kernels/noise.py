@@ -23,12 +23,12 @@ from shoal.swarm.kernels.search import ahead, nearest
 
 FAINT = 1e-5  # the belief sets lower probabilities of a particle to 0
 LOST = 1e-4  # probability that a particle appears in a cell where the belief expects no particle
-CLUTTER = 1e-6  # probability that a scan shows a particle in a cell without a particle
+CLUTTER = 1e-6  # probability that a scan shows a particle in a cell that has none near it
 UNKNOWN = 1e-4  # the same if a scan is weighed as a whole, because a particle may be unknown
 SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
 LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
-# bound: log-odds from which a cell counts as classified
-RATES = record_type(np.float64, "slip", "misplace", "miss", "bound")
+# clutter: CLUTTER, or what the rig needs; bound: log-odds from which a cell counts as classified
+RATES = record_type(np.float64, "slip", "misplace", "miss", "clutter", "bound")
 
 
 class NoisyState(NamedTuple):
@@ -120,9 +120,9 @@ def first_belief(noisy):
     A detection in a cell means a particle in the cell or a misplaced particle of a neighbouring
     cell.
     """
-    misplace, miss = noisy.rates.misplace, noisy.rates.miss
+    misplace, miss, clutter = noisy.rates.misplace, noisy.rates.miss, noisy.rates.clutter
     hit = (1.0 - miss) * (1.0 - misplace)
-    odds = (hit + CLUTTER) / ((1.0 - miss) * misplace + CLUTTER)
+    odds = (hit + clutter) / ((1.0 - miss) * misplace + clutter)
     held = odds / (1.0 + odds)
     for at in range(noisy.seen.shape[0]):
         if noisy.seen[at]:
@@ -177,7 +177,7 @@ def stray(noisy, at, but):
     leaves out the neighbouring cell ``but``.
     """
     share = (1.0 - noisy.rates.miss) * noisy.rates.misplace / noisy.offsets.shape[0]
-    none = 1.0 - CLUTTER
+    none = 1.0 - noisy.rates.clutter
     for offset in noisy.offsets:
         if at + offset != but:
             none *= 1.0 - noisy.moved[at + offset] * share

@@ -13,13 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.swarm.goals import Goal
 from shoal.swarm.grid.board import Board, GridLayout, decode, noise_rng, trial_rng
-from shoal.swarm.grid.scans import Recorder, ScanRule, Trace
+from shoal.swarm.grid.scans import Placement, Recorder, Row, ScanRule, Trace
 from shoal.swarm.grid.state import Belief, SwarmState
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise import LOSS, Moment, Noise, NoisyBelief, inner_of, looks_of, noisy_belief
+from shoal.swarm.noise import (
+    Moment,
+    Noise,
+    NoisyBelief,
+    exact_looks,
+    inner_of,
+    looks_of,
+    noisy_belief,
+)
 from shoal.swarm.policies.compiled import Manual
 from shoal.swarm.simulation.compiled import PolicyGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.swarms import ExactSwarm
@@ -69,6 +78,7 @@ class ExactReplay:
     targets : ndarray of bool, or None
     trace : Trace
         The recorded trace, from which the replay takes the commands and the scans.
+    placed : tuple of Placement
     """
 
     world: GridWorld
@@ -76,6 +86,7 @@ class ExactReplay:
     start: NDArray[np.int64]
     targets: NDArray[np.bool_] | None
     trace: Trace
+    placed: tuple[Placement, ...] = ()
 
     def _begin(self) -> ExactSwarm:
         state = self.world.initial(self.start)
@@ -91,24 +102,44 @@ class ExactReplay:
         swarm = self._begin()
         shown = swarm.belief
         yield swarm.state, shown
-        for command, scanned in zip(
-            decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
-        ):
-            swarm.carry_out(command, 1)
+        for _, scanned, _ in self._steps(swarm):
             if scanned or swarm.belief.known == shown.known:
                 shown = swarm.belief
             yield swarm.state, shown
 
+    def _steps(self, swarm: ExactSwarm) -> Iterator[tuple[str, bool, list[Row]]]:
+        """Carry out one command after another. Yield the command, whether a scan followed, and its
+        entry in the trace. Commands of unknown effect, after which particles were placed, do
+        nothing.
+        """
+        self._place(swarm, 0)
+        for move, (command, scanned) in enumerate(
+            zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True), start=1
+        ):
+            if any(since < move <= at for at, since, _ in self.placed):
+                rows = [(0, len(swarm.belief.frontier), 0)]
+            else:
+                rows = swarm.carry_out(command, 1)[0]
+            self._place(swarm, move)
+            yield command, scanned, rows
+
+    def _place(self, swarm: ExactSwarm, move: int) -> None:
+        for at, _, cells in self.placed:
+            if at == move:
+                swarm.state = self.world.initial(cells)
+                swarm.belief = swarm.belief.with_particles(swarm.state.occupied)
+
     def moments(self) -> Iterator[Moment]:
-        """Yield nothing, because an episode without noise has no moments."""
-        yield from ()
+        """Yield a `Moment` of the scans, for pages that cannot simulate placed particles."""
+        for state, belief in self.frames():
+            yield Moment(state.occupied.mask, exact_looks(belief))
 
     @cached_property
     def end(self) -> End:
         """The result of the replay. Compiled code replays built-in tasks."""
         swarm = self._begin()
         first, recorded = len(swarm.belief.frontier), self.trace
-        if is_compiled(self.task):
+        if is_compiled(self.task) and not self.placed:
             policy = Manual(decode(recorded.commands))
             game = PolicyGame(policy, swarm, trial_rng(0), scanning=None)
             trace, _ = compiled_loop(game, recorded.moves, scanned=recorded.scanned)
@@ -116,18 +147,19 @@ class ExactReplay:
                 return End(*game.final, trace, first)
             # compiled code stops at completion, but a drive of a rig ends with closing moves
         recorder = Recorder()
-        for command, scanned in zip(
-            decode(recorded.commands), recorded.scanned.tolist(), strict=True
-        ):
-            recorder.add(command, swarm.carry_out(command, 1)[0], scanned=scanned)
+        for command, scanned, rows in self._steps(swarm):
+            recorder.add(command, rows, scanned=scanned)
         return End(swarm.state, swarm.belief, recorder.trace, first)
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
         """Return a description of the first scan that violates the scan rule. If all scans follow
         the scan rule, return None.
 
-        Every scan rule requires a scan before each change of direction.
+        Every scan rule requires a scan before each change of direction. A drive that was
+        interrupted is not checked.
         """
+        if self.placed:
+            return None
         commands, scanned = self.trace.commands, self.trace.scanned
         if scanning.every_move and not scanned.all():
             return (
@@ -156,6 +188,7 @@ class _BeliefReplay(ABC):
     """Base class of the replays with noise, which compute one belief after another."""
 
     trace: Trace
+    placed: tuple[Placement, ...] = ()
 
     @abstractmethod
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
@@ -189,8 +222,11 @@ class _BeliefReplay(ABC):
         """Return a description of the first scan that violates the scan rule. If all scans follow
         the scan rule, return None.
 
-        In an episode with noise, the direction of the commands may change without a scan.
+        In an episode with noise, the direction of the commands may change without a scan. A drive
+        that was interrupted is not checked.
         """
+        if self.placed:
+            return None
         unseen, most = 0, scanning.step
         for move, scan in enumerate(self.trace.scanned.tolist(), start=1):
             unseen = 0 if scan else unseen + 1
@@ -278,6 +314,9 @@ class ObservedReplay(_BeliefReplay):
         Cells in which each scan showed particles, including the scan before the first command.
     truth : ndarray of bool, or None
         The true free cells, or None if the true map is unknown.
+    goal : Goal
+        The task, with the map that was known beforehand.
+    placed : tuple of Placement
     """
 
     shape: tuple[int, ...]
@@ -286,6 +325,8 @@ class ObservedReplay(_BeliefReplay):
     trace: Trace
     observations: tuple[NDArray[np.int64], ...]
     truth: NDArray[np.bool_] | None
+    goal: Goal
+    placed: tuple[Placement, ...] = ()
 
     def _truth(self) -> NDArray[np.bool_] | None:
         return self.truth
@@ -294,20 +335,34 @@ class ObservedReplay(_BeliefReplay):
         """Yield the belief and the cells in which the last scan showed particles, at the start and
         after each command.
         """
+        for belief, seen, _ in self._steps():
+            yield belief, seen
+
+    def _steps(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_], int]]:
+        """Yield what `beliefs` yields, and the number of frontier cells before particles were
+        placed.
+        """
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
-        belief = NoisyBelief(self.shape, seen, self.noise, self.confidence, loss=LOSS)
-        yield belief, seen.mask
-        for command, scanned in zip(
-            decode(self.trace.commands), self.trace.scanned.tolist(), strict=True
+        belief = self.goal.noisy(seen, self.noise, self.confidence)
+        placed = [(at, Board.of_cells(layout, cells)) for at, _, cells in self.placed]
+        first = belief.remaining
+        for _, seen in (one for one in placed if one[0] == 0):
+            belief.place(seen)
+        yield belief, seen.mask, first
+        for move, (command, scanned) in enumerate(
+            zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True), start=1
         ):
             if scanned:
                 seen = next(boards)
                 belief.update(command, seen)
             else:
                 belief.spread(command)
-            yield belief, seen.mask
+            frontier = belief.remaining
+            for _, seen in (one for one in placed if one[0] == move):
+                belief.place(seen)
+            yield belief, seen.mask, frontier
 
     @cached_property
     def end(self) -> End:
@@ -318,7 +373,8 @@ class ObservedReplay(_BeliefReplay):
         """
         frontier: list[int] = []
         belief: Any = None
-        for belief, _ in self.beliefs():
-            frontier.append(belief.remaining)
+        for step in self._steps():
+            belief = step[0]
+            frontier.append(step[2])
         trace = self.trace._replace(frontier=np.array(frontier[1:], dtype=np.int32))
         return End(SwarmState(belief.occupied), belief.belief, trace, frontier[0])

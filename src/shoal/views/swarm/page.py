@@ -92,7 +92,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
         "playing": True,
         "seed": episode.seed,
         "version": episode.versions["shoal"],
-    } | (_recorded(episode) if episode.noisy else _simulated(episode))
+    } | (_recorded(episode) if episode.noisy or episode.placed else _simulated(episode))
 
 
 def _simulated(episode: SwarmEpisode) -> dict[str, object]:
@@ -105,7 +105,9 @@ def _simulated(episode: SwarmEpisode) -> dict[str, object]:
 
 
 def _recorded(episode: SwarmEpisode) -> dict[str, object]:
-    """Return the recorded data of an episode with noise, which a player page cannot simulate."""
+    """Return the recorded data of an episode that a player page cannot simulate: one with noise, or
+    a drive after whose interruption the particles were elsewhere.
+    """
     errors = episode.errors
     if errors is None:
         seen, truth, goal = True, episode.truth is not None, len(episode.final()[1].known)

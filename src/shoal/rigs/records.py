@@ -1,0 +1,64 @@
+"""The records of a drive: a table of all frames, written from its log, and the statistics of several
+drives.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from shoal.core.files import write_text
+from shoal.rigs.log import RecordedRig, read_log
+
+AXIS_NAMES = {2: ("row", "column"), 3: ("layer", "row", "column")}
+
+
+def write_frames(log: str | os.PathLike[str] | RecordedRig, path: str | os.PathLike[str]) -> Path:
+    """Write a table (CSV) of what each scan of a log shows, with one line for each particle.
+
+    The columns are the number of the frame, the time in seconds since the start, the number of
+    commands before the frame, the commands since the frame before, the number of the particle in the
+    frame (particles are not followed from frame to frame), its cell, and the values that the rig
+    reports, such as currents. A frame without particles has one line without a cell.
+
+    Parameters
+    ----------
+    log : path or RecordedRig
+    path : path
+
+    Raises
+    ------
+    InvalidInputError, OutputError
+    """
+    past = log if isinstance(log, RecordedRig) else read_log(log, trust=True)
+    lines = past.path.read_bytes().split(b"\n")[:-1]
+    entries = [json.loads(line) for line in lines]
+    frames = [entry for entry in entries if entry["kind"] == "scan"]
+    values = sorted({name for frame in frames for name in frame.get("values", {})})
+    axes = AXIS_NAMES[len(past.shape)]
+    commands, before, rows = past.commands + past.tail, 0, []
+    for number, frame in enumerate(frames):
+        sent = commands[before : frame["move"]]
+        about: dict[str, Any] = {
+            "frame": number,
+            "time": frame["time"],
+            "move": frame["move"],
+            "commands": sent,
+        }
+        about |= frame.get("values", {})
+        before = max(before, frame["move"])
+        for particle, cell in enumerate(frame["cells"]):
+            rows.append(about | {"particle": particle} | dict(zip(axes, cell, strict=True)))
+        if not frame["cells"]:
+            rows.append(about)
+    text = io.StringIO()
+    names = ["frame", "time", "move", "commands", "particle", *axes, *values]
+    table = csv.DictWriter(text, names, lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    write_text(path, text.getvalue())
+    return Path(path)

@@ -1,0 +1,185 @@
+"""Missions started each at its time, and watched to their end, on simulated time."""
+
+from __future__ import annotations
+
+import json
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from tests.unit.robots.test_upload import missions
+
+from shoal.cli import run
+from shoal.missions import write_missions
+
+pytest.importorskip("pymavlink")
+
+from dataclasses import replace
+
+from shoal.robots import modes, uploading
+from shoal.robots.mavlink import Station
+from shoal.robots.onboard import pair, read_cargos, read_seats
+from shoal.robots.simulated import SimulatedLink, SimulatedVehicle
+from shoal.robots.starting import Fleet, check_fleet, start_missions, watch_fleet
+from shoal.robots.uploading import upload_missions
+
+LATER = 20.0  # seconds
+
+
+@pytest.fixture
+def folder(tmp_path):
+    first, second = missions()
+    write_missions(
+        [replace(first, start=0.0), replace(second, start=LATER)], tmp_path, formats=["plan"]
+    )
+    return tmp_path
+
+
+def fleet_of(folder, *vehicles, upload=True, **about):
+    pairs = pair(read_cargos(folder), read_seats("1=1,2=2"))
+    link = SimulatedLink(vehicles, **about)
+    if upload:
+        assert {one.status for one in upload_missions(pairs, [Station(link)])} == {"equal"}
+    return Fleet(pairs, [Station(link)]), link
+
+
+def two(autopilot="px4", **second):
+    return SimulatedVehicle(1, autopilot=autopilot), SimulatedVehicle(
+        2, autopilot=autopilot, **second
+    )
+
+
+@pytest.mark.parametrize(("autopilot", "loss"), [("px4", 0.3), ("ardupilot", 0.0)])
+def test_each_starts_at_its_time_flies_its_mission_and_lands(folder, autopilot, loss):
+    vehicles = two(autopilot)
+    fleet, link = fleet_of(folder, *vehicles, loss=loss, seed=2)
+    assert check_fleet(fleet), [one.sentence for one in fleet.launches.values()]
+    assert not any(one.armed for one in vehicles)
+    begin = link.now() + 5
+    start_missions(fleet, begin=begin)
+    late = [one.started_s - one.start for one in fleet.launches.values()]
+    assert [one.status for one in fleet.launches.values()] == ["started"] * 2
+    assert 0 <= min(late) <= max(late) < (2 if not loss else 10)
+    # armed at their times, and not before
+    for vehicle, planned in zip(vehicles, (0.0, LATER), strict=True):
+        assert 0 <= vehicle.armed_at - begin - planned < (1 if not loss else 10)
+    seen = []
+    watch_fleet(
+        fleet, seconds=600, on_report=lambda launches: seen.append(launches[0].telemetry.item)
+    )
+    assert [vehicle.armed for vehicle in vehicles] == [False, False]
+    assert all(np.linalg.norm(vehicle.position) < 2 for vehicle in vehicles)  # they are back
+    assert all(vehicle.breaches == 0 for vehicle in vehicles)
+    assert max(item for item in seen if item is not None) >= 6
+    assert fleet.now() < 500
+
+
+def test_a_vehicle_that_refuses_to_arm_keeps_all_on_the_ground(folder):
+    vehicles = two("ardupilot", refuses_to_arm="compass not calibrated")
+    fleet, _ = fleet_of(folder, *vehicles)
+    assert not check_fleet(fleet)
+    assert [one.status for one in fleet.launches.values()] == ["ready", "not ready"]
+    assert "arming checks fail" in fleet.launches[2].sentence
+
+
+def test_another_mission_on_board_is_not_started(folder):
+    vehicles = two()
+    fleet, _ = fleet_of(folder, *vehicles)
+    item = vehicles[1].stored["mission"][3]
+    vehicles[1].stored["mission"][3] = item._replace(z=item.z + 1)
+    assert not check_fleet(fleet)
+    assert "mission item 3: expected altitude" in fleet.launches[2].sentence
+
+
+def test_a_low_battery_is_told(folder):
+    vehicles = two()
+    vehicles[0].charge = 0.2
+    fleet, _ = fleet_of(folder, *vehicles)
+    assert not check_fleet(fleet)
+    assert "expected a battery of 30 %, got 20 %" in fleet.launches[1].sentence
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_refusal_at_the_start_holds_up_nobody_else(folder, autopilot):
+    vehicles = two(autopilot)
+    fleet, link = fleet_of(folder, *vehicles)
+    assert check_fleet(fleet)
+    vehicles[0].refuses_to_arm = "the propeller is missing"
+    start_missions(fleet, begin=link.now(), tolerance=25.0)  # longer than until the other start
+    first, second = fleet.launches.values()
+    assert (first.status, second.status) == ("not started", "started")
+    assert "the propeller is missing" in first.sentence
+    assert second.started_s - LATER < 2
+    assert not vehicles[0].armed
+
+
+def test_a_vehicle_that_is_late_does_not_start(folder):
+    vehicles = two()
+    fleet, link = fleet_of(folder, *vehicles)
+    assert check_fleet(fleet)
+    vehicles[0]._silent_until = link.now() + 15
+    start_missions(fleet, begin=link.now(), tolerance=10.0)
+    assert [one.status for one in fleet.launches.values()] == ["not started", "started"]
+    fleet.listen(fleet.now() + 20)
+    assert not vehicles[0].armed
+
+
+def test_a_breach_of_the_fence_is_watched(folder):
+    vehicles = two()
+    fleet, link = fleet_of(folder, *vehicles)
+    assert check_fleet(fleet)
+    start_missions(fleet, begin=link.now())
+    vehicles[0].position[0] = 20_000.0
+    watch_fleet(fleet, seconds=10)
+    assert vehicles[0].mode == modes.RETURN
+    assert [one.telemetry.breaches for one in fleet.launches.values()] == [1, 0]
+
+
+def test_a_lost_ground_station_or_a_low_battery_brings_the_vehicle_home(folder):
+    fleet, link = fleet_of(folder, *two(station_timeout=5.0))
+    link.vehicles[0].battery = 60.0
+    assert check_fleet(fleet)
+    start_missions(fleet, begin=link.now())
+    link.loss = 1.0  # nobody hears anybody
+    link.receive(300)
+    now = link.now()
+    while link.now() < now + 300:
+        link.receive(50)
+    assert [vehicle.armed for vehicle in link.vehicles] == [False, False]
+    assert all(vehicle.position[2] == 0 for vehicle in link.vehicles)
+
+
+def test_the_commands_start_only_with_arm(folder, capsys, monkeypatch):
+    vehicles = two()
+    link = SimulatedLink(vehicles)
+    monkeypatch.setattr(uploading, "stations", lambda _links: nullcontext([Station(link)]))
+    about = [str(folder), "--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2", "--json"]
+
+    def report(name, *more):
+        code = run(["missions", name, *about, *more])
+        out, err = capsys.readouterr()
+        return code, json.loads(out), err
+
+    code, _, err = report("start", "--arm")
+    assert code == 1
+    assert "expected 9 items on board, got 0" in err
+    assert report("upload")[0] == 0
+    code, found, _ = report("start")
+    assert (code, found["armed"]) == (0, False)
+    assert [one["status"] for one in found["robots"]] == ["ready"] * 2
+    assert not any(vehicle.armed for vehicle in vehicles)
+    code, found, _ = report("watch", "--seconds", "3")
+    first = found["robots"][0]
+    assert (code, first["armed"], first["mode"], first["breaches"]) == (0, False, "manual", 0)
+    code, found, _ = report("start", "--arm", "--at", "+2", "--robots", "1")
+    assert (code, found["armed"], found["robots"][0]["status"]) == (0, True, "started")
+    assert [vehicle.armed for vehicle in vehicles] == [True, False]
+    code, found, _ = report("watch", "--robots", "1")
+    assert (code, found["robots"][0]["armed"], vehicles[0].armed) == (0, False, False)
+
+
+@pytest.mark.parametrize("at", ["25:00", "soon", "+-1", "12:60", ""])
+def test_a_wrong_time_is_refused(folder, capsys, at):
+    about = [str(folder), "--connect", "udpin:127.0.0.1:14550", "--systems", "1=1,2=2"]
+    assert run(["missions", "start", *about, "--at", at]) == 2
+    assert "at: expected" in capsys.readouterr().err
