@@ -8,7 +8,7 @@ import pytest
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering import SteeringProblem, open_workspace, region
 from shoal.steering.contact.world import make_world
-from shoal.steering.driving import SteeringDriveError, drive
+from shoal.steering.driving import SteeringDriveError, drive, follow
 
 pytest.importorskip("pymunk")
 
@@ -129,3 +129,24 @@ def test_a_log_has_every_input_and_is_never_overwritten(tmp_path):
     assert lines[-1]["end"] == "arrived"
     with pytest.raises(OutputError, match="exists already"):
         drive(problem, plant_of(problem), log=log)
+
+
+def test_one_particle_follows_way_points_around_an_obstacle():
+    place = region(
+        [(0, 0), (1, 0), (1, 1), (0, 1)], [[(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]]
+    )
+    problem = SteeringProblem(place, [(0.1, 0.1), (0.2, 0.5)], GOAL)
+    plant = plant_of(problem, heading=10.0, own_gain=0.1)
+    points = [(0.8, 0.5), (0.5, 0.8), (0.3, 0.5)]
+    result = follow(problem, Bare(plant), points, particle=2)
+    assert result, result.reason
+    assert result.estimates["waypoints_reached"] == 3
+    assert result.goal.tolist() == [[0.3, 0.5]]
+    path = result.seen[:, 0]
+    for point in points:
+        assert np.linalg.norm(path - point, axis=1).min() <= result.problem.tolerance
+    assert 0 < result.estimates["largest_deviation"] < 0.1 * place.size
+    assert np.linalg.norm(plant.points[1] - points[-1]) <= 1.2 * result.problem.tolerance
+    with pytest.raises(InvalidInputError, match="waypoints"):
+        follow(problem, Bare(plant), [(0.5, 0.5)])
+    assert not follow(problem.replaced(max_moves=2), Bare(plant), points)
