@@ -20,7 +20,7 @@ from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, OutputError, RigError
 from shoal.steering.contact.friction import friction_limit
 from shoal.steering.contact.world import ContactWorld, RegionWorld
-from shoal.steering.estimation import FrictionEstimate, GainEstimate, friction_text
+from shoal.steering.estimation import FrictionEstimate, GainEstimate
 from shoal.steering.kernels import pressing as kernels
 from shoal.steering.planners.bounds import Bounds
 from shoal.steering.planners.greedy import Greedy
@@ -360,11 +360,15 @@ class _Session:
 
     def _result(self, status: Status, reason: str) -> SteeringDrive:
         if self.friction.slips:
-            stated = friction_text(self.friction.stated)
+            given = self.problem.given & {"friction", "friction_at_least"}
+            stated = (
+                f"the stated friction was at least {self.friction.stated:g}"
+                if given and self.friction.stated < inf
+                else "no friction was stated, which means that nothing slips"
+            )
             reason += (
                 "; the walls slip more than was stated: a coefficient of friction of about"
-                f" {self.friction.best:g} agrees with the moves, and the stated friction was"
-                f" {'at least ' if self.friction.stated < inf else ''}{stated}"
+                f" {self.friction.best:g} agrees with the moves, and {stated}"
             )
         gains = self.gains.mean[:, 0] + 1j * self.gains.mean[:, 1]
         told = [self.friction.quantile(share) for share in (0.5, 0.05, 0.95)]

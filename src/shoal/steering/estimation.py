@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -165,8 +164,3 @@ class FrictionEstimate:
         )
         off = ((ends - seen) ** 2).sum(axis=(1, 2)) / (2 * variance)
         self._odds -= np.minimum(off - off.min(), OUTLIER)
-
-
-def friction_text(friction: float) -> str:
-    """Return a coefficient of friction as text."""
-    return "so high that nothing slips" if friction >= 1e8 or friction == inf else f"{friction:g}"
