@@ -19,6 +19,13 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, print_json, print_table, report_moves, say
+from shoal.cli.steering_drive import (
+    check_steering,
+    local_steering_rig,
+    steer_rig,
+    steering_bench,
+    steering_problem,
+)
 from shoal.cli.swarm.calibrating import (
     CalibrateInto,
     CalibrationFile,
@@ -222,12 +229,51 @@ def drive(
             ),
         ),
     ] = None,
+    steer: Annotated[
+        str | None,
+        typer.Option(
+            "--steer",
+            metavar="PROBLEM",
+            help=(
+                "Steer two particles to their goals instead: a problem file of shoal steer, or a"
+                " workspace. Its friction_at_least, or else friction, is what is stated of the"
+                " walls. The rig is simulated, physics:KIND[,NAME=NUMBER...] (in cells of a 40th of the"
+                " size), MODULE:ATTRIBUTE (look and send), or --actuator and --sensor (the unit of the"
+                " workspace is then the cell)."
+            ),
+        ),
+    ] = None,
+    friction_at_least: Annotated[
+        float | None,
+        typer.Option(
+            "--friction-at-least",
+            metavar="MU",
+            help="With --steer: least coefficient of friction of the walls.",
+        ),
+    ] = None,
+    waypoints: Annotated[
+        str | None,
+        typer.Option(
+            "--waypoints",
+            metavar="'X,Y X,Y'",
+            help="With --steer: lead one particle along these points instead of two to their goals.",
+        ),
+    ] = None,
+    follow: Annotated[
+        int | None,
+        typer.Option(
+            "--follow",
+            metavar="PARTICLE",
+            help="With --waypoints: number of the particle, from 1.",
+            show_default="1",
+        ),
+    ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Control a rig (an apparatus with particles): map its space, cover a known map, or bring a
-    particle to a target. At the end and after Ctrl-C, Shoal stops the rig.
+    """Control a rig (an apparatus with particles): map its space, cover a known map, bring a
+    particle to a target, or steer two particles. At the end and after Ctrl-C, Shoal stops the rig.
 
     Of a real rig, --particles and --rule are the expected values: if its first scan shows another
     number of particles (fewer than chance allows, or more), or if it reports another rule, the
@@ -253,6 +299,35 @@ def drive(
     from shoal.swarm.maps.files import open_map
     from shoal.swarm.problem import spacing_of
 
+    check_steering(
+        ctx, steer=steer, friction_at_least=friction_at_least, waypoints=waypoints, follow=follow
+    )
+    if steer is not None:
+        asked = steering_problem(steer, friction_at_least)
+        name, devices = _named(rig, actuator, sensor)
+        if devices is None:
+            steered: Any = local_steering_rig(asked, name, seed)
+        else:
+            view = None if size is None else _size(size)
+            measured = None if calibration is None else BenchCalibration.load(calibration)
+            truth = None if map_name is None else open_map(map_name)
+            waits = {"repeat_after": repeat_after, "end_after": end_after}
+            link = SECONDS | {key: value for key, value in waits.items() if value is not None}
+            two = problem.replaced(particles=asked.n_particles)
+            pair = _open_devices(devices, truth, two, seed, _apparatus(name), on_event=None, **link)
+            with _closed_after(pair, always=False):
+                steered = steering_bench(pair, view, measured)
+        steer_rig(
+            asked,
+            steered,
+            seed=seed,
+            waypoints=waypoints,
+            particle=follow or 1,
+            log=log,
+            out=out,
+            json_=json_,
+        )
+        return
     check_outputs(out, film)
     past = None
     if resume is not None:
