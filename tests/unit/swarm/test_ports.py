@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import socketserver
+import threading
 import time
 
 import numpy as np
@@ -359,6 +361,41 @@ def test_a_rig_behind_a_connection_may_push_in_every_direction():
         whole.push(45.0, 0.1)
     with pytest.raises(InvalidInputError, match="far, which can neither"):
         SteeringBench(whole, Responses.stated(whole.pulses))
+
+
+def test_a_rig_behind_a_connection_is_steered(tmp_path, capsys):
+    about = PlantProperties.of("exact", radius=0.2)
+    plant = Plant(GridWorkspace(np.ones((8, 8))), [(2, 2), (6, 5)], about, np.random.default_rng(1))
+    rig = PushingRig(PlantPorts(plant))
+
+    class Line(socketserver.StreamRequestHandler):
+        def handle(self):
+            for line in self.rfile:
+                self.wfile.write(rig.reply(line.strip()))
+
+    corners = [[0.2, 0.2], [7.8, 0.2], [7.8, 7.8], [0.2, 7.8]]
+    problem = {"kind": "steering", "workspace": {"type": "polygon", "vertices": corners}}
+    file = tmp_path / "room.json"
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Line) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        named = f"tcp:127.0.0.1:{server.server_address[1]}"
+        file.write_text(json.dumps(problem))
+        words = [
+            "drive",
+            "--steer",
+            str(file),
+            "--rig",
+            named,
+            "--waypoints",
+            "3,4 4,2.5",
+            "--json",
+        ]
+        code = shoal(words)
+        server.shutdown()
+    out, err = capsys.readouterr()
+    assert code == 0, err
+    assert json.loads(out)["status"] == "arrived"
+    assert plant.points[0] == pytest.approx([4, 2.5], abs=0.2)
 
 
 # -------------------------------------------------------------------------------------------------

@@ -238,8 +238,8 @@ def drive(
                 "Steer two particles to their goals instead: a problem file of shoal steer, or a"
                 " workspace. Its friction_at_least, or else friction, is what is stated of the"
                 " walls. The rig is simulated, physics:KIND[,NAME=NUMBER...] (in cells of a 40th of the"
-                " size), MODULE:ATTRIBUTE (look and send), or --actuator and --sensor (the unit of the"
-                " workspace is then the cell)."
+                " size), MODULE:ATTRIBUTE (look and send), a rig behind a connection that can push and"
+                " look, or --actuator and --sensor (the unit of the workspace is then the cell)."
             ),
         ),
     ] = None,
