@@ -312,9 +312,10 @@ def drive(
             measured = None if calibration is None else BenchCalibration.load(calibration)
             truth = None if map_name is None else open_map(map_name)
             waits = {"repeat_after": repeat_after, "end_after": end_after}
-            link = SECONDS | {key: value for key, value in waits.items() if value is not None}
+            quiet: dict[str, Any] = {"on_event": None} | SECONDS
+            quiet |= {key: value for key, value in waits.items() if value is not None}
             two = problem.replaced(particles=asked.n_particles)
-            pair = _open_devices(devices, truth, two, seed, _apparatus(name), on_event=None, **link)
+            pair = _open_devices(devices, truth, two, seed, _apparatus(name), **quiet)
             with _closed_after(pair, always=False):
                 steered = steering_bench(pair, view, measured)
         steer_rig(
@@ -380,7 +381,7 @@ def drive(
     if calibrate is not None:
         assert devices is not None
         with patient():
-            quiet: dict[str, Any] = {"on_event": None, **SECONDS, **patience}
+            quiet = {"on_event": None, **SECONDS, **patience}
             pair = _open_devices(devices, truth, problem, seed, apparatus, **quiet)
             with _closed_after(pair, always=True):
                 calibrate_bench(
