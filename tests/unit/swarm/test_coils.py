@@ -531,6 +531,8 @@ def test_a_line_that_was_lost_between_two_pulses_is_opened_again_before_the_next
         device.wait(lambda log: log[3:] == [OFF, "SET 0 100 0 0", OFF])
         assert actuator.values["right"] == pytest.approx(0.0, abs=1e-9)
         assert actuator.values["on"] >= 0.02
+        assert actuator.values["seconds"] == 0.02
+        assert "milliseconds" not in actuator.values
         actuator.close()
 
 
