@@ -3,9 +3,10 @@ the lines of examples/actuation/four_coil_puller.toml, a physical plant that the
 camera that sends its pictures as MJPEG over HTTP. It needs the extras physics and opencv.
 
     python examples/bench.py vessels:100 --particles 8 --pty /tmp/coils --port 8090
-    shoal drive --actuator coils:puller.toml --sensor opencv:http://127.0.0.1:8090/ ...
+    shoal drive --actuator coils:puller.toml --sensor "opencv:..." ...
 
-In puller.toml stands connection = "serial:/tmp/coils".
+In puller.toml stands connection = "serial:/tmp/coils", and the bench prints the name of its camera.
+docs/how-to/coils.md goes through it.
 """
 
 from __future__ import annotations
@@ -164,6 +165,11 @@ def main():
         os.unlink(options.pty)
     os.symlink(os.ttyname(other), options.pty)
     serve(bench, options.port)
+    print(f"coils:  serial:{options.pty}")
+    print(
+        f"camera: opencv:http://127.0.0.1:{options.port}/,particles=bright,threshold=150",
+        flush=True,
+    )
     try:
         bench.run(terminal)
     except KeyboardInterrupt:
