@@ -543,10 +543,12 @@ def test_a_stop_that_nobody_confirms_is_said(tmp_path):
         coils(tmp_path, line, device__off_reply={"text": "OK", "within": 0.02})
 
 
-def test_another_thread_may_stop_the_coils_during_a_push(tmp_path):
+@pytest.mark.parametrize("more", [{}, {"device__keep_alive": 2.0}])
+def test_another_thread_may_stop_the_coils_during_a_push(tmp_path, more):
     line = Terminal()
     with Controller(line, lines(lambda text: None)) as device:
-        actuator = coils(tmp_path, line, device__alive={"text": "HERE", "every": 0.01})
+        alive = {"text": "HERE", "every": 0.01}
+        actuator = coils(tmp_path, line, device__alive=alive, **more)
         pushing = threading.Thread(target=actuator.push, args=(0.0, 30.0))
         pushing.start()
         device.wait(lambda log: "HERE" in log)
