@@ -460,7 +460,8 @@ def calibrate(
         assert size is not None
         pixels = _groups(done, _AS_PIXELS, run.noise * 2**0.5)
         motions = {group.command: group.motion * (1, -1) for group in pixels}
-        tie, shape = tie_by_scale(motions, cell, size)
+        seen = np.vstack([pulse.after for pulse in done])
+        tie, shape = tie_by_scale(motions, cell, size, seen)
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
     responses = fit_responses(_groups(done, tie.matrix, noise), known)
