@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from math import ceil
 from typing import Any, Protocol
 
 import numpy as np
@@ -34,7 +35,19 @@ from shoal.rigs.registration import TURNED, Tie, tie_by_scale
 
 Points = NDArray[np.float64]
 
+LEAST_FREE = 0.15  # share of the motions in a direction that must be free
+UNEQUAL = 2.0  # ratio of the speeds of two commands from which on walls have held the particles
+CONTRADICTION = 0.2  # share by which full pulses may differ from what half pulses let expect
 FEWEST = 3  # free motions that measure a direction
+LEAP = 1.3  # cells, from which on a particle may come to lie two cells ahead
+DRIFT = 0.05  # cells a second, from which on a drift is told
+LONGEST = 1.15  # cells that a command may move particles without a note
+ASKEW = 5.0  # degrees that it may lead aside without a note
+PATIENCE = 10.0  # seconds without a new picture
+CYCLES = 3, 8  # least and most pairs of pulses that are measured
+ENOUGH = 20  # motions in each direction for which few particles need more pairs
+LONGER = 6  # times that a first pulse is doubled until particles move
+_AS_PIXELS = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])  # (x, y) as (row, column) = (y, x)
 
 
 class _Actuator(Protocol):
@@ -75,15 +88,6 @@ class TestPulse:
     ids: NDArray[np.int64]
 
 
-LEAP = 1.3  # cells, from which on a particle may come to lie two cells ahead
-DRIFT = 0.05  # cells a second, from which on a drift is told
-LONGEST = 1.15  # cells that a command may move particles without a note
-ASKEW = 5.0  # degrees that it may lead aside without a note
-PATIENCE = 10.0  # seconds without a new picture
-CYCLES = 3  # pairs of pulses that are measured, after one that frees the particles
-LONGER = 6  # times that a first pulse is doubled until particles move
-
-
 class TestRun:
     """Carries out test pulses, and follows the particles in the pictures.
 
@@ -102,6 +106,8 @@ class TestRun:
         Standard deviation of an observed position along each axis, in pixels.
     drift : ndarray of float64, shape (2,)
         Velocity without a pulse, in pixels a second; 0 if chance explains it.
+    pairs : int
+        Number of pairs of pulses that are measured along each axis.
     latencies : list of float
         For each pulse, the time until the camera showed the particles at rest.
     """
@@ -121,6 +127,7 @@ class TestRun:
         if not len(self._last.points):
             raise RigError("calibration: expected particles in the picture, got none")
         self.noise, self.drift = self._at_rest(frames)
+        self.pairs = int(np.clip(-(-ENOUGH // len(self._last.points)), *CYCLES))
         self._ids = np.arange(len(self._last.points))
         self._next_id = len(self._ids)
 
@@ -194,7 +201,7 @@ class TestRun:
             angle,
             seconds,
             before.points[pairs[:, 0]],
-            after.points[pairs[:, 1]],
+            after.points[pairs[:, 1]] - self.drift * (self._clock(after) - self._clock(before)),
             ids[pairs[:, 0]],
         )
 
@@ -223,7 +230,7 @@ class TestRun:
         """
         done = []
         for pair in ("rl", "ud"):
-            for cycle in range(1 + CYCLES):
+            for cycle in range(1 + self.pairs):
                 for letter in pair:
                     pulse = self.push(letter, *pulses[letter], expected[letter])
                     if cycle:
@@ -248,7 +255,7 @@ class TestRun:
             for power in range(1 if whole else LONGER):
                 share = 1.0 if whole else 2**power / 4
                 steps: dict[str, list[Points]] = {letter: [] for letter in pair}
-                for letter in pair * CYCLES:
+                for letter in pair * CYCLES[0]:
                     angle, seconds = stated[letter]
                     pulse = self.push(letter, angle, share * seconds, None if whole else (0, 0))
                     steps[letter].append(pulse.after - pulse.before)
@@ -306,11 +313,11 @@ def _groups(pulses: Sequence[TestPulse], matrix: Points, noise: float) -> list[_
     for (command, angle, seconds), parts in together.items():
         motions = np.vstack(parts)
         motion, free = free_motion(motions, noise)
-        count = int(free.sum())
-        if count < FEWEST:
+        count, least = int(free.sum()), max(FEWEST, LEAST_FREE * len(motions))
+        if count < least:
             raise RigError(
-                f"calibration: expected at least {FEWEST} free motions at the command {command}, got"
-                f" {count}; put the particles where they have room"
+                f"calibration: expected at least {ceil(least)} free motions at the command {command},"
+                f" got {count} of {len(motions)}; put the particles where they have room"
             )
         spread = float(np.std(motions[free] - motion))
         groups.append(
@@ -465,15 +472,18 @@ def calibrate(
     assert shape is not None
     noise = run.noise * 2**0.5 / cell
     responses = fit_responses(_groups(done, tie.matrix, noise), known)
-    _check_headings(responses)
+    _check_plausible(responses)
     if aim is None:
         aim = min(AIM, LEAP / _fastest(done, tie.matrix, responses))
     if not whole:  # once more with corrected pulses of full length
         wanted = {letter: aim * unit_at(angle) for letter, angle in ANGLES.items()}
         full = {letter: responses.pulse_for(motion) for letter, motion in wanted.items()}
-        done += run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
+        again = run.cycles(full, _in_pixels(wanted, tie.matrix, shape))
+        for group in _groups(again, tie.matrix, noise):
+            _check_expected(group, responses)
+        done += again
         responses = fit_responses(_groups(done, tie.matrix, noise), known)
-        _check_headings(responses)
+        _check_plausible(responses)
     if responses.residual > limit:
         raise RigError(
             f"calibration: expected test pulses that agree within {limit:g} cells, got"
@@ -539,7 +549,7 @@ def measure_speed(
             actuator.set_frequency(frequency)
             found = []
             done: dict[str, list[Points]] = {"r": [], "l": []}
-            for letter in "rl" * (1 + CYCLES):
+            for letter in "rl" * (1 + run.pairs):
                 velocity = np.array(getattr(responses, letter))
                 # half a cell, if the speed is proportional to the frequency
                 seconds = 0.5 / float(np.linalg.norm(velocity)) * usual / frequency
@@ -609,10 +619,31 @@ def _told_of_whole(found: BenchCalibration) -> list[str]:
     return notes
 
 
-_AS_PIXELS = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])  # (x, y) as (row, column) = (y, x)
+def _check_expected(group: _Group, responses: Responses) -> None:
+    """Refuse a direction in which pulses of full length do not move particles as those of half
+    length let expect.
+    """
+    expected = responses.displacement(group.angle, group.seconds)
+    length = float(np.linalg.norm(expected))
+    if np.linalg.norm(group.motion - expected) > CONTRADICTION * length:
+        raise RigError(
+            f"calibration: expected the command {group.command} to move particles by {length:.2f}"
+            f" cells as pulses of half the length let expect, got"
+            f" {np.linalg.norm(group.motion):.2f}: walls hold the particles; put them where they have"
+            " room"
+        )
 
 
-def _check_headings(responses: Responses) -> None:
+def _check_plausible(responses: Responses) -> None:
+    """Refuse axes that are turned or mirrored, and directions in which particles had no room."""
+    speeds = {letter: float(np.linalg.norm(getattr(responses, letter))) for letter in ANGLES}
+    slow, fast = min(speeds, key=lambda one: speeds[one]), max(speeds, key=lambda one: speeds[one])
+    if speeds[fast] > UNEQUAL * speeds[slow]:
+        raise RigError(
+            f"calibration: expected commands of about equal speed, got {speeds[slow]:.3g} cells a"
+            f" second at {slow} and {speeds[fast]:.3g} at {fast}: a coil is weak, or walls hold the"
+            " particles"
+        )
     for letter, angle in ANGLES.items():
         heading = responses.heading(letter)
         if abs(heading) > TURNED:
